@@ -29,6 +29,7 @@ def last_figure(
 
 def _thumbnail(figure: Any, script: Path, path: str) -> None:
     """Save the mechanism that a script names beside its figure's first panel."""
+    figure.draw_without_rendering()  # so that panels are where they come to be
     panel = figure.axes[0].get_tightbbox().padded(4.0)
     box = panel.transformed(figure.dpi_scale_trans.inverted())
     figure.savefig(path, dpi=200, bbox_inches=box)

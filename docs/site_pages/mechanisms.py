@@ -133,10 +133,26 @@ def _made(name: str, home: Path) -> tuple[tuple[str, str], str, str]:
     mechanism = sk.load(name)
     if not mechanism.inputs:
         mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
-    save_pictures(mechanism, home / FOLDER / f"{name}.png")
-    moving.make(mechanism, home)
-    text = _page(mechanism, path.read_text("utf-8").rstrip())
+    page, last = home / FOLDER / f"{name}.md", home / moving.HOME / f"{name}.html"
+    if _is_older(last, path, home) or not page.exists():
+        save_pictures(mechanism, page.with_suffix(".png"))
+        text = _page(mechanism, path.read_text("utf-8").rstrip())
+        moving.make(mechanism, last)
+    else:
+        text = page.read_text("utf-8")
     return (f"mechanisms/{name}.md", text), _kind(mechanism), _card(mechanism)
+
+
+def _is_older(made: Path, mechanism: Path, home: Path) -> bool:
+    """Whether what was made is older than the mechanism, the package or this folder."""
+    if not made.exists():
+        return True
+    folders = (Path(sk.__file__).parent, home / "site_pages")
+    sources = [
+        path for folder in folders for path in folder.rglob("*.*") if path.suffix != ".pyc"
+    ]
+    newest = max(path.stat().st_mtime for path in (mechanism, *sources))
+    return made.stat().st_mtime < newest
 
 
 def _index(made: Sequence[tuple[tuple[str, str], str, str]]) -> str:

@@ -15,11 +15,10 @@ HOME = "generated/extra/moving"
 FRAME = '<iframe class="{kind}" loading="lazy" title="{name}" src="{path}"></iframe>'
 
 
-def make(mechanism: sk.Mechanism, home: Path) -> None:
+def make(mechanism: sk.Mechanism, path: Path) -> None:
     """Write the page of a mechanism."""
-    page = home / HOME / f"{mechanism.name}.html"
-    page.parent.mkdir(parents=True, exist_ok=True)
-    sk.page(mechanism, page)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sk.page(mechanism, path)
 
 
 class Moving(SphinxDirective):
