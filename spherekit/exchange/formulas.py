@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spherekit.arrays import Array
 from spherekit.conventions import Names, listing
 from spherekit.design.figures import INERTIAL
 from spherekit.design.variables import check_variables, design_variable
@@ -52,8 +53,6 @@ CLOSURE = "closure_"
 """Of closed forms: the squares that are negative where a dyad does not close."""
 ROUNDING = 1e-13
 """Derivatives that are smaller are those of numbers that do not change."""
-SAMPLES = 61
-"""Places on the way through the inputs at which a mode is looked for."""
 
 
 class Argument(NamedTuple):
@@ -64,7 +63,7 @@ class Argument(NamedTuple):
 
     name: str
     unit: str
-    value: float
+    value: float = 0.0
     key: str = ""
 
 
@@ -241,7 +240,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     )
     return Formulas(
         mechanism,
-        tuple(Argument(name, unit, 0.0) for name, unit in motion),
+        tuple(Argument(name, unit) for name, unit in motion),
         (),
         (),
         (Mode(heading.assembly_mode, "", heading.low, ()),),
@@ -274,7 +273,7 @@ def _wanted(
     """Return the names that are asked for, whether there are such or not."""
     every = row_quantities(mechanism)
     if quantities is not None:
-        found = (
+        names = (
             [x for x in every if fnmatchcase(x, name)] or [name] for name in quantities
         )
         return list(dict.fromkeys(chain(*found)))
@@ -315,7 +314,7 @@ def _motion(
     used = {x for x in in_order(outputs) if x.operation == "variable"}
     used |= {*terms.sample[: len(inputs)]}
     kept = {term: unit for term, unit in every.items() if term in used}
-    made = tuple(Argument(x.arguments[0], unit, 0.0) for x, unit in kept.items())
+    made = tuple(Argument(x.arguments[0], unit) for x, unit in kept.items())
     return made, tuple(kept)
 
 
@@ -350,8 +349,9 @@ def _numbers(
     contacts = varied.contacts.numbers if varied.contacts else []
     moved = copy(terms.mechanism)
     object.__setattr__(moved, "masses", masses)  # terms: no mechanism could be checked
-    every = [*contacts, *numbers_of(actions_of(moved))]
-    stated = [*contacts, *numbers_of(actions_of(terms.mechanism))]
+    every, stated = (
+        [*contacts, *numbers_of(actions_of(x))] for x in (moved, terms.mechanism)
+    )
     slopes = np.stack([varied.tried_slopes(k) for k in range(len(variables))])
     stands: dict[ExpressionNode, Expr] = {}
     for number, k, slope in zip(
@@ -379,36 +379,35 @@ def _modes(
 ) -> Iterator[Mode]:
     """Yield the assembly modes, where they are found on the way through the inputs."""
     tracer = traced(varied.mechanism)
-    modes, motion = tracer.assembly_modes, tracer.sparse(SAMPLES)
+    modes, motion = tracer.assembly_modes, tracer.motion()
     if assembly_mode is not None:
         modes = (modes[tracer.place_of(assembly_mode)],)
-    for mode in modes:
-        here = motion.rows((motion.assembly_mode == mode.number) & ~motion.failed)
-        if not len(here):
-            continue
-        row = here.rows(slice(len(here) // 2, len(here) // 2 + 1))
-        places = _places(varied, terms, row)
-        at = tuple(row.inputs[0].tolist())
-        yield Mode(mode.number, mode.title, at, tuple(places))
+    number = np.where(motion.failed, -1, motion.assembly_mode)
+    met = [
+        (mode, rows[len(rows) // 2])
+        for mode in modes
+        if len(rows := np.flatnonzero(number == mode.number))
+    ]
+    motion = motion.rows(np.array([row for _, row in met], dtype=int))
+    places = _places(varied, terms, motion).tolist()
+    for (mode, _), at, values in zip(met, motion.inputs.tolist(), places, strict=True):
+        yield Mode(mode.number, mode.title, tuple(at), tuple(values))
 
 
-def _places(varied: VariedMechanism, terms: VariedTerms, row: Motion) -> list[float]:
-    values = row.values
+def _places(varied: VariedMechanism, terms: VariedTerms, motion: Motion) -> Array:
+    """Return the signs of dyads, or all variables, (n, places) of configurations."""
+    values, q = motion.values, motion.inputs.T
     if varied.contacts is not None:
         values = varied.contacts.values(values)
     if not terms.closed_form:
-        made: list[float] = values[0].tolist()
-        return made
-    pairs = [pair for pair in terms.mechanism.angles if pair not in terms.inputs]
-    given = [*terms.sample[: len(terms.inputs)], *terms.places, *terms.sizes]
-    angles = array_function([terms.angle(pair) for pair in pairs], given)
+        return values
+    variables = {k: v for k, v in terms.mechanism.angles.items() if k not in terms.inputs}
+    given = [*terms.sample[: len(q)], *terms.places, *terms.sizes]
     signs = np.array([*product((1.0, -1.0), repeat=len(terms.places))]).T
-    n = signs.shape[1]
-    fixed = np.concatenate([row.inputs[0], varied.nominal])[:, None] * np.ones(n)
-    q, sizes = np.split(fixed, [len(terms.inputs)])
-    turned = angles(np.concatenate([q, signs, sizes]))
-    variables = [terms.mechanism.angles[pair] for pair in pairs]
-    apart = np.cos(turned - values[0, variables][:, None])
-    best = int(np.nanargmin(np.sum(1.0 - apart, axis=0))) if pairs else 0
-    made = signs[:, best].tolist()
-    return made
+    n, count = len(values), signs.shape[1]
+    sizes = np.repeat(varied.nominal[:, None], n * count, axis=1)
+    columns = [np.repeat(q, count, axis=1), np.tile(signs, n), sizes]
+    angles = array_function([*map(terms.angle, variables)], given)(np.concatenate(columns))
+    off = angles.reshape(-1, n, count) - values[:, [*variables.values()]].T[:, :, None]
+    apart = np.sum(1.0 - np.cos(off), axis=0)
+    return signs[:, np.nanargmin(apart, axis=1)].T

@@ -260,8 +260,8 @@ def _functions(
             "elsewhere the assembly mode does not exist or is near a singularity"
         )
     if is_source:
-        language = next(x for x in SOURCES if target.suffix in SOURCES[x])
-        write_text(target, source(reduced_formulas(mechanism, model), language))
+        text = source(reduced_formulas(mechanism, model), _kind(target, None))
+        write_text(target, text)
     else:
         model.save(target)
     holds = (
