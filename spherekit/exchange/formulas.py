@@ -276,7 +276,7 @@ def _wanted(
         names = (
             [x for x in every if fnmatchcase(x, name)] or [name] for name in quantities
         )
-        return list(dict.fromkeys(chain(*found)))
+        return list(dict.fromkeys(chain(*names)))
     patterns = [
         "theta_*",
         f"*_coefficient_*_{mechanism.ground}",
