@@ -89,7 +89,7 @@ def test_kinks_stops_and_tables_by_closed_forms():
     up, period = mp.mpf(0.1), mp.mpf(0.3)
 
     def gained(x):
-        whole = int(x // period)
+        whole = int(mp.floor(x / period))
         rest = x - whole * period
         first = min(rest, up) ** 2 / (2 * up)
         later = max(rest - up, 0)
