@@ -12,8 +12,8 @@ from sources import ROOT, nodes_of
 
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 584_223,
-    "code lines": 47_022,
+    "nodes": 584_213,
+    "code lines": 47_018,
     "files": 337,
     "classes": 474,
     "dataclasses": 291,

@@ -291,10 +291,10 @@ class PageMaker:
             profiles.append(
                 {
                     "pair": pair.name,
-                    "points": np.round(points[:, :, 2], 6).tolist(),
+                    "curve": np.round(points[:, :, 2], 6).tolist(),
                     "centre": profile.centre,
                     "radius": profile.radius,
-                    "rolls": pair.type == "Cr" and profile.kind == "circle",
+                    "rolls": pair.rolls and profile.radius is not None,
                 }
             )
         return {"name": link, "pairs": [*link_axes(mechanism)[link]], "profiles": profiles}

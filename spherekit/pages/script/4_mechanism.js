@@ -54,7 +54,7 @@ function drawLinks(row) {
     const longest = arcs.reduce((best, x) => (x.length > best.length ? x : best), []);
     if (longest.length) name(longest[longest.length >> 1], link.name, tint, {bold: true});
     for (const profile of link.profiles) drawProfile(row, link, profile, tint, k);
-    if (!longest.length && link.profiles.length) name(turned(frameOf(row, link.name), link.profiles[0].points[0]), link.name, tint, {bold: true});
+    if (!longest.length && link.profiles.length) name(turned(frameOf(row, link.name), link.profiles[0].curve[0]), link.name, tint, {bold: true});
   }
 }
 
@@ -88,11 +88,11 @@ function drawProfile(row, link, profile, tint, k) {
     const radius = Math.acos(clamp(dot(near, centre), -1, 1));
     line(circle(centre, radius), tint, width);
     for (let n = 0; k && n < 6; n++) {
-      const spoke = turned(frame, profile.points[Math.round((n * (profile.points.length - 1)) / 6)]);
+      const spoke = turned(frame, profile.curve[Math.round((n * (profile.curve.length - 1)) / 6)]);
       line(arc(centre, spoke), tint, 1.2, {alpha: n ? 0.5 : 1});
     }
   } else {
-    const points = profile.points.map(point => turned(frame, point));
+    const points = profile.curve.map(point => turned(frame, point));
     line(points, tint, 0, {fill: tint, alpha: 0.14, faint: 0.3});
     line(points, tint, width);
   }

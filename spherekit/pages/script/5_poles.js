@@ -73,7 +73,7 @@ function contactOf(row, name) {            // the nearest points of the two prof
   const pair = model.pairs.find(x => x.name === name);
   const [one, other] = pair.links.map(link => {
     const profile = model.links[linkNumber.get(link)].profiles.find(x => x.pair === name);
-    return profile.points.map(point => turned(frameOf(row, link), point));
+    return profile.curve.map(point => turned(frameOf(row, link), point));
   });
   let best = -1, touch = one[0];
   for (const a of one) for (const b of other) if (dot(a, b) > best) { best = dot(a, b); touch = unitOf(plus(a, b)); }
