@@ -20,7 +20,7 @@ REACHED = {
     "functions of 60 lines": 12,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 31_376, "benchmarks": 4_769}
+LINES = {"tests": 31_377, "benchmarks": 4_769}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 

@@ -320,6 +320,7 @@ def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
     assert found.values[0] == pytest.approx([*arcs.values()], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_linkage_is_found_again_by_the_path_of_a_point_of_its_coupler(tmp_path):
     """Sizes, the zero of the crank and the point of the coupler are free."""
     arcs = {"1": 80.0, "2": 25.0, "3": 75.0, "4": 60.0}
