@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import Names, listing, nearest
+from spherekit.conventions import TURN, Names, listing, nearest
 from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, singular_values
 from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
@@ -537,13 +537,16 @@ class VariedTerms:
         what = f'a kernel of designs does not solve for; runs do: --reduce "max({figure})"'
         need_no_rubbing(mechanism, what)
         angles = self._angles()
+        turns: list[Expr] = [0.0] * len(angles)
+        for pair, turned in self.turns.items():
+            turns[self._variable(pair)] = turned * (1.0 / TURN)
         state = LoadState(
             mechanism,
             flow.placed,
             flow.tau,
             flow.w,
             angles,
-            [0.0] * len(angles),
+            turns,
             flow.moving(self._speeds)[1],
             self.sample[-1],
             sign_of,
@@ -559,7 +562,7 @@ class VariedTerms:
             if pair in self.inputs:
                 angles[variable] = self.sample[self.inputs.index(pair)]
             else:
-                angles[variable] = self.angle(pair) + self.turns.get(pair, 0.0)
+                angles[variable] = self.angle(pair)
         return angles
 
     def _variable(self, pair: str) -> int:

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.analysis.link_scenes import PROFILE_POINTS
-from spherekit.conventions import Facts, Names
+from spherekit.conventions import Facts, Names, listing
 from spherekit.design.variables import DesignVariable, design_variable, sizes_of
 from spherekit.engine.row_quantities import LOADED, middle_pairs, row_quantities
-from spherekit.errors import CountError, SpherekitError
+from spherekit.errors import CountError, EngineError, SpherekitError
 from spherekit.exchange.formulas import CLOSURE, Formulas, formulas
 from spherekit.exchange.source import source
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -54,6 +54,8 @@ SCRIPTS = (
     "script/9_pictures.js",
 )
 AXES = "xyz"
+MOTION = ("q", "dq", "ddq")
+"""What a page gives its kernels: no time, and no whole turns of passive pairs."""
 ARC = 30.0
 """Degrees to both sides of an angle that its slider has."""
 
@@ -105,7 +107,14 @@ class PageMaker:
         return [""] if len(inputs) == 1 else [f"_by_{pair}" for pair in inputs]
 
     def _formulas(self, names: Sequence[str]) -> Formulas:
-        return formulas(self.given, names, self.keys, self.input_pair)
+        made = formulas(self.given, names, self.keys, self.input_pair)
+        others = [x.name for x in made.motion if x.name.split("_")[0] not in MOTION]
+        if others:
+            raise EngineError(
+                f"{made.mechanism.name}: loads follow {listing(others)}, of which a page "
+                "does not know; leave out what they enter"
+            )
+        return made
 
     def _sizes(self) -> Names:
         """Return the keys of all arcs and angles, of those that can be varied."""
