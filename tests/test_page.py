@@ -1,13 +1,16 @@
 """Pages in a browser: dragged, read at the cursor, and compared with Python."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.errors import EngineError
 from spherekit.files.read import loads
+from spherekit.model.dynamics import Spring
 from spherekit.pages.page import PageMaker
 from spherekit.planning.inputs import plan_assembly
 from spherekit.sphere.rotation import unit_rows
@@ -59,11 +62,23 @@ def test_a_page_is_one_file_without_a_network(tmp_path, monkeypatch, capsys):
 def test_the_saved_text_is_the_file(name):
     """With its numbers as they are it is read as the same mechanism, comments and all."""
     maker = PageMaker(name, None, ["q"], None)
-    parts, values = maker.model([])["toml"], [size["value"] for size in maker.sliders]
+    made = maker.model([])
+    parts, values = made["toml"], [size["value"] for size in made["sizes"]]
     assert sorted(x for x in parts if isinstance(x, int)) == [*range(len(values))]
     text = "".join(repr(values[x]) if isinstance(x, int) else x for x in parts)
     assert loads(text, name) == sk.load(name)
     assert "# Assumed: " in text
+
+
+def test_loads_that_a_page_cannot_follow_are_left_out_and_named(tmp_path):
+    """A spring at a passive pair counts whole turns; sines of the same angle do not."""
+    made = sk.page("four_bar", tmp_path / "sines.html", vary=[])
+    assert "3 curves" in made.holds and not made.notes
+    wound = replace(sk.load("four_bar"), loads=(Spring("wound", "41", 1.0),))
+    made = sk.page(wound, tmp_path / "wound.html", vary=[])
+    assert "2 curves" in made.holds and "turns_of_41" in made.notes[0]
+    with pytest.raises(EngineError, match="turns_of_41"):
+        sk.page(wound, tmp_path / "asked.html", vary=[], quantities=["torque"])
 
 
 def dragged(tab, start, way):

@@ -12,15 +12,15 @@ from sources import ROOT, nodes_of
 
 FOLDERS = {"spherekit": "spherekit", "analyses": "spherekit_analyses"}
 REACHED = {
-    "nodes": 584_213,
-    "code lines": 47_018,
+    "nodes": 584_209,
+    "code lines": 47_009,
     "files": 337,
-    "classes": 474,
+    "classes": 473,
     "dataclasses": 291,
     "functions of 60 lines": 12,
 }
 """Lower these with what goes; whoever needs room makes it elsewhere."""
-LINES = {"tests": 31_377, "benchmarks": 4_769}
+LINES = {"tests": 31_392, "benchmarks": 4_769}
 """Lines of Python in the folders that are not counted above."""
 LONGEST = 60
 

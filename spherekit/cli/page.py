@@ -1,6 +1,7 @@
 """`spherekit page`: a mechanism as one HTML file that any browser opens and moves."""
 
 from argparse import Namespace
+from pathlib import Path
 
 from spherekit.cli.main import note
 from spherekit.cli.study import INPUT, LOCK, with_locks
@@ -34,13 +35,10 @@ def execute(options: Namespace) -> int:
     from spherekit.files.read import load
     from spherekit.front.page import page
 
-    given = options.file
-    if options.lock:
-        given = with_locks(load(given), options.lock, given)
-    name = load(given).name if isinstance(given, str) else given.name
+    file, locks = options.file, options.lock
     made = page(
-        given,
-        options.output or f"{name}.html",
+        with_locks(load(file), locks, file) if locks else file,
+        options.output or f"{Path(file).stem}.html",
         vary=options.vary,
         quantities=options.quantities,
         input_pair=options.input,

@@ -537,16 +537,14 @@ class VariedTerms:
         what = f'a kernel of designs does not solve for; runs do: --reduce "max({figure})"'
         need_no_rubbing(mechanism, what)
         angles = self._angles()
-        turns: list[Expr] = [0.0] * len(angles)
-        for pair, turned in self.turns.items():
-            turns[self._variable(pair)] = turned * (1.0 / TURN)
+        turns = {self._variable(x): y * (1.0 / TURN) for x, y in self.turns.items()}
         state = LoadState(
             mechanism,
             flow.placed,
             flow.tau,
             flow.w,
             angles,
-            turns,
+            [turns.get(variable, 0.0) for variable in range(len(angles))],
             flow.moving(self._speeds)[1],
             self.sample[-1],
             sign_of,

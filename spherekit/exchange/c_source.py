@@ -156,15 +156,13 @@ def cpp(source: Source) -> str:
     """Return a header of templates, for numbers that differentiate themselves too."""
     guard = f"{source.name.upper()}_HPP"
     calls_of = "\n".join(f"using std::{x};" for x in ("atan2", "floor", "pow", *CALLS))
-    tables = _tables(source, "Scalar")
-    functions = (_function(source, x, "Scalar") for x in source.functions)
     parts = [
         f"{source.comment}#ifndef {guard}\n#define {guard}\n\n#include <cmath>\n",
         f"namespace {source.name}_formulas {{\n\n{calls_of}\n",
         *_data(source, "static "),
         *source.helpers,
-        *(_TEMPLATE + text.removeprefix("static ") for text in tables),
-        *(_TEMPLATE + text for text in functions),
+        *(_TEMPLATE + text.removeprefix("static ") for text in _tables(source, "Scalar")),
+        *(_TEMPLATE + _function(source, x, "Scalar") for x in source.functions),
         "}\n\n#endif\n",
     ]
     return "\n".join(parts)

@@ -314,8 +314,8 @@ def _motion(
     used = {x for x in in_order(outputs) if x.operation == "variable"}
     used |= {*terms.sample[: len(inputs)]}
     kept = {term: unit for term, unit in every.items() if term in used}
-    made = tuple(Argument(x.arguments[0], unit) for x, unit in kept.items())
-    return made, tuple(kept)
+    named = (Argument(x.arguments[0], unit) for x, unit in kept.items())
+    return tuple(named), tuple(kept)
 
 
 def _numbers(

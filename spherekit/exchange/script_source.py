@@ -1,7 +1,7 @@
 """Formulas as JavaScript, Julia, and Python on NumPy or on CasADi's `SX`."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pprint import pformat
 
 from spherekit.exchange.printed import (
@@ -189,7 +189,7 @@ def julia(source: Source) -> str:
     return _joined(source, parts)
 
 
-def _items(items: Iterator[str] | list[str], indent: int = 4) -> str:
+def _items(items: Iterable[str], indent: int = 4) -> str:
     return wrapped(", ".join(items), " " * indent)
 
 

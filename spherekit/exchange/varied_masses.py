@@ -8,6 +8,7 @@ import numpy as np
 
 from spherekit.engine.algebra import Exprs, constants, cross, vector
 from spherekit.engine.expression_graph import Expr, ExpressionNode, dot, function
+from spherekit.engine.pose import root
 from spherekit.engine.turns import TurningPairs
 from spherekit.files.document import Document, KeyPath
 from spherekit.model.dynamics import Mass, moved_to_sphere_centre
@@ -86,22 +87,18 @@ def arc_inertia(
     They are those of `spherekit.model.dynamics.uniform_arc`, in its notation.
     """
     normal, middle, across = cross(first, second), first + second, second - first
-    length = function("atan2", _root(dot(normal, normal)), dot(first, second))
+    length = function("atan2", root(dot(normal, normal)), dot(first, second))
     spread = function("sin", length) / (2.0 * length)
     along = dot(middle, middle)
     taken = np.outer(middle, middle) * ((0.5 + spread) / along)
     taken = taken + np.outer(across, across) * ((0.5 - spread) / dot(across, across))
     half = 0.5 * length
     tensor = (mass * radius * radius) * (np.eye(3).astype(object) - taken)
-    return tensor, middle * (radius * function("sin", half) / (half * _root(along)))
+    return tensor, middle * (radius * function("sin", half) / (half * root(along)))
 
 
 def _frame(first: Exprs, second: Exprs) -> Exprs:
     """Return the frame (3, 3) of two axes, see `spherekit.model.dynamics.axes_frame`."""
     across = cross(second, first)
-    x = across * (1.0 / _root(dot(across, across)))
+    x = across * (1.0 / root(dot(across, across)))
     return np.stack([x, cross(first, x), first], axis=1)
-
-
-def _root(square: Expr) -> Expr:
-    return function("sqrt", square)

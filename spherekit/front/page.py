@@ -57,11 +57,11 @@ def page(
     target = Path(path)
     if target.suffix not in (".html", ".htm"):
         raise OutputError(f"{target}: pages are named *.html; give it this ending")
-    made = PageMaker(mechanism, vary, quantities, input_pair).page()
-    write_text(target, made.text)
+    maker = PageMaker(mechanism, vary, quantities, input_pair)
+    text, curves, modes = maker.page()
+    write_text(target, text)
     holds = (
-        f"a page with {counted(len(made.quantities), 'curve')} of "
-        f"{counted(made.modes, 'assembly mode')} and {counted(made.sliders, 'slider')}, "
-        f"{len(made.text.encode()) / 1000:.0f} kB"
+        f"a page with {counted(curves, 'curve')} of {counted(modes, 'assembly mode')} and "
+        f"{counted(len(maker.keys), 'slider')}, {len(text.encode()) / 1000:.0f} kB"
     )
-    return Exported(target, holds, made.notes)
+    return Exported(target, holds, tuple(maker.notes))

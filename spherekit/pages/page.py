@@ -9,7 +9,6 @@ from html import escape
 from importlib.resources import files
 from itertools import combinations, permutations
 from string import Template
-from typing import NamedTuple
 
 import numpy as np
 
@@ -60,16 +59,6 @@ ARC = 30.0
 """Degrees to both sides of an angle that its slider has."""
 
 
-class Page(NamedTuple):
-    """A page as text, what it shows, and notes on what it leaves out."""
-
-    text: str
-    quantities: Names
-    sliders: int
-    modes: int
-    notes: Names
-
-
 class PageMaker:
     """What a page holds of a mechanism; arguments as of `spherekit.page`."""
 
@@ -89,14 +78,14 @@ class PageMaker:
         self.keys = self._sizes() if vary is None else tuple(vary)
         self.plans = self._plans()
 
-    def page(self) -> Page:
-        """Return the page."""
+    def page(self) -> tuple[str, int, int]:
+        """Return the page, and how many curves and assembly modes it has."""
         rows = self._rows()
         asked = self._default(masses=True) if self.quantities is None else self.quantities
         shown = [x for x in rows.results if any(fnmatchcase(x, name) for name in asked)]
         kernels = {"rows": rows, "picture": self._formulas(self._drawn())}
         text = self._assembled(shown, _kernels(kernels))
-        return Page(text, tuple(shown), len(self.keys), len(rows.modes), tuple(self.notes))
+        return text, len(shown), len(rows.modes)
 
     # Quantities, and what is drawn.
 
@@ -111,8 +100,7 @@ class PageMaker:
         others = [x.name for x in made.motion if x.name.split("_")[0] not in MOTION]
         if others:
             raise EngineError(
-                f"{made.mechanism.name}: loads follow {listing(others)}, of which a page "
-                "does not know; leave out what they enter"
+                f"a page does not know of {listing(others)}, which loads follow"
             )
         return made
 
@@ -246,11 +234,6 @@ class PageMaker:
     def _numbers(self) -> list[DesignVariable]:
         return [design_variable(self.document, key) for key in self.keys]
 
-    @property
-    def sliders(self) -> list[Facts]:
-        """What each slider is of, in the file's units."""
-        return [*map(self._slider, self._numbers)]
-
     def model(self, shown: Sequence[str]) -> Facts:
         """Return what the page's scripts read, with the quantities that are shown."""
         mechanism = self.mechanism
@@ -267,7 +250,7 @@ class PageMaker:
                 {"name": x.name, "link": x.link, "direction": x.direction}
                 for x in mechanism.outputs
             ],
-            "sizes": self.sliders,
+            "sizes": [*map(self._slider, self._numbers)],
             "quantities": [self._quantity(name) for name in shown],
             "coefficients": [*map(self._coefficients, self._ends)],
             "paths": [{"stem": stem, "link": link} for stem, link in self._paths],
