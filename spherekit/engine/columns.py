@@ -10,14 +10,12 @@ Loop equations solved as terms, three variables of a loop at a time.
 
 Three variables of a loop are eliminated by the vector products of their axes, which does
 not depend on how the axes of the ground lie. A loop whose equations repeat others gives
-fewer: two by their axes and the normal of these, or one. Which ones, and in which order,
-is chosen by numbers at some configurations, and holds for all others but those where
-the axes chosen come to depend on each other.
+fewer: two by their axes and the normal of these, or one. `elimination_order.py` chooses
+which ones, and in which order.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import chain, combinations, islice
-from operator import itemgetter
+from itertools import chain, islice
 from typing import Any
 
 import numpy as np
@@ -25,6 +23,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import EPS, EQUAL_CURVATURE
 from spherekit.engine.algebra import Exprs, cross, vector_sum
+from spherekit.engine.elimination_order import Pivot
 from spherekit.engine.expression_graph import Expr, ExpressionNode, dot
 from spherekit.engine.kinematics import VelocityEquations
 from spherekit.engine.pose import along_ways, largest, place_by_variables, root, size_of
@@ -32,71 +31,6 @@ from spherekit.engine.turns import turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole
 from spherekit.rates.request import SIGNED, TURN_KNOWN, Request, axis_pairs
-
-REPEATED = 1e-9
-"""Equations that are left smaller than this throughout repeat others."""
-
-FLATTER = 0.2
-"""Three variables that are this much flatter than the best ones may still be chosen first,
-where fewer loops have them."""
-
-FILL = 4
-"""A place that is filled costs so many products: others have to be done for it later."""
-
-Pivot = tuple[int, list[int]]
-"""A loop, and the variables that it gives, at most three."""
-
-
-def pivots_of(jacobians: Floats, free: Sequence[int]) -> list[Pivot] | None:
-    """Return the order in which loops give `free` variables; None if none is regular.
-
-    `jacobians` (k, 3 loops, variables) are those of some configurations.
-    """
-    k, rows, count = jacobians.shape
-    left = jacobians.reshape(k, rows // 3, 3, count).copy()
-    loops, columns = list(range(rows // 3)), list(free)
-    pivots: list[Pivot] = []
-    while columns:
-        best = _most_regular(left, loops, columns)
-        if best is None:
-            return None
-        loop, chosen = best
-        pivots.append(best)
-        loops.remove(loop)
-        columns = [c for c in columns if c not in chosen]
-        solved = np.linalg.pinv(left[:, loop][:, :, chosen]) @ left[:, loop]
-        left[:, loops] -= left[:, loops][..., chosen] @ solved[:, None]
-    return pivots
-
-
-def _most_regular(
-    left: Floats, loops: Sequence[int], columns: Sequence[int]
-) -> Pivot | None:
-    """Return the pivot whose axes depend least on each other, wherever they do most.
-
-    Of many, one that takes few products and fills few places.
-    """
-    rated: list[tuple[float, int, Pivot]] = []
-    there = np.any(left[:, loops], axis=(0, 2))
-    for loop, here in zip(loops, there, strict=True):
-        rows = left[:, loop]
-        sizes = np.linalg.svd(rows[:, :, columns], compute_uv=False)
-        rank = np.sum(np.max(sizes, axis=0) > REPEATED)
-        used = [c for c in columns if here[c]]
-        for chosen in map(list, combinations(used, rank)) if rank else ():
-            block = rows[:, :, chosen]
-            spread = np.prod(np.linalg.norm(block, axis=1), axis=1)
-            flat = np.prod(np.linalg.svd(block, compute_uv=False), axis=1)
-            flat = np.min(flat / np.maximum(spread, 1e-300))
-            more = [c for c in used if c not in chosen]
-            users = there[np.any(there[:, chosen], axis=1)]
-            cost = FILL * np.sum(~users[:, more]) + (len(users) - 1) * (1 + len(more))
-            rated.append((flat, -cost, (loop, chosen)))
-    most = max((flat for flat, _, _ in rated), default=0.0)
-    if not most > 0.0:
-        return None
-    near = (candidate for candidate in rated if candidate[0] >= FLATTER * most)
-    return max(near, key=itemgetter(1, 0))[2]
 
 
 def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:

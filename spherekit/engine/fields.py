@@ -27,6 +27,12 @@ from spherekit.engine.columns import (
     LARGEST_PART,
     MovingTerms,
 )
+from spherekit.engine.elimination_order import (
+    MAX_AMPLIFICATION,
+    EliminationOrder,
+    assign_elimination_orders,
+    inverse_sizes,
+)
 from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, row_kernel
 from spherekit.errors import SolveError
 from spherekit.model.gears import SAME_AXIS
@@ -103,11 +109,19 @@ def evaluate(
 
 @np.errstate(all="ignore")
 def found(
-    motion: Motion, wanted: Request, engine: RowEngine = "numpy", route: Route = "best"
+    motion: Motion,
+    wanted: Request,
+    engine: RowEngine = "numpy",
+    route: Route = "best",
+    order: EliminationOrder | None = None,
 ) -> PoleField:
-    """Return the poles by the terms, with any signs of secondary ones."""
+    """Return the poles by the terms, with any signs of secondary ones.
+
+    Variables are eliminated in one `order`, if it is given; by default in the one that is
+    regular at most rows, and at the other rows in orders of their own.
+    """
     links = range(len(motion.mechanism.links))
-    at = _Rows(motion, replace(wanted, links=frozenset(links)), engine)
+    at = _Rows(motion, replace(wanted, links=frozenset(links)), engine, order)
     planned = cache(partial(PlannedPoles, wanted.plan, motion, route))
     if route in ("first", "conditioned"):
         at.follow(planned())
@@ -122,6 +136,8 @@ def found(
     for pole in wanted.poles:
         _add_pole(field, at, pole, planned)
     field.planes.update({pole: planned().circles(pole) for pole in wanted.planes})
+    for own_order, rows in at.reordered:
+        field.put(rows, found(motion.rows(rows), wanted, engine, route, own_order))
     return field
 
 
@@ -132,9 +148,17 @@ class _Rows:
     precision. `errors[pole]` (3, n) bound direction, rate and its derivative; `loss` (n,)
     is the part of the largest rate or derivative that may be off, infinite where they are
     lost. Rows that follow the sequence have the angular velocities `by_sequence` (3, n).
+    The rows `reordered`, with the elimination order of each, are not computed here: that of
+    the kernel is not regular there, though the velocity equations are.
     """
 
-    def __init__(self, motion: Motion, wanted: Request, engine: RowEngine) -> None:
+    def __init__(
+        self,
+        motion: Motion,
+        wanted: Request,
+        engine: RowEngine,
+        order: EliminationOrder | None = None,
+    ) -> None:
         self.motion, self.wanted = motion, wanted
         self.status, n = motion.status.copy(), len(motion)
         self.loss = np.zeros(n)
@@ -144,7 +168,10 @@ class _Rows:
         self.by_sequence: dict[int, Floats] = {}
         self._of: Mapping[str, Mapping[Any, list[int]]] = {}
         by: Literal["numpy", "compiled"] = "numpy" if engine == "extended" else engine
-        kernel = row_kernel(motion, [wanted], by)
+        kernel = row_kernel(motion, [wanted], by, order)
+        self.reordered: list[tuple[EliminationOrder, Indices]] = []
+        if kernel is None and order is None:
+            self.reordered = self._reorder(np.full(n, np.inf))
         if kernel is None:
             self.status[self.status == Status.OK] = Status.AT_SINGULARITY
             return
@@ -156,8 +183,12 @@ class _Rows:
             self.errors[pole] = np.concatenate([self.part(name, pole) for name in ERRORS])
         self.sure = self._vouched() & ~motion.failed & (engine != "extended")
         self.wide = ~self.sure & ~motion.failed
+        if order is None:
+            self.reordered = self._reorder(self._aside[self._places["shape"]][0])
+            for _, rows in self.reordered:
+                self.wide[rows] = False
         if np.any(self.wide):
-            kernel = row_kernel(motion, [wanted], "numpy") or kernel
+            kernel = row_kernel(motion, [wanted], "numpy", order) or kernel
             self._widen(kernel, np.flatnonzero(self.wide))
         # Axes of pairs that are one but for rounding differ by that.
         pairs, rounded = axis_pairs(wanted.plan), wanted.plan.rounded_axes
@@ -204,6 +235,33 @@ class _Rows:
         self.by_sequence = {link: w[body] for link, body in of_links if body in w}
         for pole, errors in self.errors.items():
             errors[1] += norm(self.relative(pole)[0] - before[pole])
+
+    def _reorder(self, condition_numbers: Floats) -> list[tuple[EliminationOrder, Indices]]:
+        """Return elimination orders for rows at which that of the kernel is not regular.
+
+        Parameters
+        ----------
+        condition_numbers
+            (n,) those of the equations by the kernel: the size of the Jacobian times that
+            of the inverse that its order gives. NaN where a pivot is zero.
+        """
+        doubtful = ~(condition_numbers <= 1.0 / NEARLY_FLAT) & ~self.motion.failed
+        rows = np.flatnonzero(doubtful)
+        if not len(rows):
+            return []
+        jacobians = self.motion.linearisation.jacobian[rows]
+        passive = jacobians[:, :, list(self.motion.free)]
+        least = inverse_sizes(passive) * np.linalg.norm(passive, axis=(1, 2))
+        # Near a singular configuration every order gives a large inverse.
+        is_regular = condition_numbers[rows] <= MAX_AMPLIFICATION * least
+        misordered = ~(is_regular | np.isinf(least))
+        rows = rows[misordered]
+        return [
+            (own_order, rows[some])
+            for own_order, some in assign_elimination_orders(
+                jacobians[misordered], self.motion.free
+            )
+        ]
 
     def _vouched(self) -> Bools:
         """Return which rows (n,) norms vouch for: each pole is known or surely none."""

@@ -20,12 +20,11 @@ from spherekit.engine.columns import (
     ERRORS,
     LARGEST_ERROR,
     MovingTerms,
-    Pivot,
     RowTerms,
     curved,
-    pivots_of,
 )
 from spherekit.engine.dyads import COMPILED, closed_form
+from spherekit.engine.elimination_order import EliminationOrder, assign_elimination_orders
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
@@ -44,7 +43,8 @@ from spherekit.sphere.rotation import max_abs
 NEARLY_FLAT = 1e-3
 """Rows whose equations are flatter than this are not vouched for."""
 REFERENCES = 32
-"""Configurations at most that say in which order variables are eliminated."""
+"""Configurations at most that say in which order variables are eliminated. More: the order
+suits more rows, and takes longer to find."""
 
 Engine = Literal["numpy", "compiled"]
 STEPS = 8
@@ -115,7 +115,7 @@ class RowKernel:
         self,
         motion: Motion,
         requests: Sequence[Request],
-        pivots: Sequence[Pivot],
+        pivots: EliminationOrder,
         engine: Engine,
     ) -> None:
         mechanism, self.engine, self.free = motion.mechanism, engine, motion.free
@@ -280,14 +280,31 @@ class RowKernel:
 
 
 def row_kernel(
-    motion: Motion, requests: Sequence[Request], engine: Engine
+    motion: Motion,
+    requests: Sequence[Request],
+    engine: Engine,
+    order: EliminationOrder | None = None,
 ) -> RowKernel | None:
-    """Return the kernel of what `requests` want of a mechanism's rows.
+    """Return the kernel that computes what `requests` ask of a mechanism's rows.
 
-    The closed configurations of a motion say in which order variables are eliminated;
-    None where no order is regular.
+    Parameters
+    ----------
+    motion
+        Closed configurations of the mechanism, in any modes.
+    requests
+        One for each input that moves.
+    engine
+        What runs the expressions.
+    order
+        The order in which variables are eliminated; by default the one that is regular at
+        most rows of the motion.
+
+    Returns
+    -------
+    RowKernel or None
+        None where no order is regular at any row.
     """
-    pivots = _pivots(motion)
+    pivots = choose_order(motion) if order is None else order
     if pivots is None:
         return None
 
@@ -299,8 +316,12 @@ def row_kernel(
     return None
 
 
-def _pivots(motion: Motion) -> Sequence[Pivot] | None:
-    """Return the order in which variables are eliminated, None where terms do not hold."""
+def choose_order(motion: Motion) -> EliminationOrder | None:
+    """Return the elimination order that is regular at most rows of a motion, if any is.
+
+    One order need not be regular in all assembly modes: where loops repeat equations of
+    others, which of them do may depend on the mode.
+    """
     if not motion.free:
         return []
     good = np.flatnonzero(~motion.failed & (motion.configuration_error < 1e-6))
@@ -309,4 +330,8 @@ def _pivots(motion: Motion) -> Sequence[Pivot] | None:
     if not len(good):
         return None
     chosen = good[np.unique(np.linspace(0, len(good) - 1, REFERENCES).astype(int))]
-    return pivots_of(motion.linearisation.jacobian[chosen], motion.free)
+    assigned = assign_elimination_orders(motion.linearisation.jacobian[chosen], motion.free)
+    if not assigned:
+        return None
+    # Of orders with as many rows the first: it was chosen by all rows together.
+    return max(assigned, key=lambda part: len(part[1]))[0]

@@ -363,8 +363,10 @@ def _one_row(
     It reads the batch later. Contacts are left to the motion.
     """
     (wanted,) = requests_for(tracer.mechanism, needs, tracer.by_rank)
-    motion = tracer.sparse(REFERENCES)
     mode = tracer.assembly_modes[place]
+    motion = tracer.sparse(REFERENCES)
+    # The order of elimination need not be the same in other modes.
+    motion = motion.rows(motion.assembly_mode == mode.number)
     kernel = row_kernel(motion, [wanted], "numpy")
     if kernel is None or not kernel.vouches or mechanism.has_contacts:
         return None

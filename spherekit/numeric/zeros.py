@@ -188,6 +188,9 @@ class ArrayRows:
                 part[rows] = others[name]
             elif isinstance(part, ArrayRows):
                 part.put(rows, others[name])
+            elif isinstance(part, Mapping):
+                for key, values in part.items():
+                    values[rows] = others[name][key]
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
