@@ -131,8 +131,6 @@ def _made(name: str, home: Path) -> tuple[tuple[str, str], str, str]:
     """Return the path and text of a page, its group in the index, and its card there."""
     (path,) = (pack.files[name] for pack in shipped() if name in pack.files)
     mechanism = sk.load(name)
-    if not mechanism.inputs:
-        mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
     page, last = home / FOLDER / f"{name}.md", home / moving.HOME / f"{name}.html"
     if _is_older(last, path, home) or not page.exists():
         save_pictures(mechanism, page.with_suffix(".png"))

@@ -30,7 +30,7 @@ from spherekit.motion.input_grid import InputGrid, sampled
 from spherekit.motion.motion import by_laws
 from spherekit.numeric.crossings import SAME_ANGLE, return_by_turns, wrap
 from spherekit.numeric.zeros import ArrayRows
-from spherekit.planning.inputs import driven_pairs
+from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import all_finite, nans
 
 BLOCK = 4096
@@ -68,16 +68,13 @@ class DesignSamples:
         SolveError
             If a range is empty, or so many samples are of another number of inputs.
         """
-        mechanism = study.mechanism
+        mechanism = driven_at(study.mechanism)
         if study.start is not None:
             raise DesignError(
                 f"{study.name}: designs are compared at samples of inputs, not along "
                 "simulations; drive them"
             )
         check_time(study)
-        if not mechanism.inputs:
-            (pair,) = driven_pairs(mechanism)
-            mechanism = mechanism.with_inputs(mechanism.pairs[pair].name)
         names = mechanism.input_pairs
         if study.duration is not None:
             assert isinstance(study.samples, int)

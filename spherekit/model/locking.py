@@ -164,10 +164,10 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
     >>> len(four_bar.links), [item.pair for item in four_bar.inputs]
     (4, ['21'])
     """
-    driven = mechanism.input_pairs
-    if driven and set(driven) <= set(pairs):
+    declared = [item.pair for item in mechanism.inputs if not item.is_default]
+    if declared and set(declared) <= set(pairs):
         raise ModelError(
-            f"{mechanism.name}: lock: without the inputs {listing(driven)} nothing would "
+            f"{mechanism.name}: lock: without the inputs {listing(declared)} nothing would "
             "move; leave one of them free"
         )
     for name, value in pairs.items():

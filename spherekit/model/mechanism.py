@@ -46,6 +46,9 @@ from spherekit.model.parts import (
     rows_of,
 )
 
+ONE_TURN_RAD = 2.0 * math.pi
+"""Range of an input that is driven without a range."""
+
 _HOLDS: Mapping[type, Mapping[str, str]] = {
     Pair: {"links": "links", "profiles": "profiles"},
     Input: {"pair": "pair"},
@@ -78,6 +81,9 @@ class Mechanism:
 
     Notes
     -----
+    A mechanism that is made without inputs is driven at its first R pair, through one turn.
+    `inputs` is therefore empty only where there is no R pair.
+
     `modes` name assembly modes by the variables (rad) of some R pairs in a configuration
     of theirs, those of all inputs among them.
     """
@@ -100,6 +106,14 @@ class Mechanism:
         links = sorted(self.links, key=lambda name: name != self.ground)
         object.__setattr__(self, "links", tuple(links))
         _check(self)
+        if not self.inputs:
+            # The default is filled in here and nowhere else, so that every analysis and
+            # every part of a mechanism has the same input.
+            default_inputs = tuple(
+                Input(pair, 0.0, ONE_TURN_RAD, is_default=True)
+                for pair in list(self.angles)[:1]
+            )
+            object.__setattr__(self, "inputs", default_inputs)
 
     @cached_property
     def link_number(self) -> Mapping[str, int]:
@@ -210,7 +224,7 @@ class Mechanism:
         parts = [
             counted(len(self.links), "link"),
             f"pairs {', '.join(f'{count} {kind}' for kind, count in types.items())}",
-            f"inputs {listing(self.input_pairs) or 'none declared'}",
+            f"inputs {listing(self.input_pairs) or 'none'}",
         ]
         named = {
             "inertia of": [mass.link for mass in self.masses],
@@ -244,8 +258,8 @@ class Mechanism:
         >>> driven = sk.load("four_bar").with_inputs("41")
         >>> half = driven.with_inputs(ranges={"41": (0, 90)}, angle_unit="deg")
         """
-        driven = {item.pair: item for item in self.inputs}
-        before, names = set(driven), pairs or tuple(driven)
+        driven = {item.pair: item for item in self.inputs if not item.is_default}
+        before, names = set(driven), pairs or self.input_pairs
         if ranges and angle_unit is None:
             raise ModelError('with_inputs: ranges need angle_unit="deg" or "rad"')
         for name, (start, stop) in (ranges or {}).items():
@@ -253,10 +267,12 @@ class Mechanism:
                 raise ModelError(
                     f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
                 )
-            driven[name] = Input(name, *(in_radians(x, angle_unit) for x in (start, stop)))
-        whole = (Input(self.pair(name).name, 0.0, 2.0 * math.pi) for name in names)
+            driven[name] = Input(
+                name, in_radians(start, angle_unit), in_radians(stop, angle_unit)
+            )
+        whole = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
         made = tuple(driven.get(item.pair, item) for item in whole)
-        if made == self.inputs:
+        if before and made == self.inputs:
             return self
         as_named = before in (set(), set(names))
         return replace(self, inputs=made, modes=self.modes if as_named else {})

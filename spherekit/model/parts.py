@@ -233,12 +233,14 @@ class PoseGeometry:
 class Input:
     """A driven pair and the range (rad) of its variable, from `start` to `stop`.
 
-    It may fall: `stop` is then below `start`.
+    It may fall: `stop` is then below `start`. The input is the default one if its mechanism
+    was made without inputs. It equals the same input stated explicitly.
     """
 
     pair: str
     start: float
     stop: float
+    is_default: bool = field(default=False, compare=False, repr=False, kw_only=True)
 
     @property
     def range(self) -> Ends:

@@ -29,15 +29,15 @@ from spherekit.planning.wheels import (
 
 
 def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
-    """Return the numbers of the driven pairs: the declared inputs, or the first R pair.
+    """Return the numbers of the driven pairs.
 
     Raises
     ------
     PlanError
-        If a declared input is a contact pair, or there is no R pair at all.
+        If an input is a contact pair, or there is no R pair at all.
     """
     revolute = list(mechanism.angles)
-    names = mechanism.input_pairs or revolute[:1]
+    names = mechanism.input_pairs
     for name in names:
         if not mechanism.pair(name).kind.has_axis:
             raise PlanError(
@@ -50,9 +50,7 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
 
 
 def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) -> Mechanism:
-    """Return a mechanism driven at the pairs of these names, by default as it is.
-
-    Its inputs are then stated, where its file leaves them to `driven_pairs`.
+    """Return a mechanism driven at the pairs of these names, by default at its inputs.
 
     Raises
     ------
@@ -62,7 +60,8 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
         If there is no such pair, or one is named twice.
     """
     if names is None:
-        names = mechanism.names_of(driven_pairs(mechanism))
+        driven_pairs(mechanism)
+        return mechanism
     if not names:
         raise PlanError(f"{mechanism.name}: input_pair names no pair; name one or more")
     return mechanism.with_inputs(*([names] if isinstance(names, str) else names))
