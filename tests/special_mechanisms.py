@@ -30,7 +30,7 @@ def special_mechanism(seed):
     if near:
         which = random.integers(4)
         arcs[which] = float(f"{arcs[which] + _tiny(random, 3, 12):.12f}")
-    made = _four_bar(arcs)
+    made = four_bar(arcs)
     for _ in range(dyads):
         made = _with_dyad(random, made, sorted({90.0, *arcs}))
     driven = str(random.choice(["21", "41", "32"], p=[0.7, 0.2, 0.1]))
@@ -71,7 +71,7 @@ def _tiny(random, low, high):
     return float(random.choice([-1.0, 1.0]) * 10.0 ** -random.integers(low, high + 1))
 
 
-def _four_bar(arcs):
+def four_bar(arcs):
     links = {
         str(k + 1): LinkSizes(axes, (float(np.radians(arc)),))
         for k, (axes, arc) in enumerate(

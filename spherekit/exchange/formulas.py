@@ -1,31 +1,28 @@
-"""The explicit formulas of a mechanism, as data that sources in any language are made of.
+"""Makes the explicit formulas of a mechanism, from which sources are printed.
 
 Positions follow from the signs of dyads where every group is one, or wheels and circles do;
 then nothing is iterated. Elsewhere the variables of all pairs are arguments, and a step of
 Newton's method brings them nearer to where loops close.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from itertools import chain, product
-from typing import Any, NamedTuple
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Array
 from spherekit.conventions import Names, listing
 from spherekit.design.figures import INERTIAL
 from spherekit.design.variables import check_variables, design_variable
 from spherekit.design.varied import STEADY, VariedMechanism
-from spherekit.dynamics.start import traced
 from spherekit.dynamics.tabulated import StoredModel
 from spherekit.engine.expression_graph import (
     Expr,
     ExpressionNode,
-    array_function,
     dot,
     function,
     in_order,
@@ -41,11 +38,18 @@ from spherekit.engine.row_quantities import (
 )
 from spherekit.engine.turns import ProfileSide
 from spherekit.errors import DesignError, SpherekitError
+from spherekit.exchange.formula_terms import (
+    Argument,
+    Formulas,
+    Mode,
+    ModeTable,
+    SeriesTable,
+)
+from spherekit.exchange.mode_table import compare_modes, passive_variables
 from spherekit.exchange.varied_masses import masses_in_terms
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Motion
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.planning.inputs import driven_at, driven_pairs
 
@@ -53,94 +57,6 @@ CLOSURE = "closure_"
 """Of closed forms: the squares that are negative where a dyad does not close."""
 ROUNDING = 1e-13
 """Derivatives that are smaller are those of numbers that do not change."""
-
-
-class Argument(NamedTuple):
-    """A number that a source is given: its unit, and its value in the file (rad, SI).
-
-    `key` is that of the file, where it has one.
-    """
-
-    name: str
-    unit: str
-    value: float = 0.0
-    key: str = ""
-
-
-class Mode(NamedTuple):
-    """An assembly mode: the inputs `at` (rad) which it is known, and its places there.
-
-    `values` are the signs of dyads, or the variables (rad) of all pairs.
-    """
-
-    number: int
-    name: str
-    at: tuple[float, ...]
-    values: tuple[float, ...]
-
-
-class SeriesTable(NamedTuple):
-    """Functions that `terms` stand for, as series in a place: a variable plus `start`.
-
-    Beyond the cells they are repeated after the `length` of a `closed` curve, else NaN.
-    """
-
-    terms: tuple[ExpressionNode, ...]
-    of: ExpressionNode
-    start: float
-    series: PiecewiseChebyshev
-    length: float
-    closed: bool
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Formulas:
-    """What a source computes, and of what.
-
-    Attributes
-    ----------
-    mechanism
-        The mechanism, driven at its inputs.
-    motion
-        The inputs (rad) and, where results follow from them, their rates and accelerations,
-        the time, turns of passive pairs and torques of tables.
-    places
-        Names of the signs of dyads, or of the variables of all pairs.
-    sizes
-        What is varied.
-    modes
-        The assembly modes.
-    results
-        The unit of each result, by name.
-    outputs
-        The results as terms.
-    step
-        Without a closed form: all variables after a step of Newton's method, and how far
-        (rad) loops were open before.
-    variables
-        The terms that the motion, the places and the sizes are.
-    tables
-        Series of functions that the results are made of, such as profiles.
-    title
-        What the formulas are.
-    """
-
-    mechanism: Mechanism
-    motion: tuple[Argument, ...]
-    places: Names
-    sizes: tuple[Argument, ...]
-    modes: tuple[Mode, ...]
-    results: dict[str, str]
-    outputs: tuple[Expr, ...]
-    step: tuple[Expr, ...]
-    variables: tuple[tuple[ExpressionNode, ...], ...]
-    tables: tuple[SeriesTable, ...]
-    title: str = "explicit formulas"
-
-    @property
-    def operations(self) -> int:
-        """How many operations the results take."""
-        return sum(term.operation != "variable" for term in in_order(self.outputs))
 
 
 def formulas(
@@ -204,7 +120,7 @@ def formulas(
     used = {x for x in in_order([*outputs, *step]) if x.operation == "variable"}
     profiles = [x for x in terms.structure.pairs.handed_in if used & {*x.terms, x.last}]
     tables = tuple(_table(profile, terms.places) for profile in profiles)
-    return Formulas(
+    without_modes = Formulas(
         made,
         motion,
         tuple(place.arguments[0] for place in terms.places),
@@ -212,13 +128,19 @@ def formulas(
             Argument(v.name, ("as in the file", "rad")[v.is_angle], float(value), v.key)
             for v, value in zip(variables, varied.scale * varied.values, strict=True)
         ),
-        tuple(_modes(varied, terms, assembly_mode)),
+        ModeTable(()),
         {name: units.get(name, "") for name in results},
         tuple(outputs),
         tuple(step),
         (of_motion, tuple(terms.places), tuple(sizes)),
         tables,
     )
+    angles: list[Expr] = []
+    if terms.closed_form:
+        angles = [terms.angle(pair) for pair in passive_variables(terms)]
+        angles = substituted(angles, stands)
+    mode_table = compare_modes(without_modes, varied, terms, angles, assembly_mode)
+    return replace(without_modes, mode_table=mode_table)
 
 
 def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
@@ -243,7 +165,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         tuple(Argument(name, unit) for name, unit in motion),
         (),
         (),
-        (Mode(heading.assembly_mode, "", heading.low, ()),),
+        ModeTable((Mode(heading.assembly_mode, "", heading.low, ()),)),
         {**results, "torque": "N m"},
         (*terms, *heading.torques),
         (),
@@ -372,42 +294,3 @@ def _numbers(
         start = stated[k] - row @ (varied.scale * varied.values)
         stands[number] = dot([*row.tolist(), 1.0], [*sizes, float(start)])
     return stands
-
-
-def _modes(
-    varied: VariedMechanism, terms: VariedTerms, assembly_mode: int | str | None
-) -> Iterator[Mode]:
-    """Yield the assembly modes, where they are found on the way through the inputs."""
-    tracer = traced(varied.mechanism)
-    modes, motion = tracer.assembly_modes, tracer.motion()
-    if assembly_mode is not None:
-        modes = (modes[tracer.place_of(assembly_mode)],)
-    number = np.where(motion.failed, -1, motion.assembly_mode)
-    met = [
-        (mode, rows[len(rows) // 2])
-        for mode in modes
-        if len(rows := np.flatnonzero(number == mode.number))
-    ]
-    motion = motion.rows(np.array([row for _, row in met], dtype=int))
-    places = _places(varied, terms, motion).tolist()
-    for (mode, _), at, values in zip(met, motion.inputs.tolist(), places, strict=True):
-        yield Mode(mode.number, mode.title, tuple(at), tuple(values))
-
-
-def _places(varied: VariedMechanism, terms: VariedTerms, motion: Motion) -> Array:
-    """Return the signs of dyads, or all variables, (n, places) of configurations."""
-    values, q = motion.values, motion.inputs.T
-    if varied.contacts is not None:
-        values = varied.contacts.values(values)
-    if not terms.closed_form:
-        return values
-    variables = {k: v for k, v in terms.mechanism.angles.items() if k not in terms.inputs}
-    given = [*terms.sample[: len(q)], *terms.places, *terms.sizes]
-    signs = np.array([*product((1.0, -1.0), repeat=len(terms.places))]).T
-    n, count = len(values), signs.shape[1]
-    sizes = np.repeat(varied.nominal[:, None], n * count, axis=1)
-    columns = [np.repeat(q, count, axis=1), np.tile(signs, n), sizes]
-    angles = array_function([*map(terms.angle, variables)], given)(np.concatenate(columns))
-    off = angles.reshape(-1, n, count) - values[:, [*variables.values()]].T[:, :, None]
-    apart = np.sum(1.0 - np.cos(off), axis=0)
-    return signs[:, np.nanargmin(apart, axis=1)].T

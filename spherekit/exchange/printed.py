@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from spherekit.conventions import counted
 from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order
 from spherekit.errors import OutputError
-from spherekit.exchange.formulas import Formulas
+from spherekit.exchange.formula_terms import Formulas
 from spherekit.version import __version__
 
 KINDS = ("motion", "mode", "size")
@@ -152,7 +153,9 @@ class Source:
             "variables of a mode below or of the sample before: repeat until what it "
             "returns, by how much loops were open (rad), is small."
             if of.step
-            else "Nothing is iterated; results are NaN where the mode does not close.",
+            else "Nothing is iterated; results are NaN where the mode does not close. A "
+            "mode is one side of each dyad: where a dyad is in line at an input, at a "
+            "change point, a motion without a jump may continue on the other side.",
             WIDTH,
         )
         places = "rad" if of.step else "+1 or -1: the side of a dyad"
@@ -172,6 +175,25 @@ class Source:
             values = ", ".join(f"{x:.9g}" for x in mode.values) or "none"
             at = ", ".join(f"{q:.6g}" for q in mode.at)
             yield f"  {mode.number} ({mode.name}): {self.mode} {values}; inputs {at}"
+        for reason in of.mode_table.left_out:
+            yield from wrap(f"  not written: {reason}", WIDTH, subsequent_indent="    ")
+        if of.mode_table.compared:
+            yield from wrap(self._comparison, WIDTH)
+
+    @property
+    def _comparison(self) -> str:
+        """The sentences on the comparison of modes before the source was written."""
+        table = self.of.mode_table
+        difference = f"to {table.largest_difference:.1e} rad"
+        return (
+            "Before this file was written, each mode was compared with the mechanism at "
+            f"{counted(table.compared, 'input')} or more. "
+            + (
+                f"Steps from variables beside a configuration return to it {difference}."
+                if self.of.step
+                else f"All pair variables agree {difference}."
+            )
+        )
 
     @property
     def comment(self) -> str:

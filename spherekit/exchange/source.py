@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from spherekit.exchange import c_source, printed, script_source
-from spherekit.exchange.formulas import Formulas
+from spherekit.exchange.formula_terms import Formulas
 
 LANGUAGES: Mapping[str, tuple[printed.Language, Callable[[printed.Source], str]]] = {
     "c": (c_source.C, c_source.c),

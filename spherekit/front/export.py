@@ -213,7 +213,8 @@ def _source(
         f"{listing(x.name for x in (*made.motion, *made.sizes))}, {how}: "
         f"{made.operations} operations"
     )
-    return Exported(target, holds)
+    left_out = (f"left out: assembly mode {why}" for why in made.mode_table.left_out)
+    return Exported(target, holds, tuple(left_out))
 
 
 def _coupling(table: CouplingTable, target: Path) -> Exported:

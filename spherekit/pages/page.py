@@ -17,7 +17,8 @@ from spherekit.conventions import Facts, Names, listing
 from spherekit.design.variables import DesignVariable, design_variable, sizes_of
 from spherekit.engine.row_quantities import LOADED, middle_pairs, row_quantities
 from spherekit.errors import CountError, EngineError, SpherekitError
-from spherekit.exchange.formulas import CLOSURE, Formulas, formulas
+from spherekit.exchange.formula_terms import Formulas
+from spherekit.exchange.formulas import CLOSURE, formulas
 from spherekit.exchange.source import source
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
@@ -84,6 +85,7 @@ class PageMaker:
         asked = self._default(masses=True) if self.quantities is None else self.quantities
         shown = [x for x in rows.results if any(fnmatchcase(x, name) for name in asked)]
         kernels = {"rows": rows, "picture": self._formulas(self._drawn())}
+        self.notes += (f"left out: assembly mode {x}" for x in rows.mode_table.left_out)
         text = self._assembled(shown, _kernels(kernels))
         return text, len(shown), len(rows.modes)
 
