@@ -218,8 +218,8 @@ def _known_rows(sampled: Motion, mode: AssemblyMode) -> Indices:
     """Return the numbers of a mode's rows that are known well enough to be compared."""
     is_regular = (sampled.assembly_mode == mode.number) & (sampled.status == Status.OK)
     rows = np.flatnonzero(is_regular)
-    known = sampled.rows(rows).configuration_error <= MAX_CONFIGURATION_ERROR_RAD
-    return np.asarray(rows[known])
+    is_known = sampled.rows(rows).configuration_error <= MAX_CONFIGURATION_ERROR_RAD
+    return np.asarray(rows[is_known])
 
 
 def _dyad_signs(terms: VariedTerms, values: Floats) -> Floats:
