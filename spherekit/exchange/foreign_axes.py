@@ -1,108 +1,10 @@
-"""Axes of another program's model: the point they meet in, gears, and their numbers.
-
-Hinges coupled at a constant ratio are two circles that roll on each other; numbers are
-written as a person would have.
-"""
+"""The point in which the axes of another program's model meet, and plain decimals."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.model.graph import spanning
-from spherekit.sphere.rotation import arc, unit_rows
-
-ONE_LINE = 1e-6
-"""Sine below which two axes are one."""
-
-SAME = 1e-9
-"""Relative difference below which two ratios are the same."""
-
-
-class Turning(NamedTuple):
-    """A pair of two links about an axis (3,); `joint` is its joint's number, or -1."""
-
-    name: str
-    links: tuple[int, int]
-    axis: Floats
-    value: float
-    joint: int = -1
-
-
-Circle = tuple[float, int, Floats]
-"""A radius (rad), the link that a circle is fixed in, and its centre (3,)."""
-
-
-def gears_of(
-    hinges: Sequence[Turning], factors: Mapping[int, float]
-) -> tuple[list[Circle], bool] | str:
-    """Return the two circles that say the same as a sum of rates that is zero.
-
-    And whether they touch from outside; else the smaller one comes first.
-
-    Parameters
-    ----------
-    hinges
-        All that there are.
-    factors
-        Of the rates in the sum, by hinge.
-
-    Returns
-    -------
-    circles, external
-        Or why no two circles do.
-
-    Notes
-    -----
-    The hinges have to lie on one way from a link a to a link b, first along one axis A,
-    then along another one B. With the rotations x about A and y about B the relative
-    angular velocity w_b - w_a is x A + y B, and the sum u x + v y. It is zero where that is
-    along v A - u B, the direction in which the circles touch.
-    """
-    used = [hinge for hinge in hinges if factors.get(hinge.joint)]
-    if not (way := _way(used)):
-        return "its joints do not follow each other from one link to another"
-    if all(_aligned(hinge.axis, used[0].axis) for hinge in used):
-        return "its joints lie along one line, and axes of bevel gears cross"
-    lines, shares = list[Floats](), list[float]()
-    for hinge, sense in way:
-        share = sense * factors[hinge.joint]
-        if not (lines and _aligned(hinge.axis, lines[-1])):
-            lines.append(hinge.axis)
-            shares.append(share)
-        share *= float(np.sign(hinge.axis @ lines[-1]))
-        if abs(share - shares[-1]) > SAME * abs(share):
-            return "its joints about one axis do not add up"
-    if len(lines) != 2:
-        return f"its joints lie along {len(lines)} axes, and two gears have two"
-    touching = unit_rows(shares[1] * lines[0] - shares[0] * lines[1])
-    (first, onwards), (last, sense) = way[0], way[-1]
-    ends = first.links[0 if onwards > 0 else 1], last.links[1 if sense > 0 else 0]
-    centres = [line if line @ touching >= 0.0 else -line for line in lines]
-    radii = [float(arc(centre, touching)) for centre in centres]
-    if min(radii) < ONE_LINE:
-        return "one of its gears would have no size"
-    one, other = np.cross(centres, touching)
-    external = bool(one @ other < 0.0)
-    circles = [*zip(radii, ends, centres, strict=True)]
-    return circles if external else sorted(circles, key=lambda x: x[0]), external
-
-
-def _aligned(one: Floats, other: Floats) -> bool:
-    return float(np.linalg.norm(np.cross(one, other))) <= ONE_LINE
-
-
-def _way(hinges: Sequence[Turning]) -> list[tuple[Turning, float]]:
-    """Return hinges in the order of a way through all, with the sense of each."""
-    links = [link for hinge in hinges for link in hinge.links]
-    ends = [link for link in dict.fromkeys(links) if links.count(link) == 1]
-    ways = spanning([hinge.links for hinge in hinges], ends[:1])
-    if len(ends) != 2 or len(ways) < len(hinges):
-        return []
-    return [(hinges[k], 1.0 if hinges[k].links[0] == x else -1.0) for k, x, _ in ways]
-
 
 PARALLEL = 1e-9
 """Sine below which two axes are parallel."""

@@ -1,7 +1,7 @@
 """Another program's model as a spherical mechanism: what turns about one point."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain, count, groupby
 from typing import Any
 
@@ -9,19 +9,23 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import MAX_NAME_LENGTH, listing, numbered
-from spherekit.errors import FileError
+from spherekit.errors import FileError, ModelError
 from spherekit.exchange.foreign_axes import (
-    Turning,
     common_point,
     distances,
-    gears_of,
     plain,
     plain_angle,
     plain_axis,
 )
+from spherekit.exchange.gear_couplings import (
+    BevelGears,
+    GearTrain,
+    ImportedPair,
+    find_gears,
+)
 from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.model.dynamics import moved_to_sphere_centre
-from spherekit.model.graph import joined
+from spherekit.model.graph import joined, spanning
 from spherekit.motion.loops import LoopTree
 from spherekit.sphere.rotation import max_abs
 
@@ -62,6 +66,7 @@ class ForeignTables:
         self.link = self._links_of_bodies()
         self.closing = self._closing_points()
         self.centre, self.miss = self._meet(within)
+        self.free_hinges = self._hinges_of_free_balls()
         self.pairs = self._pairs()
         self.links = [*dict.fromkeys(chain([0], *(pair.links for pair in self.pairs)))]
         self.content = {name: table for name, table in self._tables().items() if table}
@@ -75,9 +80,12 @@ class ForeignTables:
         )
 
     def _tables(self) -> dict[str, Table]:
-        contacts, masses = dict(self._contacts()), {}
-        links = {self._name(link): Table() for link in self.links}
+        # Inputs are chosen before idler wheels come in, which the couplings say nothing of.
         inputs = self._inputs()
+        train = self._find_gears()
+        self._add_idlers(train)
+        contacts, masses = dict(self._contacts(train.gears)), {}
+        links = {self._name(link): Table() for link in self.links}
         if self.model.made_up:
             self.notes.append(
                 "the masses, which the file says are made up, and its servos were left out"
@@ -92,6 +100,7 @@ class ForeignTables:
             "links": links,
             "pairs": {pair.name: self._pair(pair) for pair in self.pairs} | contacts,
             "inputs": inputs,
+            "outputs": self._outputs(),
             "mass": masses,
             "loads": loads,
             "joint_limits": {
@@ -203,17 +212,49 @@ class ForeignTables:
 
     # Pairs
 
-    def _pairs(self) -> list[Turning]:
-        pairs: list[Turning] = []
+    def _hinges_of_free_balls(self) -> set[int]:
+        """Return the hinges, by number, of ball joints that constrain nothing.
+
+        A ball joint about the centre leaves two links as free as links of a spherical
+        mechanism are without a pair. It is left out if its link is held by others. Three
+        hinges in its place would close the loops in twice as many ways.
+        """
+        body_of = {ball: self.m.jnt_bodyid[k[0]] for ball, k in self.model.balls.items()}
+        on_balls = {int(body) for body in body_of.values()}
+        held = [
+            (self.m.body_parentid[body], body)
+            for body in range(1, self.m.nbody)
+            if body not in on_balls
+        ]
+        couples = [(self.link[one], self.link[other]) for one, other in held]
+        for ends, points in self.closing.items():
+            arms = [np.linalg.norm(point - self.centre) for _, point in points]
+            if max(arms) > self.miss:
+                couples.append(ends)
+        free = set[int]()
+        for ball, body in body_of.items():
+            ends = self.link[self.m.body_parentid[body]], self.link[body]
+            piece = joined(self.m.nbody, couples)
+            if piece[ends[0]] == piece[ends[1]]:
+                free |= set(self.model.balls[ball])
+                self.notes.append(
+                    f"ball joint {ball} left out: all links turn about the centre anyway"
+                )
+            else:
+                couples.append(ends)
+                self.notes.append(f"ball joint {ball} is three hinges, {ball}_x, _y and _z")
+        return free
+
+    def _pairs(self) -> list[ImportedPair]:
+        pairs: list[ImportedPair] = []
 
         def put(text: str, links: tuple[int, int], axis: Floats, *more: Any) -> str:
             name = self._unique(text, (pair.name for pair in pairs))
-            pairs.append(Turning(name, links, axis, *more))
+            pairs.append(ImportedPair(name, links, axis, *more))
             return name
 
-        for body, (*joints,) in groupby(
-            self.turning, self.m.jnt_bodyid.tolist().__getitem__
-        ):
+        holding = [k for k in self.turning if k not in self.free_hinges]
+        for body, (*joints,) in groupby(holding, self.m.jnt_bodyid.tolist().__getitem__):
             below, last = self.link[self.m.body_parentid[body]], self.link[body]
             if below == last:
                 them = listing(self.model.joints[k] for k in joints)
@@ -254,34 +295,51 @@ class ForeignTables:
             )
         return pairs
 
-    def _contacts(self) -> Iterator[tuple[str, Table]]:
-        """Yield a rolling contact for each coupling of hinges."""
-        turning = [pair for pair in self.pairs if pair.joint >= 0]
+    def _find_gears(self) -> GearTrain:
+        """Return the gears that the couplings of hinges stand for."""
+        hinges = [pair for pair in self.pairs if pair.joint >= 0]
+        try:
+            return find_gears(hinges, self.model.couplings, len(self.link))
+        except ModelError as error:
+            names = listing(name for name, _ in self.model.couplings)
+            raise FileError(
+                f"{self.where}: joints are coupled by {names}. A coupling is imported as "
+                f"bevel gears, but {error}. Take the couplings out of a copy of the file, "
+                "or lock a joint of them"
+            ) from None
+
+    def _add_idlers(self, train: GearTrain) -> None:
+        """Add the idler wheels of gears as links, each on a pair of its carrier."""
+        for number, idler in enumerate(train.idlers, 1):
+            self.link.append(idler.link)
+            self.names[idler.link] = self._unique(f"idler_{number}", self.names.values())
+            name = self._unique(f"idler_axis_{number}", (pair.name for pair in self.pairs))
+            ends = idler.carrier, idler.link
+            self.pairs.append(ImportedPair(name, ends, idler.axis, 0.0))
+            self.links.append(idler.link)
+            self.comments["pairs", name] = (
+                "The idler wheel was added: two coaxial wheels need one for a ratio."
+            )
+
+    def _contacts(self, gears: Mapping[str, BevelGears]) -> Iterator[tuple[str, Table]]:
+        """Yield a rolling contact for each two gears."""
         names = [pair.name for pair in self.pairs]
-        for coupling, factors in self.model.couplings:
-            gears = gears_of(turning, factors)
-            if isinstance(gears, str):
-                them = listing(self.model.joints[k] for k in factors)
-                raise FileError(
-                    f"{self.where}: {coupling} couples joints {them}, but no two gears do: "
-                    f"{gears}. Take it out of a copy of the file"
-                )
-            circles, external = gears
+        for coupling, bevel_gears in gears.items():
             names.append(self._unique(coupling, names))
             profiles = {
-                self._name(link): {
+                self._name(circle.link): {
                     "kind": "circle",
-                    "centre_xyz": plain_axis(centre),
-                    "radius": plain_angle(radius),
+                    "centre_xyz": plain_axis(circle.centre),
+                    "radius": plain_angle(circle.radius),
                 }
-                for radius, link, centre in circles
+                for circle in bevel_gears.circles
             }
-            contact = {} if external else {"contact": "internal"}
+            contact = {} if bevel_gears.external else {"contact": "internal"}
             self.comments["pairs", names[-1]] = "Joints at a constant ratio: gears."
             ends = {"type": "Cr", "links": [*profiles]}
             yield names[-1], {**ends, **contact, "profiles": profiles}
 
-    def _pair(self, pair: Turning) -> Table:
+    def _pair(self, pair: ImportedPair) -> Table:
         value = {"value": plain_angle(pair.value)} if pair.value else {}
         links = [*map(self._name, pair.links)]
         return {"type": "R", "links": links, "xyz": plain_axis(pair.axis), **value}
@@ -311,14 +369,92 @@ class ForeignTables:
             self.notes.append(
                 f"actuator of {listing(spare)} left out: the others determine the motion"
             )
+        ranges = {
+            k: drives.get(pairs[k].joint) or self.limits.get(pairs[k].joint) for k in chosen
+        }
+        unlimited = [k for k, ends in ranges.items() if ends is None]
+        half_width = self._half_width(chosen, unlimited)
         return {
             pairs[k].name: self._ends(
-                drives.get(pairs[k].joint)
-                or self.limits.get(pairs[k].joint)
-                or (pairs[k].value - np.pi, pairs[k].value + np.pi)
+                ends or (pairs[k].value - half_width, pairs[k].value + half_width)
             )
-            for k in chosen
+            for k, ends in ranges.items()
         }
+
+    def _half_width(self, inputs: Sequence[int], unlimited: Sequence[int]) -> float:
+        """Return how far (rad) inputs without limits may go each way, at most half a turn.
+
+        Where all pairs follow the inputs in proportion, as in gears, the limits of the
+        others bound the inputs. In any combination of the inputs they are then kept.
+
+        Parameters
+        ----------
+        inputs
+            Numbers of the pairs that are inputs.
+        unlimited
+            Those of them without a range of their own.
+        """
+        if self.closing or not unlimited:
+            return float(np.pi)
+        pairs = self.pairs
+        equations = np.vstack([self._velocity_equations(), np.eye(len(pairs))[inputs]])
+        known = np.zeros((len(equations), len(inputs)))
+        known[-len(inputs) :] = np.eye(len(inputs))
+        rates = np.linalg.lstsq(equations, known, rcond=None)[0]
+        half_width = float(np.pi)
+        for pair, row in zip(pairs, np.abs(rates), strict=True):
+            reach = sum(row[inputs.index(k)] for k in unlimited)
+            if pair.joint in self.limits and reach > 1e-9:
+                low, high = self.limits[pair.joint]
+                room = min(high - pair.value, pair.value - low)
+                if room > 0.0:
+                    half_width = min(half_width, room / reach)
+        return half_width
+
+    def _outputs(self) -> Table:
+        """Return the links that sensors observe; without any, the last ones of all chains.
+
+        These are the links on one hinge alone that no gear turns, or the only one of those
+        farthest from the ground. A mechanism whose chains all close ends in the links that
+        are farthest from the ground.
+        """
+        outputs: Table = {}
+        for name, body, reference, point in self.model.outputs:
+            if self.link[body] not in self.links or self.link[body] == self.link[reference]:
+                continue
+            table: Table = {"link": self._name(self.link[body])}
+            if self.link[reference]:
+                table["relative_to"] = self._name(self.link[reference])
+            if point is not None:
+                arm = point - self.centre
+                table["xyz"] = plain_axis(arm / np.linalg.norm(arm))
+            outputs[self._unique(name, outputs)] = table
+        if outputs:
+            return outputs
+        return {self._name(link): {"link": self._name(link)} for link in self._last_links()}
+
+    def _last_links(self) -> list[int]:
+        """Return the numbers of the links at the ends of the chains, as `_outputs` says."""
+        ends = [pair.links for pair in self.pairs]
+        distance = {0: 0}
+        for _, near, far in spanning(ends):
+            distance[far] = distance[near] + 1
+        geared = {joint for _, factors in self.model.couplings for joint in factors}
+        leaves = [
+            link for link in self.links[1:] if sum(link in pair for pair in ends) == 1
+        ]
+        farthest = max(distance[link] for link in leaves or self.links)
+        return [
+            link
+            for link in leaves or self.links
+            if distance[link] == farthest
+            or (
+                leaves
+                and not any(
+                    link in pair.links and pair.joint in geared for pair in self.pairs
+                )
+            )
+        ]
 
     def _velocity_equations(self) -> Floats:
         """Return what loops and couplings say of the rates of all pairs, (m, pairs)."""
@@ -336,12 +472,20 @@ class ForeignTables:
     def _masses(self) -> Iterator[tuple[str, Table]]:
         """Yield the links that are heavy, about the centre of the sphere."""
         m = self.m
+        rotors = self._rotors()
         for link in self.links[1:]:
             heavy = [
                 k
                 for k, of in enumerate(self.link[: m.nbody])
                 if of == link and m.body_mass[k] > MASSLESS
             ]
+            if not heavy and link in rotors:
+                tensor = rotors[link]
+                most = max_abs(tensor)
+                yield (
+                    self._name(link),
+                    {"tensor": [[plain(x, most, THIN) for x in row] for row in tensor]},
+                )
             if not heavy:
                 continue
             weightless, masses = m.body_gravcomp[heavy] == 1.0, m.body_mass[heavy]
@@ -349,6 +493,7 @@ class ForeignTables:
             turns = turns.reshape(-1, 3, 3)
             about = turns * m.body_inertia[heavy][:, None] @ np.swapaxes(turns, 1, 2)
             tensor = np.sum([*map(moved_to_sphere_centre, about, masses, arms)], axis=0)
+            tensor = tensor + rotors.pop(link, 0.0)
             mass, most = np.sum(masses), max_abs(tensor)
             table: Table = {"tensor": [[plain(x, most, THIN) for x in r] for r in tensor]}
             if not np.all(weightless) or self.model.gravity is not None:
@@ -361,6 +506,26 @@ class ForeignTables:
                         "Its weight is compensated: its centre counts as the sphere's."
                     )
             yield self._name(link), table
+
+    def _rotors(self) -> dict[int, Floats]:
+        """Return the tensors (3, 3) of the armatures of hinges on the ground, by link.
+
+        An armature is a moment of inertia about the axis of its hinge. The link turns about
+        that axis alone, so a thin disc, whose other moments are half as large, moves as the
+        rotor does. On a link that moves itself, no rigid body does.
+        """
+        rotors: dict[int, Floats] = {}
+        for pair in self.pairs:
+            armature = self.m.dof_armature[pair.joint] if pair.joint >= 0 else 0.0
+            if armature and pair.links[0] == 0:
+                disc = 0.5 * armature * (np.eye(3) + np.outer(pair.axis, pair.axis))
+                rotors[pair.links[1]] = rotors.get(pair.links[1], np.zeros((3, 3))) + disc
+            elif armature:
+                self.notes.append(
+                    f"armature of joint {pair.name} left out, {armature:g} kg m2: the link "
+                    "that carries the joint moves"
+                )
+        return rotors
 
     def _loads(self, masses: Table) -> Iterator[tuple[str, Table]]:
         """Yield the loads, with names that may be taken; note what no load is."""
@@ -387,10 +552,6 @@ class ForeignTables:
                 yield f"damper_{name}", {"kind": "damper", "pair": name, "damping": viscous}
         yield from self._actuators()
         for k, name in enumerate(self.model.joints):
-            if m.dof_armature[k]:
-                self.notes.append(
-                    f"armature of joint {name} left out, {m.dof_armature[k]:g} kg m2"
-                )
             if np.any(m.jnt_stiffnesspoly[k]) or np.any(m.dof_dampingpoly[k]):
                 self.notes.append(
                     f"joint {name}: spring or damper left out where not linear"

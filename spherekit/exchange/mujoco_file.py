@@ -10,7 +10,7 @@ them (Drake, Isaac Sim, and exporters that write parent and child with origins),
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,6 +19,14 @@ from scipy.spatial.transform import Rotation
 from spherekit.arrays import Floats
 from spherekit.conventions import Lines, counted, listing
 from spherekit.errors import FileError
+from spherekit.exchange.mujoco_cleaning import drop_missing_files, replace_ball_joints
+from spherekit.exchange.urdf_transmissions import (
+    DrivenJoint,
+    DrivenWheel,
+    describe_motors,
+    name_wheels,
+    read_transmissions,
+)
 from spherekit.sphere.rotation import max_abs
 
 Element = ElementTree.Element
@@ -45,6 +53,15 @@ NAMELESS = ("", "MuJoCo Model")
 """What MuJoCo calls models without a name."""
 
 
+class ObservedLink(NamedTuple):
+    """An output: a body, the one it is observed from, and a point (3,) it points to."""
+
+    name: str
+    body: int
+    reference: int
+    point: Floats | None
+
+
 class ForeignModel:
     """What an MJCF or URDF file holds, with its loops closed.
 
@@ -53,9 +70,10 @@ class ForeignModel:
     which loops are closed, with their names and the two bodies that they hold to each
     other, `welds` the two bodies of each weld. `locked` are the joints that do not turn,
     `couplings` the sums of rates that are zero, as factors by joint, with their names,
-    `drives` the actuated joints with the ends of their range where the file has some,
-    `values` the variables of holds where it says so; `made_up` says that the masses are;
-    `gravity` is the acceleration (3,) or None; `notes` what is not here.
+    `balls` the three hinges by number that stand for each ball joint, `outputs` what
+    sensors observe, `drives` the actuated joints with the ends of their range where the
+    file has some, `values` the variables of holds where it says so; `made_up` says that the
+    masses are; `gravity` is the acceleration (3,) or None; `notes` what is not here.
 
     Raises
     ------
@@ -75,10 +93,15 @@ class ForeignModel:
         self.mj: Any = mujoco
         self.path, self.notes = path, list[str]()
         self.hinged: dict[str, Floats] = {}
+        self.transmissions: list[DrivenJoint | DrivenWheel] = []
         root = self._root()
         urdf = root.tag == "robot"
         try:
             spec = self._of_urdf(root) if urdf else self.mj.MjSpec.from_file(str(path))
+            if not urdf:
+                self.notes += drop_missing_files(mujoco, spec, path.parent)
+            ball_hinges, notes = replace_ball_joints(mujoco, spec)
+            self.notes += notes
             spec.compiler.boundmass = spec.compiler.boundmass or MASSLESS
             spec.compiler.boundinertia = spec.compiler.boundinertia or MASSLESS
             m = self.m = spec.compile()
@@ -90,6 +113,10 @@ class ForeignModel:
         self.joints: Lines = [m.joint(k).name for k in range(m.njnt)]
         self.bodies = [named(m.body(k), "body", k) for k in range(m.nbody)]
         self._need_hinges()
+        self.balls = {
+            ball: [self.joints.index(hinge) for hinge in hinges]
+            for ball, hinges in ball_hinges.items()
+        }
         numbers = {numeric.name: numeric.data for numeric in spec.numerics}
         self.drives = self._drives(root, numbers)
         self._close()
@@ -99,6 +126,7 @@ class ForeignModel:
         self.locked: set[int] = set()
         for k in np.flatnonzero(m.eq_active0).tolist():
             self._take_equality(k)
+        self.outputs = self._observed_links()
         texts = {text.name: text.data for text in spec.texts}
         self.made_up = texts.get("masses") == "made up"
         self.values = {
@@ -136,14 +164,45 @@ class ForeignModel:
         for link in root.iter("link"):
             for looks in [*link.findall("visual"), *link.findall("collision")]:
                 link.remove(looks)
+        transmissions, notes = read_transmissions(root, self.path)
+        self.transmissions = name_wheels(root, transmissions)
+        self.notes += [*notes, *describe_motors(self.transmissions)]
         spec = self.mj.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
         spec.compiler.fusestatic = False
+        for drive in self.transmissions:
+            if isinstance(drive, DrivenWheel):
+                self._add_wheel(spec, drive)
         try:
             for item in [*root.findall("loop_joint"), *root.findall("loop")]:
                 self._add_loop(spec, item)
         except ValueError as error:
             raise FileError(f"{self.path}: a loop joint has no numbers: {error}") from None
         return spec
+
+    def _add_wheel(self, spec: Any, drive: DrivenWheel) -> None:
+        """Add the wheel of a motor, coupled with two joints by a tendon of fixed length."""
+        joint = spec.joint(drive.inner_joint)
+        if joint is None or spec.joint(drive.outer_joint) is None:
+            raise FileError(
+                f"{self.path}: transmission {drive.transmission}: joints "
+                f"{drive.inner_joint} and {drive.outer_joint} do not both turn"
+            )
+        carrier = joint.parent.parent
+        # The wheel stands where the link of the inner joint does, and turns about its axis.
+        wheel = carrier.add_body(
+            name=drive.wheel, pos=joint.parent.pos, quat=joint.parent.quat
+        )
+        wheel.add_joint(name=drive.wheel, type=joint.type, pos=joint.pos, axis=joint.axis)
+        tendon = spec.add_tendon(name=drive.wheel)
+        tendon.wrap_joint(drive.wheel, 1.0)
+        tendon.wrap_joint(drive.inner_joint, -1.0)
+        tendon.wrap_joint(drive.outer_joint, -drive.ratio)
+        spec.add_equality(
+            name=f"{drive.wheel}_mesh",
+            type=self.mj.mjtEq.mjEQ_TENDON,
+            objtype=self.mj.mjtObj.mjOBJ_TENDON,
+            name1=drive.wheel,
+        )
 
     def _add_loop(self, spec: Any, item: Element) -> None:
         """Take a loop joint of a URDF as constraints of sites.
@@ -190,9 +249,8 @@ class ForeignModel:
         ]
         if wrong:
             raise FileError(
-                f"{self.path}: links of spherical mechanisms turn on hinges alone; other "
-                f"joints: {listing(wrong)}. Fix the base, and give a ball joint as three "
-                "hinges"
+                f"{self.path}: links of spherical mechanisms turn on hinges and ball "
+                f"joints; other joints: {listing(wrong)}. Fix the base; weld what slides"
             )
         if not kinds:
             raise FileError(f"{self.path}: has no hinge, so that nothing moves")
@@ -251,12 +309,18 @@ class ForeignModel:
     ) -> dict[int, Sequence[float] | None]:
         m = self.m
         drives: dict[int, Sequence[float] | None] = {}
-        for tag in ("transmission", "ros2_control"):
-            for joint in root.iterfind(f".//{tag}/joint"):
-                commanded = joint.find("command_interface") is not None
-                name = joint.get("name", "")
-                if name in self.joints and (commanded or tag == "transmission"):
-                    drives[self.joints.index(name)] = None
+        through_wheels = set[str]()
+        for drive in self.transmissions:
+            name = drive.wheel if isinstance(drive, DrivenWheel) else drive.joint
+            if isinstance(drive, DrivenWheel):
+                through_wheels |= {drive.inner_joint, drive.outer_joint}
+            if name in self.joints:
+                drives[self.joints.index(name)] = None
+        for joint in root.iterfind(".//ros2_control/joint"):
+            name = joint.get("name", "")
+            commanded = joint.find("command_interface") is not None
+            if commanded and name in self.joints and name not in through_wheels:
+                drives[self.joints.index(name)] = None
         for k in range(m.nu):
             at_joint = m.actuator_trntype[k] == self.mj.mjtTrn.mjTRN_JOINT
             if at_joint and np.any(m.actuator_gainprm[k]):
@@ -274,6 +338,8 @@ class ForeignModel:
         m, d, eq = self.m, self.d, self.mj.mjtEq
         kind, one, other = eq(int(m.eq_type[k])), m.eq_obj1id[k], m.eq_obj2id[k]
         name = named(m.eq(k), "equality", k)
+        if kind == eq.mjEQ_TENDON and not m.eq(k).name:
+            name = named(m.tendon(one), "equality", k)
         if kind == eq.mjEQ_JOINT and other < 0:
             self.locked.add(one)
         elif kind in (eq.mjEQ_JOINT, eq.mjEQ_TENDON):
@@ -293,6 +359,27 @@ class ForeignModel:
                 self.welds.append((one, other))
             else:
                 self.holds += [(name, (one, other), point) for point in points]
+
+    def _observed_links(self) -> list[ObservedLink]:
+        """Return the bodies whose orientation a sensor reads relative to another body."""
+        m, body = self.m, self.mj.mjtObj.mjOBJ_BODY
+        observed: list[ObservedLink] = []
+        for k in range(m.nsensor):
+            is_orientation = m.sensor_type[k] == self.mj.mjtSensor.mjSENS_FRAMEQUAT
+            kinds = {int(m.sensor_objtype[k]), int(m.sensor_reftype[k])}
+            if not is_orientation or kinds != {int(body)}:
+                continue
+            name = named(m.sensor(k), "output", k)
+            link, reference = int(m.sensor_objid[k]), int(m.sensor_refid[k])
+            # An exported output that points has a site of its name on the link.
+            sites = [
+                site
+                for site in range(m.nsite)
+                if m.site(site).name == name and m.site_bodyid[site] == link
+            ]
+            point = self.d.site_xpos[sites[0]].copy() if sites else None
+            observed.append(ObservedLink(name, link, reference, point))
+        return observed
 
     def _factors(self, k: int, name: str) -> Mapping[int, float]:
         """Return the factors of the rates of joints, by joint, that an equality couples."""

@@ -1,0 +1,124 @@
+"""What an MJCF model is relieved of before MuJoCo compiles it for an import.
+
+Pictures play no part in a mechanism, so files of meshes and textures may be missing. A ball
+joint becomes three hinges, since the import reads joints of one variable.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
+    """Delete what a model reads from files that are missing; return notes on lost masses.
+
+    Parameters
+    ----------
+    mujoco
+        The module.
+    spec
+        The `MjSpec`, which is changed.
+    folder
+        The folder of the model's file, from which paths are relative.
+    """
+
+    def is_missing(file: str, subfolder: str) -> bool:
+        name = Path(file).name if spec.strippath else file
+        return bool(file) and not (folder / subfolder / name).is_file()
+
+    for texture in spec.textures:
+        files = [texture.file, *texture.cubefiles]
+        if any(is_missing(file, spec.texturedir) for file in files):
+            texture.file = ""
+            for side in range(len(texture.cubefiles)):
+                texture.cubefiles[side] = ""
+            texture.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
+            texture.width = texture.height = 1
+    for skin in [*spec.skins]:
+        if is_missing(skin.file, spec.meshdir):
+            spec.delete(skin)
+
+    missing_fields = [x for x in spec.hfields if is_missing(x.file, spec.meshdir)]
+    missing_meshes = [x for x in spec.meshes if is_missing(x.file, spec.meshdir)]
+    files_by_mesh = {
+        mesh.name or Path(mesh.file).stem: mesh.file for mesh in missing_meshes
+    }
+    fields = {field.name or Path(field.file).stem for field in missing_fields}
+    always_from_shapes = (
+        spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    )
+    notes: list[str] = []
+    for body in spec.bodies:
+        for geom in [*body.geoms]:
+            if geom.hfieldname in fields:
+                spec.delete(geom)
+            elif geom.meshname in files_by_mesh:
+                # A shape without mass, or on the ground, adds no inertia.
+                has_inertia = geom.mass != 0.0 and geom.density != 0.0
+                is_counted = always_from_shapes or not body.explicitinertial
+                if has_inertia and is_counted and body.name != "world":
+                    notes.append(
+                        f"the mass of body {body.name} lacks that of mesh {geom.meshname}, "
+                        f"since its file {files_by_mesh[geom.meshname]} is missing"
+                    )
+                spec.delete(geom)
+    for item in [*missing_meshes, *missing_fields]:
+        spec.delete(item)
+    return notes
+
+
+def replace_ball_joints(
+    mujoco: Any, spec: Any
+) -> tuple[Mapping[str, list[str]], list[str]]:
+    """Replace each ball joint by three hinges at right angles.
+
+    Returns
+    -------
+    hinges
+        Names of the hinges about x, y and z of the body, by ball joint.
+    notes
+        What ball joints had and hinges do not have: limits, springs, dampers, actuators.
+    """
+    hinges: dict[str, list[str]] = {}
+    notes: list[str] = []
+    balls = [x for x in spec.joints if x.type == mujoco.mjtJoint.mjJNT_BALL]
+    for number, ball in enumerate(balls):
+        body = ball.parent
+        name = ball.name or f"ball{number}"
+        hinges[name] = [f"{name}_{letter}" for letter in "xyz"]
+        lost = [
+            word
+            for word, value in (
+                ("its limit", ball.limited == mujoco.mjtLimited.mjLIMITED_TRUE),
+                ("its spring", np.any(ball.stiffness)),
+                ("its damper", np.any(ball.damping)),
+                ("its dry friction", ball.frictionloss),
+                ("its armature", ball.armature),
+            )
+            if value
+        ]
+        if lost:
+            notes.append(f"ball joint {name}: {', '.join(lost)} left out")
+        for hinge, axis in zip(hinges[name], np.eye(3), strict=True):
+            body.add_joint(
+                name=hinge, type=mujoco.mjtJoint.mjJNT_HINGE, pos=ball.pos, axis=axis
+            )
+        for actuator in [*spec.actuators]:
+            if actuator.target == ball.name and actuator.trntype in (
+                mujoco.mjtTrn.mjTRN_JOINT,
+                mujoco.mjtTrn.mjTRN_JOINTINPARENT,
+            ):
+                notes.append(f"actuator {actuator.name} left out: it drives a ball joint")
+                spec.delete(actuator)
+        for sensor in [*spec.sensors]:
+            at_joint = sensor.objtype == mujoco.mjtObj.mjOBJ_JOINT
+            if at_joint and sensor.objname == ball.name:
+                spec.delete(sensor)
+        spec.delete(ball)
+    if balls:
+        # Key frames have the variables of the ball joints.
+        for key in [*spec.keys]:
+            spec.delete(key)
+    return hinges, notes

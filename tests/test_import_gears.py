@@ -1,0 +1,274 @@
+"""Couplings and transmissions of other programs become bevel gears with their equations.
+
+What is compared with are the equations themselves: those of the equalities in a MuJoCo model,
+and those of the package transmission_interface of ros_control, which `motor_angles` repeats.
+"""
+
+import re
+
+import numpy as np
+import pytest
+from refusals import HERE
+
+import spherekit as sk
+from spherekit.cli.main import main
+
+pytest.importorskip("mujoco")
+
+FILES = HERE / "files"
+DIFFERENTIAL = (FILES / "diff_wrist.xml").read_text(encoding="utf-8")
+TRANSMISSION = (FILES / "diff_trans.urdf").read_text(encoding="utf-8")
+
+
+def import_text(tmp_path, text, name="model.xml"):
+    """Return what a model becomes."""
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return sk.import_mechanism(path)
+
+
+def rates_of_pairs(mechanism):
+    """Return the rates of all R pairs by name, one column (inputs,) for each input's rate."""
+    inputs = [item.pair for item in mechanism.inputs]
+    at = [item.start + 0.3 * (item.stop - item.start) for item in mechanism.inputs]
+    state = sk.evaluate(mechanism, [at], assembly_mode=0)
+    assert state.status[0] == sk.Status.OK
+    return {
+        pair.name: np.array(
+            [state.variable_coefficient(pair.name, item)[0] for item in inputs]
+        )
+        for pair in mechanism.pairs
+        if pair.type == "R"
+    }
+
+
+def sums_of_tendons(text):
+    """Return the couplings of a model: factors by joint."""
+    return [
+        {joint: float(factor) for joint, factor in re.findall(r'joint="(\w+)" coef="(\S+)"', x)}
+        for x in re.findall(r"<fixed.*?</fixed>", text)
+    ]
+
+
+def with_tendons(*sums):
+    """Return the differential wrist with other couplings: factors of its four joints."""
+    joints = "m_l", "m_r", "pitch", "roll"
+    tendons = "".join(
+        f'<fixed name="t{k}">'
+        + "".join(
+            f'<joint joint="{joint}" coef="{factor!r}"/>'
+            for joint, factor in zip(joints, factors, strict=True)
+            if factor
+        )
+        + "</fixed>"
+        for k, factors in enumerate(sums)
+    )
+    equalities = "".join(f'<tendon tendon1="t{k}"/>' for k in range(len(sums)))
+    text = re.sub(r"<tendon>.*</tendon>", f"<tendon>{tendons}</tendon>", DIFFERENTIAL, 1, re.S)
+    return re.sub(
+        r"<equality>.*</equality>", f"<equality>{equalities}</equality>", text, 1, re.S
+    )
+
+
+COUPLINGS = {
+    "sum and difference": [(1.0, 1.0, -2.0, 0.0), (1.0, -1.0, 0.0, -2.0)],
+    "difference first": [(1.0, -1.0, 0.0, -2.0), (1.0, 1.0, -2.0, 0.0)],
+    "each motor by itself": [(1.0, 0.0, -1.0, -1.0), (0.0, 1.0, -1.0, 1.0)],
+    "unequal wheels": [(1.0, 0.5, -1.5, 0.0), (1.0, -1.0, 0.0, -3.0)],
+    "three equations, one too many": [
+        (1.0, 1.0, -2.0, 0.0),
+        (1.0, -1.0, 0.0, -2.0),
+        (2.0, 0.0, -2.0, -2.0),
+    ],
+    "one motor couples, one turns the cage": [(1.0, 0.0, -1.0, -0.4), (0.0, 1.0, -2.5, 0.0)],
+    "motors geared to the joints": [(1.0, 0.0, -30.0, 0.0), (0.0, 1.0, -1.0, 7.0)],
+}
+
+
+@pytest.mark.parametrize("name", COUPLINGS)
+def test_a_differential_by_tendons_keeps_its_equations(name, tmp_path):
+    text = with_tendons(*COUPLINGS[name])
+    rates = rates_of_pairs(import_text(tmp_path, text).mechanism)
+    for factors in sums_of_tendons(text):
+        total = sum(factor * rates[joint] for joint, factor in factors.items())
+        assert total == pytest.approx(np.zeros(2), abs=1e-12)
+
+
+def test_the_usual_differential_by_the_command(tmp_path, capsys):
+    target = tmp_path / "wrist.toml"
+    assert main(["import", str(FILES / "diff_wrist.xml"), "-o", str(target)]) == 0
+    assert "armature" not in capsys.readouterr().err
+    mechanism = sk.load(target)
+    rates = rates_of_pairs(mechanism)
+    # pitch = (l + r) / 2, roll = (l - r) / 2: the sum and the difference of the file, solved.
+    assert rates["pitch"] == pytest.approx([0.5, 0.5], abs=1e-13)
+    assert rates["roll"] == pytest.approx([0.5, -0.5], abs=1e-13)
+    assert {pair.name for pair in mechanism.pairs if pair.type == "Cr"} == {"sum", "dif"}
+    assert [output.link for output in mechanism.outputs] == ["hand"]
+    # The limit of the pitch, 1.2 rad, bounds both motors; with 2.8 rad that of the roll does not.
+    assert [item.stop for item in mechanism.inputs] == pytest.approx([1.2, 1.2], rel=1e-12)
+    assert main(["run", str(target), "--samples", "3x3", "-q"]) == 0
+
+
+GEARS = (FILES / "import_gears.xml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("ratio", [2.0, -0.25, 1.0, 30.0, -1.0])
+def test_coaxial_joints_at_a_ratio_get_an_idler_wheel(ratio, tmp_path):
+    found = import_text(tmp_path, GEARS.format(axis="0 0 1", ratio=ratio, bent=0))
+    assert "idler wheel was added" in found.text
+    rates = rates_of_pairs(found.mechanism)
+    assert rates["two"] == pytest.approx(ratio * rates["one"], abs=1e-12 * abs(ratio))
+
+
+def test_couplings_without_gears_are_refused_in_plain_words(tmp_path):
+    """Joints of two branches that share no crossing axes on one carrier."""
+    text = with_tendons((1.0, 0.0, 1.0, 2.0))
+    text = text.replace('<joint name="roll" axis="0 0 1"', '<joint name="roll" axis="0 1 0"')
+    with pytest.raises(sk.SpherekitError) as refused:
+        import_text(tmp_path, text)
+    message = str(refused.value)
+    assert "joints are coupled by t0" in message
+    assert "between m_l, pitch, roll" in message and "copy of the file" in message
+
+
+def motor_angles(kind, actuators, joints, q):
+    """Return the angles of two actuators by the equations of transmission_interface."""
+    (n_a1, n_a2), (n_j1, n_j2) = actuators, joints
+    if kind == "Differential":
+        return n_a1 * (n_j1 * q[0] + n_j2 * q[1]), n_a2 * (n_j1 * q[0] - n_j2 * q[1])
+    return n_a1 * n_j1 * q[0], n_a2 * (q[0] + n_j2 * q[1])
+
+
+def transmission(kind, actuators, joints, form="ros_control"):
+    """Return a URDF of two joints with a transmission of the given reductions."""
+    names = ("m_l", "m_r"), ("pitch", "roll")
+    items = []
+    for tag, of_tag, reductions in zip(
+        ("actuator", "joint"), names, (actuators, joints), strict=True
+    ):
+        for k, (name, reduction) in enumerate(zip(of_tag, reductions, strict=True), 1):
+            if form == "ros_control":
+                items.append(
+                    f'<{tag} name="{name}"><role>{tag}{k}</role>'
+                    f"<mechanicalReduction>{reduction!r}</mechanicalReduction></{tag}>"
+                )
+            else:
+                items.append(
+                    f'<{tag} name="{name}" role="{tag}{k}">'
+                    f"<mechanical_reduction>{reduction!r}</mechanical_reduction></{tag}>"
+                )
+    # In any order: the roles say which is the first.
+    text = "".join(reversed(items))
+    full = f"transmission_interface/{kind}Transmission"
+    if form == "ros_control":
+        element = f'<transmission name="wrist"><type>{full}</type>{text}</transmission>'
+    else:
+        element = (
+            '<ros2_control name="arm" type="system"><joint name="pitch">'
+            '<command_interface name="position"/></joint><joint name="roll">'
+            '<command_interface name="position"/></joint>'
+            f'<transmission name="wrist"><plugin>{full}</plugin>{text}</transmission>'
+            "</ros2_control>"
+        )
+    return re.sub(r"<transmission.*</transmission>", element, TRANSMISSION, flags=re.S)
+
+
+@pytest.mark.parametrize("form", ["ros_control", "ros2_control"])
+@pytest.mark.parametrize(
+    ("kind", "actuators", "joints"),
+    [
+        ("Differential", (30.0, 30.0), (1.0, 1.0)),
+        ("Differential", (50.0, -50.0), (2.0, 1.5)),
+        ("Differential", (1.0, 12.0), (-1.0, 0.3)),
+        ("FourBarLinkage", (20.0, 20.0), (1.0, 1.0)),
+        ("FourBarLinkage", (-8.0, 5.0), (2.0, -0.7)),
+    ],
+)
+def test_motors_turn_as_transmission_interface_says(kind, actuators, joints, form, tmp_path):
+    text = transmission(kind, actuators, joints, form)
+    found = import_text(tmp_path, text, "wrist.urdf")
+    mechanism = found.mechanism
+    rates = rates_of_pairs(mechanism)
+    # What the notes say of the motors, read back.
+    ratios = {
+        motor: float(ratio)
+        for motor, ratio in re.findall(r"motor (\w+) .*turns (\S+) times as far", found.text)
+    }
+    inputs = [item.pair for item in mechanism.inputs]
+    for k in range(2):
+        q = rates["pitch"][k], rates["roll"][k]
+        for motor, expected in zip(
+            ("m_l", "m_r"), motor_angles(kind, actuators, joints, q), strict=True
+        ):
+            pair = motor if motor in inputs else "pitch"
+            assert ratios.get(motor, 1.0) * rates[pair][k] == pytest.approx(
+                expected, rel=1e-12, abs=1e-12
+            )
+
+
+def test_a_differential_of_a_urdf_by_the_command(tmp_path, capsys):
+    target = tmp_path / "wrist.toml"
+    assert main(["import", str(FILES / "diff_trans.urdf"), "-o", str(target)]) == 0
+    told = capsys.readouterr().err
+    assert "motor m_l of transmission wrist drives bevel wheel m_l" in told
+    assert "turns 30 times as far as the wheel" in told
+    mechanism = sk.load(target)
+    assert [item.pair for item in mechanism.inputs] == ["m_l", "m_r"]
+    rates = rates_of_pairs(mechanism)
+    assert rates["pitch"] == pytest.approx([0.5, 0.5], abs=1e-13)
+
+
+def test_a_simple_reduction_is_said(tmp_path):
+    element = (
+        '<transmission name="drive"><type>transmission_interface/SimpleTransmission</type>'
+        '<joint name="pitch"/><actuator name="motor"><mechanicalReduction>50'
+        "</mechanicalReduction></actuator></transmission>"
+    )
+    text = re.sub(r"<transmission.*</transmission>", element, TRANSMISSION, flags=re.S)
+    found = import_text(tmp_path, text, "wrist.urdf")
+    assert "motor of transmission drive turns 50 times as far as joint pitch" in found.text
+
+
+def test_a_wheel_has_a_name_of_its_own(tmp_path):
+    text = TRANSMISSION.replace('actuator name="m_l"', 'actuator name="cage"')
+    found = import_text(tmp_path, text, "wrist.urdf")
+    assert "cage_wheel" in found.mechanism.links
+    assert len(found.mechanism.inputs) == 2
+
+
+def test_an_unknown_transmission_is_said(tmp_path):
+    text = TRANSMISSION.replace("DifferentialTransmission", "HarmonicTransmission")
+    found = import_text(tmp_path, text, "wrist.urdf")
+    assert "of type HarmonicTransmission is not known" in found.text
+    assert [item.pair for item in found.mechanism.inputs] == ["pitch", "roll"]
+
+
+REFUSED = {
+    "zero": (
+        TRANSMISSION.replace(">30<", ">0<", 1),
+        'reduction of actuator m_l is "0"; it has to be a number other than zero',
+    ),
+    "word": (TRANSMISSION.replace(">1.0<", ">fast<", 1), 'of joint pitch is "fast"'),
+    "one actuator": (
+        re.sub(r'<actuator name="m_r">.*?</actuator>', "", TRANSMISSION),
+        "has 2 actuators and 2 joints; found 1 actuator",
+    ),
+    "no such joint": (
+        TRANSMISSION.replace('<joint name="roll"><role>', '<joint name="rool"><role>'),
+        'there is no joint "rool" that turns',
+    ),
+    "side by side": (
+        TRANSMISSION.replace('<parent link="cage"/>', '<parent link="forearm"/>'),
+        "neither of them is on the link that the other one turns",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", REFUSED)
+def test_a_transmission_that_cannot_be_is_refused(fault, tmp_path):
+    text, fragment = REFUSED[fault]
+    with pytest.raises(sk.SpherekitError) as refused:
+        import_text(tmp_path, text, "wrist.urdf")
+    assert fragment in str(refused.value)
+    assert "transmission wrist" in str(refused.value)
