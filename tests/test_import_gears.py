@@ -1,7 +1,7 @@
 """Couplings and transmissions of other programs become bevel gears with their equations.
 
-What is compared with are the equations themselves: those of the equalities in a MuJoCo model,
-and those of the package transmission_interface of ros_control, which `motor_angles` repeats.
+They are compared with the equations themselves: those of the equalities in a MuJoCo model,
+and those of the package transmission_interface of ros_control, in `motor_angles`.
 """
 
 import re
@@ -28,7 +28,7 @@ def import_text(tmp_path, text, name="model.xml"):
 
 
 def rates_of_pairs(mechanism):
-    """Return the rates of all R pairs by name, one column (inputs,) for each input's rate."""
+    """Return the rates (inputs,) of all R pairs by name, one for the rate of each input."""
     inputs = [item.pair for item in mechanism.inputs]
     at = [item.start + 0.3 * (item.stop - item.start) for item in mechanism.inputs]
     state = sk.evaluate(mechanism, [at], assembly_mode=0)
@@ -44,9 +44,10 @@ def rates_of_pairs(mechanism):
 
 def sums_of_tendons(text):
     """Return the couplings of a model: factors by joint."""
+    terms = re.compile(r'joint="(\w+)" coef="(\S+)"')
     return [
-        {joint: float(factor) for joint, factor in re.findall(r'joint="(\w+)" coef="(\S+)"', x)}
-        for x in re.findall(r"<fixed.*?</fixed>", text)
+        {joint: float(factor) for joint, factor in terms.findall(tendon)}
+        for tendon in re.findall(r"<fixed.*?</fixed>", text)
     ]
 
 
@@ -64,10 +65,10 @@ def with_tendons(*sums):
         for k, factors in enumerate(sums)
     )
     equalities = "".join(f'<tendon tendon1="t{k}"/>' for k in range(len(sums)))
-    text = re.sub(r"<tendon>.*</tendon>", f"<tendon>{tendons}</tendon>", DIFFERENTIAL, 1, re.S)
-    return re.sub(
-        r"<equality>.*</equality>", f"<equality>{equalities}</equality>", text, 1, re.S
-    )
+    text = DIFFERENTIAL
+    for tag, content in (("tendon", tendons), ("equality", equalities)):
+        text = re.sub(f"<{tag}>.*</{tag}>", f"<{tag}>{content}</{tag}>", text, flags=re.S)
+    return text
 
 
 COUPLINGS = {
@@ -80,7 +81,7 @@ COUPLINGS = {
         (1.0, -1.0, 0.0, -2.0),
         (2.0, 0.0, -2.0, -2.0),
     ],
-    "one motor couples, one turns the cage": [(1.0, 0.0, -1.0, -0.4), (0.0, 1.0, -2.5, 0.0)],
+    "one turns the cage": [(1.0, 0.0, -1.0, -0.4), (0.0, 1.0, -2.5, 0.0)],
     "motors geared to the joints": [(1.0, 0.0, -30.0, 0.0), (0.0, 1.0, -1.0, 7.0)],
 }
 
@@ -100,12 +101,12 @@ def test_the_usual_differential_by_the_command(tmp_path, capsys):
     assert "armature" not in capsys.readouterr().err
     mechanism = sk.load(target)
     rates = rates_of_pairs(mechanism)
-    # pitch = (l + r) / 2, roll = (l - r) / 2: the sum and the difference of the file, solved.
+    # The sum and the difference of the file, solved: pitch (l + r) / 2, roll (l - r) / 2.
     assert rates["pitch"] == pytest.approx([0.5, 0.5], abs=1e-13)
     assert rates["roll"] == pytest.approx([0.5, -0.5], abs=1e-13)
     assert {pair.name for pair in mechanism.pairs if pair.type == "Cr"} == {"sum", "dif"}
     assert [output.link for output in mechanism.outputs] == ["hand"]
-    # The limit of the pitch, 1.2 rad, bounds both motors; with 2.8 rad that of the roll does not.
+    # The limit of the pitch, 1.2 rad, bounds both motors; that of the roll is wider.
     assert [item.stop for item in mechanism.inputs] == pytest.approx([1.2, 1.2], rel=1e-12)
     assert main(["run", str(target), "--samples", "3x3", "-q"]) == 0
 
@@ -124,7 +125,7 @@ def test_coaxial_joints_at_a_ratio_get_an_idler_wheel(ratio, tmp_path):
 def test_couplings_without_gears_are_refused_in_plain_words(tmp_path):
     """Joints of two branches that share no crossing axes on one carrier."""
     text = with_tendons((1.0, 0.0, 1.0, 2.0))
-    text = text.replace('<joint name="roll" axis="0 0 1"', '<joint name="roll" axis="0 1 0"')
+    text = text.replace('name="roll" axis="0 0 1"', 'name="roll" axis="0 1 0"')
     with pytest.raises(sk.SpherekitError) as refused:
         import_text(tmp_path, text)
     message = str(refused.value)
@@ -185,16 +186,16 @@ def transmission(kind, actuators, joints, form="ros_control"):
         ("FourBarLinkage", (-8.0, 5.0), (2.0, -0.7)),
     ],
 )
-def test_motors_turn_as_transmission_interface_says(kind, actuators, joints, form, tmp_path):
+def test_motors_turn_by_the_equations_of_transmissions(
+    kind, actuators, joints, form, tmp_path
+):
     text = transmission(kind, actuators, joints, form)
     found = import_text(tmp_path, text, "wrist.urdf")
     mechanism = found.mechanism
     rates = rates_of_pairs(mechanism)
     # What the notes say of the motors, read back.
-    ratios = {
-        motor: float(ratio)
-        for motor, ratio in re.findall(r"motor (\w+) .*turns (\S+) times as far", found.text)
-    }
+    told = re.findall(r"motor (\w+) .*turns (\S+) times as far", found.text)
+    ratios = {motor: float(ratio) for motor, ratio in told}
     inputs = [item.pair for item in mechanism.inputs]
     for k in range(2):
         q = rates["pitch"][k], rates["roll"][k]

@@ -7,7 +7,7 @@ engine that weighs constraints by the mobility of centres of mass needs centres 
 O, or it is wrong by radians without a word.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,9 +26,17 @@ from spherekit.motion.closure import Closure
 from spherekit.planning.wheels import on_carrier, rolled_angles
 from spherekit.sphere.rotation import all_finite
 
-SMALL = 1e-6
-"""Bodies without inertia get this part of the largest one: no engine moves massless
-bodies."""
+LIGHT_END = 1e-6
+"""Part of the largest inertia that a link without mass gets where no mass follows it in the
+tree. Smaller: a load on it, or the loop that it closes, is followed less exactly, because
+engines weigh constraints by the mobility of the bodies; larger: the motion lags."""
+
+LIGHT_CARRIER = 1e-9
+"""The same of a link without mass that carries others with mass. These move with it, so it
+may be much lighter. Larger: the motion lags by as much."""
+
+LEAST_INERTIA = 1e-14
+"""kg m2 below which no link is made; MuJoCo refuses less than 1e-15."""
 
 AT_CENTRE = 1e-9
 """Centres of mass nearer to O than this part of the radius of gyration are at O."""
@@ -71,7 +79,7 @@ class RigidBodies(NamedTuple):
     the centres of circles that slide on each other. `cuts` close loops. `ratios` are what
     rolling contacts say: factors by hinge, whose sum of rates is zero. `rotations`
     (links, 3, 3) are from link axes. `made_up` says that the mechanism has no masses and
-    its links were given some.
+    its links were given some. `light_ends` are links without mass at the ends of the tree.
     """
 
     mechanism: Mechanism
@@ -81,6 +89,7 @@ class RigidBodies(NamedTuple):
     bodies: tuple[BodyInertia, ...]
     rotations: Floats
     made_up: bool
+    light_ends: tuple[str, ...]
 
 
 def rigid_bodies(
@@ -113,7 +122,21 @@ def rigid_bodies(
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"
         )
     at = Closure.of(mechanism, joints_of(mechanism)).at(values[None])
-    ways = _tree(mechanism, [*mechanism.input_pairs, *hinged])
+    masses, made_up = _masses(mechanism)
+    weightless = {
+        link
+        for link in mechanism.links[1:]
+        if link not in masses or not np.any(masses[link][0])
+    }
+    # Loops are cut between links with mass if that can be: engines keep a loop softly where
+    # a light link closes it.
+    beside_weightless = [
+        pair.name
+        for pair in mechanism.pairs
+        if pair.kind.has_axis and not weightless.isdisjoint(pair.links)
+    ]
+    ways = _tree(mechanism, [*mechanism.input_pairs, *beside_weightless, *hinged])
+    light_ends = _light_ends(mechanism, ways, weightless)
     held = [pair for pair, _, _ in ways]
     pairs, links, ends = mechanism.pairs, mechanism.links, mechanism.ends
 
@@ -122,9 +145,16 @@ def rigid_bodies(
         name = pairs[pair].name
         return Hinge(name, links[one], links[other], axis, values[mechanism.angles[name]])
 
-    masses, made_up = _masses(mechanism)
     hinges = [hinge(*way) for way in ways]
-    bodies = [_body(masses, links[child], at.placed[0, child]) for _, _, child in ways]
+    bodies = [
+        _body(
+            masses,
+            links[child],
+            at.placed[0, child],
+            LIGHT_END if links[child] in light_ends else LIGHT_CARRIER,
+        )
+        for _, _, child in ways
+    ]
     cuts, ratios = [], {}
     for k, pair in enumerate(pairs):
         if pair.kind.has_axis:
@@ -140,9 +170,40 @@ def rigid_bodies(
             )
             hinges.append(Hinge(name, pair.links[0], name, first, 0.0))
             cuts.append(Hinge(pair.name, name, pair.links[1], second, 0.0))
-            bodies.append(_body(masses, name, np.eye(3)))
-    parts = tuple(hinges), tuple(cuts), ratios, tuple(bodies)
-    return RigidBodies(mechanism, *parts, at.placed[0], made_up)
+            bodies.append(_body(masses, name, np.eye(3), LIGHT_END))
+    return RigidBodies(
+        mechanism,
+        tuple(hinges),
+        tuple(cuts),
+        ratios,
+        tuple(bodies),
+        at.placed[0],
+        made_up,
+        tuple(light_ends),
+    )
+
+
+def _light_ends(
+    mechanism: Mechanism, ways: Sequence[tuple[int, int, int]], weightless: Collection[str]
+) -> list[str]:
+    """Return the links without mass that carry no mass in the tree, in its order.
+
+    Parameters
+    ----------
+    ways
+        (pair, parent, child) of the tree, by number, depth first.
+    weightless
+        Names of the links without mass.
+    """
+    carries_mass = set[int]()
+    for _, parent, child in reversed(ways):
+        if mechanism.links[child] not in weightless or child in carries_mass:
+            carries_mass.add(parent)
+    return [
+        mechanism.links[child]
+        for _, _, child in ways
+        if mechanism.links[child] in weightless and child not in carries_mass
+    ]
 
 
 def _shaped(pair: Pair) -> Lines:
@@ -229,12 +290,15 @@ def spokes(joints: Floats) -> Floats:
     return np.stack([0.0 * joints, joints], axis=1)
 
 
-def _body(masses: Mapping[str, Inertia], link: str, turn: Floats) -> BodyInertia:
+def _body(
+    masses: Mapping[str, Inertia], link: str, turn: Floats, light: float
+) -> BodyInertia:
+    """Return the inertia of a link; without any, `light` of the largest one."""
     tensor, mass, centre = masses.get(link, (np.zeros((3, 3)), None, None))
     about_O = turn @ tensor @ turn.T
     if not np.any(tensor):
         most = max(np.trace(other) for other, _, _ in masses.values())
-        about_O, mass = SMALL * most * np.eye(3), None
+        about_O, mass = max(light * most, LEAST_INERTIA) * np.eye(3), None
     stated: Any = False
     if mass is not None and centre is not None:
         stated = np.linalg.norm(centre) > AT_CENTRE * np.sqrt(np.trace(about_O) / mass)

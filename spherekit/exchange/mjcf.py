@@ -22,7 +22,8 @@ from spherekit.engine.expression_graph import (
 )
 from spherekit.errors import EngineError
 from spherekit.exchange.bodies import (
-    SMALL,
+    LIGHT_CARRIER,
+    LIGHT_END,
     BodyInertia,
     Hinge,
     rigid_bodies,
@@ -239,6 +240,11 @@ class MujocoModel:
         notes += [f"load {name} left out: {reason}" for name, reason in lost.items()]
         notes += () if made.made_up else self._otherwise
         weighed = {mass.link for mass in mechanism.masses if np.any(mass.tensor)}
+        light = [
+            body.link
+            for body in made.bodies
+            if body.link not in weighed and not made.made_up
+        ]
         bodies, limits = made.bodies, (stop.pair for stop in mechanism.joint_limits)
         for words, named in (
             (
@@ -252,8 +258,15 @@ class MujocoModel:
                 (b.link for b in bodies if not b.stated and b.link in weighed),
             ),
             (
-                f"links without mass were given {SMALL:g} of the largest inertia: {{}}",
-                (b.link for b in bodies if b.link not in weighed and not made.made_up),
+                f"links without mass were given {LIGHT_CARRIER:g} of the largest inertia: "
+                "{}",
+                (link for link in light if link not in made.light_ends),
+            ),
+            (
+                f"links without mass were given {LIGHT_END:g} of the largest inertia, and "
+                "the loops that they close are soft, so that the motion is not exact; its "
+                "error falls with the square of the timestep: {}",
+                (link for link in light if link in made.light_ends),
             ),
         ):
             if told := listing(named):
