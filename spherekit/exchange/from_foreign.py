@@ -398,9 +398,9 @@ class ForeignTables:
             return float(np.pi)
         pairs = self.pairs
         equations = np.vstack([self._velocity_equations(), np.eye(len(pairs))[inputs]])
-        known = np.zeros((len(equations), len(inputs)))
-        known[-len(inputs) :] = np.eye(len(inputs))
-        rates = np.linalg.lstsq(equations, known, rcond=None)[0]
+        input_rates = np.zeros((len(equations), len(inputs)))
+        input_rates[-len(inputs) :] = np.eye(len(inputs))
+        rates = np.linalg.lstsq(equations, input_rates, rcond=None)[0]
         half_width = float(np.pi)
         for pair, row in zip(pairs, np.abs(rates), strict=True):
             reach = sum(row[inputs.index(k)] for k in unlimited)

@@ -163,7 +163,7 @@ def _kind(item: Element) -> str:
 
 def _ends(item: Element, tag: str, where: str) -> list[_End]:
     """Return the actuators or joints of a transmission in the order of their roles."""
-    found: list[tuple[str, _End]] = []
+    ends: list[tuple[str, _End]] = []
     for child in item.findall(tag):
         name = child.get("name", "")
         role = child.get("role") or child.findtext("role") or ""
@@ -178,10 +178,10 @@ def _ends(item: Element, tag: str, where: str) -> list[_End]:
                 f'{where}: the mechanical reduction of {tag} {name} is "{text.strip()}"; '
                 "it has to be a number other than zero"
             )
-        found.append((role, _End(name, reduction)))
-    if all(role for role, _ in found):
-        found.sort(key=lambda end: end[0])
-    return [end for _, end in found]
+        ends.append((role, _End(name, reduction)))
+    if all(role for role, _ in ends):
+        ends.sort(key=lambda end: end[0])
+    return [end for _, end in ends]
 
 
 def _carried_links(root: Element) -> Mapping[str, tuple[str, str]]:
