@@ -15,8 +15,15 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import TURN, Names, listing, nearest
-from spherekit.engine.algebra import Exprs, cofactors, cross, determinant, singular_values
+from spherekit.conventions import NO_MOTION, TURN, Names, listing, nearest
+from spherekit.engine.algebra import (
+    Exprs,
+    cofactors,
+    cross,
+    determinant,
+    singular_values,
+    vector,
+)
 from spherekit.engine.dyads import angle_of, place_by_inputs
 from spherekit.engine.expression_graph import (
     Expr,
@@ -100,10 +107,10 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     to ground axes, ``angular_velocity_LINK_x`` by q and its derivative
     ``angular_velocity_dq_LINK_x``; of two links ``velocity_coefficient_LINK_OTHER``,
     ``acceleration_coefficient_LINK_OTHER`` and ``pole_LINK_OTHER_x``, the unit vector that
-    times the velocity coefficient is their relative angular velocity; of outputs that point
-    ``direction_OUTPUT_x`` in the axes of the link they are seen from; with several inputs
-    ``condition_number_OUTPUT`` of how it turns by them, or of how its direction moves by
-    two, and ``jacobian_determinant_OUTPUT`` where that is square;
+    times the velocity coefficient is their relative angular velocity, NaN where they rest;
+    of outputs that point ``direction_OUTPUT_x`` in the axes of the link they are seen from;
+    with several inputs ``condition_number_OUTPUT`` of how it turns by them, or of how its
+    direction moves by two, and ``jacobian_determinant_OUTPUT`` where that is square;
     ``transmission_angle_PAIR`` of the dyad in whose middle a pair is; ``determinant``, 0
     where the inputs do not say how all else moves. Where links have masses ``B``,
     ``dB_dq``, ``kinetic_energy``, ``torque``, and ``free_acceleration`` of the input
@@ -469,21 +476,51 @@ class VariedTerms:
                 return function("sqrt", dot(turning, turning))
             first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
             return rates[variable] * (1.0 if first == other else -1.0)
+        if self._rest_together(one, two, moving):
+            return 0.0
         # A unit axis turns at right angles to itself.
         turned = self._turned[moving]
-        return dot(turned[link] - turned[other], self.pole(one, two, moving))
+        direction = self._relative_direction(one, two, moving)
+        return dot(turned[link] - turned[other], direction)
 
     def pole(self, one: str, two: str, moving: int) -> Exprs:
         """Return the unit vector (3,) of two links' pole axis in ground axes.
 
-        Times the velocity coefficient it is their relative angular velocity by an input.
+        Times the velocity coefficient it is their relative angular velocity by an input. It
+        is NaN where the links rest relative to each other and have no pole.
         """
+        if self._rest_together(one, two, moving):
+            return vector([np.nan] * 3)
+        direction = self._relative_direction(one, two, moving)
+        link, other = self.mechanism.link(one), self.mechanism.link(two)
+        if self.mechanism.angle_between(link, other) is not None:
+            return direction  # the axis of a pair is there while the pair rests
+        w = self._moved[moving][1]
+        spin, turning = w[max(link, other)], w[link] - w[other]
+        # Of links that rest, what rounding leaves of the rate has a direction too. As in a
+        # run, links rest below a part of their own rates. The root of the sign is 1 or NaN.
+        least = NO_MOTION**2 * function("maximum", 1.0, dot(spin, spin))
+        moves = function("sqrt", sign_of(dot(turning, turning) - least))
+        return direction * moves
+
+    def _relative_direction(self, one: str, two: str, moving: int) -> Exprs:
+        """Return the unit vector (3,) of two links' relative angular velocity, or axis."""
         link, other = self.mechanism.link(one), self.mechanism.link(two)
         variable = self.mechanism.angle_between(link, other)
         if variable is not None:
             return self.flow.vectors[variable]
         w = self._moved[moving][1]
         return (w[link] - w[other]) * (1.0 / self.coefficient(one, two, "velocity", moving))
+
+    def _rest_together(self, one: str, two: str, moving: int) -> bool:
+        """Return whether inputs at rest hold two links together while an input moves.
+
+        Then the difference of their angular velocities is zero as an expression, and not
+        only at some configurations.
+        """
+        w = self._moved[moving][1]
+        turning = w[self.mechanism.link(one)] - w[self.mechanism.link(two)]
+        return not any(isinstance(x, ExpressionNode) or x != 0.0 for x in turning)
 
     @property
     def _speeds(self) -> Sequence[Expr]:

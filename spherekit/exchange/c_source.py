@@ -38,6 +38,7 @@ C = Language(
     _TABLE.format(scalar="double"),
     " * ",
     HELPERS,
+    "NAN",
 )
 CPP = Language(
     "C++",
@@ -49,6 +50,7 @@ CPP = Language(
         name: _TEMPLATE + text.removeprefix("static inline ").replace("double", "Scalar")
         for name, text in HELPERS.items()
     },
+    "Scalar(NAN)",
 )
 
 SERIES = """\

@@ -34,7 +34,8 @@ class Language:
 
     `operations` are formats by the name of an operation of terms, `helpers` what some of
     these need, `assignment` is that of a name, `table` that of what a table gives,
-    `comment` begins a line, and `index` is the number of the first place of an array.
+    `comment` begins a line, `not_a_number` is the constant NaN, and `index` is the number
+    of the first place of an array.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Language:
     table: str
     comment: str
     helpers: Mapping[str, str]
+    not_a_number: str
     index: int = 0
 
 
@@ -129,6 +131,8 @@ class Source:
     def _part(self, item: Expr, called: Mapping[ExpressionNode, str]) -> str:
         if isinstance(item, ExpressionNode):
             return called[item]
+        if np.isnan(item):
+            return self.language.not_a_number
         text = number(float(item))
         return f"({text})" if text[0] == "-" else text
 

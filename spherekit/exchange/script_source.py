@@ -23,6 +23,7 @@ JS = Language(
     "  const table_{k} = {name}_table_{k}({place});",
     "// ",
     {},
+    "NaN",
 )
 JULIA = Language(
     "Julia",
@@ -43,6 +44,7 @@ JULIA = Language(
         name: f"{name}_or_nan(x) = {where} ? oftype(float(x), NaN) : {name}(x)\n"
         for name, where in _RAISE.items()
     },
+    "NaN",
     1,
 )
 PYTHON = Language(
@@ -61,6 +63,7 @@ PYTHON = Language(
     "        table_{k} = _table_{k}({place})",
     "# ",
     {},
+    "np.nan",
 )
 CASADI = Language(
     "Python",
@@ -76,6 +79,7 @@ CASADI = Language(
     "    table_{k} = _table_{k}({place})",
     "# ",
     {},
+    'float("nan")',
 )
 
 
@@ -293,7 +297,7 @@ def casadi(source: Source) -> str:
         source,
         _SERIES_CASADI,
         "    s = s - ca.floor((s - {low}) / {length}) * {length}\n",
-        "    s = ca.if_else((s >= {low}) * (s <= {high}), s, ca.nan)\n",
+        "    s = ca.if_else((s >= {low}) * (s <= {high}), s, float(\"nan\"))\n",
     )
     counts = zip(source.given, map(len, (of.motion, of.places, of.sizes)), strict=True)
     symbols = [f'    {word} = ca.SX.sym("{word}", {n})' for word, n in counts]
