@@ -1,20 +1,21 @@
 """Tables for the pages of notebooks."""
 
 from collections.abc import Iterable, Sequence
-from html import escape
 from typing import Any
+
+from spherekit.escaping import html_text
 
 
 def html_table(
     header: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = ""
 ) -> str:
     """Return a table as HTML, every text in it escaped."""
-    head = "".join(f"<th>{escape(str(title))}</th>" for title in header)
+    head = "".join(f"<th>{html_text(title)}</th>" for title in header)
     body = "".join(
-        "<tr>" + "".join(f"<td>{escape(shown(cell))}</td>" for cell in row) + "</tr>"
+        "<tr>" + "".join(f"<td>{html_text(shown(cell))}</td>" for cell in row) + "</tr>"
         for row in rows
     )
-    words = f"<caption>{escape(caption)}</caption>" if caption else ""
+    words = f"<caption>{html_text(caption)}</caption>" if caption else ""
     return f"<table>{words}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
@@ -22,8 +23,8 @@ def html_list(title: str, lines: Sequence[str]) -> str:
     """Return a titled list as HTML, escaped; nothing without lines."""
     if not lines:
         return ""
-    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f"<p><b>{escape(title)}</b></p><ul>{items}</ul>"
+    items = "".join(f"<li>{html_text(line)}</li>" for line in lines)
+    return f"<p><b>{html_text(title)}</b></p><ul>{items}</ul>"
 
 
 def shown(value: Any) -> str:

@@ -18,10 +18,11 @@ from spherekit.analysis.execution import Execution
 from spherekit.model.study import Study
 
 LAYERS = """
-arrays errors conventions guarantee version progress > api_validation argument_validation
-budget lazy_imports markup resources > numeric > sphere > model region > files planning >
-motion > rates > engine > singular output guidance proof > dynamics workspace > analysis >
-tradeoff design > figures view > exchange > pages > front > conformance > plugin > cli
+arrays errors conventions escaping guarantee version progress > api_validation
+argument_validation budget lazy_imports markup resources > numeric > sphere > model
+region > files planning > motion > rates > engine > singular output guidance proof >
+dynamics workspace > analysis > tradeoff design > figures view > exchange > pages >
+front > conformance > plugin > cli
 """
 """Each layer may import only layers named before it, and itself."""
 

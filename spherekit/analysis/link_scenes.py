@@ -8,6 +8,7 @@ import numpy as np
 from spherekit.analysis.scene import Body, Graph, Scene, Series, Text
 from spherekit.arrays import Floats
 from spherekit.conventions import listing
+from spherekit.escaping import markdown_text
 from spherekit.model.gears import joints_of, link_axes
 from spherekit.model.graph import layout
 from spherekit.model.mechanism import Mechanism
@@ -40,8 +41,9 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
         locked = mechanism.names_of(plan.locked)
         base, link = driven.links
         lines.append(
-            f"Input: pair {driven.name}, link {link} relative to {base}"
-            f"{f'; locked: {listing(locked)}' if locked else ''}."
+            f"Input: pair {markdown_text(driven.name)}, "
+            f"link {markdown_text(link)} relative to {markdown_text(base)}"
+            f"{f'; locked: {listing(map(markdown_text, locked))}' if locked else ''}."
         )
         lines += ["", as_markdown(plan), ""]
         steps = [
@@ -55,7 +57,7 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
         "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part."
     )
     if mechanism.source is not None:
-        lines += ["", f"Source: {mechanism.source.citation}"]
+        lines += ["", f"Source: {markdown_text(mechanism.source.citation)}"]
     return Scene(None, (shapes[0], Text("plan", "Plan", "\n".join(lines))))
 
 

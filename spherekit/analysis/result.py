@@ -4,7 +4,6 @@ import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -34,6 +33,7 @@ from spherekit.analysis.tables import (
 from spherekit.argument_validation import checked
 from spherekit.conventions import Facts, choices, counted, listing, size_text, with_units
 from spherekit.errors import AnalysisError, OutputError
+from spherekit.escaping import html_text
 from spherekit.files.atomic import make_folder, write_bytes
 from spherekit.markup import html_list, html_table
 
@@ -88,7 +88,7 @@ class RunResult:
 
     def _repr_html_(self) -> str:
         """Return the first rows of all tables, what was found, and what failed, as HTML."""
-        parts = [f"<p>{escape(repr(self)[1:-1])}</p>"]
+        parts = [f"<p>{html_text(repr(self)[1:-1])}</p>"]
         for name, result in self.results.items():
             for table in result.tables:
                 if table.name in result.data:

@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from spherekit.cli.main import say
 from spherekit.cli.study import INPUT, LOCK, with_locks
 from spherekit.conventions import Facts, Lines, counted
 
@@ -106,7 +106,7 @@ def execute(options: Namespace) -> int:
     lines, certificate, complete = made
     if options.out:
         write_text(Path(options.out), json.dumps(certificate, indent=1) + "\n")
-        print(f"spherekit: wrote {options.out}", file=sys.stderr)
+        say(f"wrote {options.out}")
     print("\n".join(lines))
     return 0 if complete else INCOMPLETE
 

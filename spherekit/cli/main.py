@@ -5,7 +5,6 @@ samples failed under --strict, 4 an analysis failed, 128 and more stopped by a s
 """
 
 import errno
-import json
 import os
 import sys
 from argparse import Namespace
@@ -13,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from spherekit.cli.stopping import signal_of, stoppable
+from spherekit.escaping import json_text, terminal_text
 
 BAD_INPUT = 1
 FAILED_SAMPLES = 3
@@ -43,13 +43,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _drop_output()
         return 0
     except KeyboardInterrupt as stop:
-        _say("; ".join(["stopped", *getattr(stop, "__notes__", ())]))
+        say("; ".join(["stopped", *getattr(stop, "__notes__", ())]))
         return STOPPED + signal_of(stop)
     except (MemoryError, ImportError, RuntimeError, OSError) as problem:
         why = _reason(problem)
         if not why:
             raise
-        _say(why)
+        say(why)
         return BAD_INPUT
 
 
@@ -79,12 +79,12 @@ def _executed(words: list[str]) -> int:
         log.addHandler(logging.StreamHandler())
     try:
         need_space(LEAST_SPACE, "numerical libraries need")
-        with progress_listener(None if options.quiet else _say):
+        with progress_listener(None if options.quiet else say):
             return int(home_of(options.command).execute(options))
     except SpherekitError as problem:
         if options.traceback:
             raise
-        _say("; ".join([str(problem), *getattr(problem, "__notes__", ())]))
+        say("; ".join([str(problem), *getattr(problem, "__notes__", ())]))
         return BAD_INPUT
 
 
@@ -124,16 +124,17 @@ def note(options: Namespace, *texts: str) -> None:
     """Print texts that are not empty to stderr, unless errors alone are wanted."""
     for text in texts:
         if text and not options.quiet:
-            print(text, file=sys.stderr)
+            print(terminal_text(text), file=sys.stderr)
 
 
 def print_json(facts: Any) -> None:
     """Print what a program reads to stdout."""
-    print(json.dumps(facts, indent=2, ensure_ascii=False))
+    print(json_text(facts, indent=2))
 
 
-def _say(text: str) -> None:
-    print(f"spherekit: {text}", file=sys.stderr, flush=True)
+def say(text: str) -> None:
+    """Print a message to stderr."""
+    print(f"spherekit: {terminal_text(text)}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

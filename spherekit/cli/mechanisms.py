@@ -1,9 +1,9 @@
 """`spherekit mechanisms`: what can be named instead of a path."""
 
-import sys
 from argparse import Namespace
 
-from spherekit.cli.main import print_json
+from spherekit.cli.main import print_json, say
+from spherekit.escaping import one_line
 
 PAGE = """
 --json
@@ -26,12 +26,12 @@ def execute(options: Namespace) -> int:
     rows = []
     for pack in shipped():
         if pack.fault:
-            print(f"spherekit: pack {pack.name}: {pack.fault}", file=sys.stderr)
+            say(f"pack {pack.name}: {pack.fault}")
         for name in sorted(pack.files):
             try:
                 mechanism = load(name)
             except SpherekitError as problem:
-                print(f"spherekit: {problem}", file=sys.stderr)
+                say(str(problem))
                 continue
             source = mechanism.source.citation if mechanism.source else ""
             rows.append((name, len(mechanism.links), len(mechanism.pairs), source))
@@ -41,7 +41,7 @@ def execute(options: Namespace) -> int:
         return 0
     width = max((len(row[0]) for row in rows), default=0)
     for name, links, pairs, source in rows:
-        print(f"{name:{width}}  {links:3d} links {pairs:3d} pairs  {source}")
+        print(f"{name:{width}}  {links:3d} links {pairs:3d} pairs  {one_line(source)}")
     for pack in shipped():
         for name in sorted(pack.studies):
             print(f"{name:{width}}  study")

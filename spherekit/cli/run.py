@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json
+from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json, say
 from spherekit.cli.run_report import progress, report
 from spherekit.cli.study import STUDY, TIMED, study_from
 from spherekit.conventions import Facts, counted
@@ -233,7 +233,7 @@ def _tell(options: Namespace, study: "Study", result: "RunResult") -> None:
         print(report(summary))
     sys.stdout.flush()
     for name, why in result.failures.items():
-        print(f"spherekit: {failed(name, why)}", file=sys.stderr)
+        say(failed(name, why))
     if not (study.folder or options.json or _records(options, study)):
         note(options, "nothing was written: use -o DIR for tables")
     ended = summary.get("simulation", {}).get("end", {"kind": "time"})

@@ -1,11 +1,11 @@
 """`spherekit validate`: read files, check freedoms, and assemble once."""
 
 import json
-import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 
+from spherekit.cli.main import say
 from spherekit.cli.study import LOCK, with_locks
 from spherekit.conventions import Facts, counted, numbered
 from spherekit.errors import SolveError, SpherekitError
@@ -41,7 +41,7 @@ def execute(options: Namespace) -> int:
             bad = 1
             if options.traceback:
                 raise
-            print(f"spherekit: {problem}", file=sys.stderr)
+            say(str(problem))
             if options.json:
                 print(json.dumps({"file": name, "ok": False, "error": str(problem)}))
             continue

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from spherekit.escaping import c_comment
 from spherekit.exchange.printed import (
     CALLS,
     Function,
@@ -37,6 +38,7 @@ C = Language(
     "    const double {0} = {1};",
     _TABLE.format(scalar="double"),
     " * ",
+    c_comment,
     HELPERS,
     "NAN",
 )
@@ -46,6 +48,7 @@ CPP = Language(
     "    const Scalar {0} = {1};",
     _TABLE.format(scalar="Scalar"),
     "// ",
+    c_comment,
     {
         name: _TEMPLATE + text.removeprefix("static inline ").replace("double", "Scalar")
         for name, text in HELPERS.items()

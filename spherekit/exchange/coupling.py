@@ -18,6 +18,7 @@ from spherekit.arrays import Array, Bools, Floats, Integers
 from spherekit.conventions import AnyPath, Names, counted, listing
 from spherekit.dynamics.stored_model import read_archive, write_archive
 from spherekit.errors import FileError, SolveError
+from spherekit.escaping import c_comment
 from spherekit.files.atomic import write_text
 
 KIND = ("spherekit coupling table", 1, "write one with `--to coupling`")
@@ -241,8 +242,8 @@ def write_csv(table: CouplingTable, path: AnyPath) -> None:
 
 
 TEXT = """\
-/* Coupling table of the mechanism {table.mechanism}, made by spherekit {table.made_by}.
-   SHA-256 of the mechanism: {table.mechanism_sha256}
+/* Coupling table of the mechanism {mechanism}, made by spherekit {made_by}.
+   SHA-256 of the mechanism: {sha256}
 
    Inputs (rad): {inputs}
    Passive variables: {variables}
@@ -398,9 +399,12 @@ def header(table: CouplingTable) -> str:
     return TEXT.format(
         **sizes,
         table=table,
-        inputs=", ".join(table.inputs),
-        variables=", ".join(table.variables),
-        poles=", ".join(table.poles) or "none",
+        mechanism=c_comment(table.mechanism),
+        made_by=c_comment(table.made_by),
+        sha256=c_comment(table.mechanism_sha256),
+        inputs=c_comment(", ".join(table.inputs)),
+        variables=c_comment(", ".join(table.variables)),
+        poles=c_comment(", ".join(table.poles) or "none"),
         guard=name.upper(),
         p1=max(p, 1),
         enums=",".join(

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, Names
 from spherekit.errors import FileError
+from spherekit.escaping import toml_comment
 from spherekit.exchange.from_foreign import ForeignTables
 from spherekit.exchange.mujoco_file import ForeignModel
 from spherekit.files.atomic import write_text
@@ -81,7 +82,7 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
 
 def _lines(name: str, built: ForeignTables) -> Iterator[str]:
     for line in built.heading:
-        yield f"# {line}"
+        yield f"# {toml_comment(line)}"
     ground = next(iter(built.content["links"]))
     first = {"format": FORMAT, "name": name, "angle_unit": "deg", "ground": ground}
     yield from (assignment(key, value) for key, value in first.items())
@@ -93,5 +94,5 @@ def _lines(name: str, built: ForeignTables) -> Iterator[str]:
             blank, *rest = tables((key, item), table)
             yield blank
             if (key, item) in built.comments:
-                yield f"# {built.comments[key, item]}"
+                yield f"# {toml_comment(built.comments[key, item])}"
             yield from rest

@@ -14,7 +14,8 @@ from spherekit.conventions import listing, nearest
 from spherekit.design.variables import design_variable
 from spherekit.engine.expression_graph import Expr
 from spherekit.errors import EngineError
-from spherekit.exchange.latex_formulas import Formulas, plain
+from spherekit.escaping import latex_text
+from spherekit.exchange.latex_formulas import Formulas
 from spherekit.exchange.latex_text import text_of
 from spherekit.files.write import document_of
 from spherekit.model.gears import link_axes, pair_frames, reference_frame
@@ -126,21 +127,22 @@ def _wanted(formulas: Formulas, names: Sequence[str] | None) -> list[Expr]:
 def _document(formulas: Formulas, wanted: Sequence[Expr]) -> Iterator[str]:
     lines = formulas.needed(wanted)
     mechanism, index = formulas.mechanism, formulas.index
-    yield HEAD + rf"\section*{{The spherical mechanism {plain(mechanism.name)}}}"
+    yield HEAD + rf"\section*{{The spherical mechanism {latex_text(mechanism.name)}}}"
     links = (
-        name if name == link else f"{name} is {plain(link)}"
+        name if name == link else f"{name} is {latex_text(link)}"
         for name, link in zip(index, mechanism.links, strict=True)
     )
     yield f"Links: {listing(links)}; the first is the ground. Pairs, axes and angles:"
     pairs = zip(mechanism.pairs, formulas.pair_axes, formulas.angles, strict=True)
     yield _table(
-        (plain(x.name), _dollars(axis), _dollars(angle)) for x, axis, angle in pairs
+        (latex_text(x.name), _dollars(axis), _dollars(angle)) for x, axis, angle in pairs
     )
     yield NOTATION
     said = formulas.given.items()
     yield _table((_dollars(x), meaning, value) for x, (meaning, value) in said)
     for pair, plan in zip(mechanism.names_of(formulas.inputs), formulas.plans, strict=True):
-        yield f"Poles while {plain(pair)} moves: x those of pairs, I, II, ... by passes."
+        moving = latex_text(pair)
+        yield f"Poles while {moving} moves: x those of pairs, I, II, ... by passes."
         table = as_text(plan).replace("■", "-")
         yield f"\\begin{{verbatim}}\n{table}\n\\end{{verbatim}}"
     for section, of in groupby(lines.items(), lambda item: item[1].section):
@@ -148,7 +150,7 @@ def _document(formulas: Formulas, wanted: Sequence[Expr]) -> Iterator[str]:
         rows = (f"{text_of(left)} &= {_right(formula.rows)}" for left, formula in of)
         yield "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}"
     if formulas.left_out:
-        friction = plain(listing(formulas.left_out))
+        friction = latex_text(listing(formulas.left_out))
         yield f"Friction of {friction} follows from reactions and is left out."
     yield "\\end{document}\n"
 

@@ -26,6 +26,7 @@ from spherekit.engine.expression_graph import (
     dot as sum_of_products,
 )
 from spherekit.errors import EngineError
+from spherekit.escaping import latex_text
 from spherekit.exchange.latex_text import number
 from spherekit.model.graph import spanning
 from spherekit.model.load import Component, TorqueTable, expression_of
@@ -295,7 +296,7 @@ class Formulas:
         if not value and slot not in self._free:
             return Angle()
         zero = rf"\theta^{{0}}_{{{self._pairs[pair]}}}"
-        return self._size(slot, zero, value, f"zero of pair {plain(name)}")
+        return self._size(slot, zero, value, f"zero of pair {latex_text(name)}")
 
     def _turned(self, pair: int, start: Expr, by: Angle, sense: float = 1.0) -> Expr:
         axis = self.pair_axes[pair]
@@ -572,7 +573,7 @@ class Formulas:
                 self._acting += 1
                 of, law = str(self._acting), part.magnitude
                 if isinstance(law, TorqueTable):
-                    what = f"torque of {plain(load.name)} at the time (N m)"
+                    what = f"torque of {latex_text(load.name)} at the time (N m)"
                     size = self._give(f"T_{{{of}}}", what)
                 else:
                     law = expression_of(law)
@@ -627,8 +628,3 @@ def _less(one: Angle, other: Angle) -> Angle:
     if other.term == 0.0:
         return one
     return Angle(apart, function("cos", apart), function("sin", apart))
-
-
-def plain(name: str) -> str:
-    """Return a name as LaTeX prints it."""
-    return name.replace("_", r"\_")

@@ -21,6 +21,7 @@ from spherekit.engine.expression_graph import (
     varies,
 )
 from spherekit.errors import EngineError
+from spherekit.escaping import xml_comment
 from spherekit.exchange.bodies import (
     LIGHT_CARRIER,
     LIGHT_END,
@@ -293,7 +294,7 @@ class MujocoModel:
         root = ElementTree.fromstring("".join(frame.splitlines()))
         cited = (mechanism.source.citation,) if mechanism.source else ()
         for k, note in enumerate((*cited, *self.notes)):
-            root.insert(k, ElementTree.Comment(f" {note.replace('--', '- -')} "))
+            root.insert(k, ElementTree.Comment(f" {xml_comment(note)} "))
         part = {child.tag: child for child in root if isinstance(child.tag, str)}
         # What MuJoCo has no place for and `spherekit import` reads again.
         for item in mechanism.inputs:

@@ -6,7 +6,7 @@ a square or an opposite for one.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from textwrap import wrap
@@ -17,6 +17,7 @@ import numpy as np
 from spherekit.conventions import counted
 from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order
 from spherekit.errors import OutputError
+from spherekit.escaping import one_line
 from spherekit.exchange.formula_terms import Formulas
 from spherekit.version import __version__
 
@@ -34,8 +35,8 @@ class Language:
 
     `operations` are formats by the name of an operation of terms, `helpers` what some of
     these need, `assignment` is that of a name, `table` that of what a table gives,
-    `comment` begins a line, `not_a_number` is the constant NaN, and `index` is the number
-    of the first place of an array.
+    `comment` begins a line, `comment_text` escapes what follows there, `not_a_number` is
+    the constant NaN, and `index` is the number of the first place of an array.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Language:
     assignment: str
     table: str
     comment: str
+    comment_text: Callable[[str], str]
     helpers: Mapping[str, str]
     not_a_number: str
     index: int = 0
@@ -150,7 +152,7 @@ class Source:
         title = f"{of.mechanism.name}: {of.title}, made by spherekit {__version__}."
         yield from wrap(title, WIDTH)
         if of.mechanism.source:
-            yield from wrap(of.mechanism.source.citation, WIDTH)
+            yield from wrap(one_line(of.mechanism.source.citation), WIDTH)
         yield ""
         yield from wrap(
             f"Loops are closed by steps of Newton's method, {self.name}_step, from the "
@@ -202,8 +204,9 @@ class Source:
     @property
     def comment(self) -> str:
         """The head as a comment."""
-        mark = self.language.comment
-        return "".join(f"{mark}{line}".rstrip() + "\n" for line in self.head)
+        language = self.language
+        lines = (language.comment + language.comment_text(line) for line in self.head)
+        return "".join(line.rstrip() + "\n" for line in lines)
 
     @property
     def series(self) -> Iterator[dict[str, Any]]:

@@ -1,9 +1,15 @@
 """Formulas as JavaScript, Julia, and Python on NumPy or on CasADi's `SX`."""
 
-import json
 from collections.abc import Iterable, Iterator
 from pprint import pformat
 
+from spherekit.escaping import (
+    javascript_comment,
+    json_text,
+    julia_comment,
+    julia_string,
+    python_comment,
+)
 from spherekit.exchange.printed import (
     WIDTH,
     Language,
@@ -22,6 +28,7 @@ JS = Language(
     "  const {0} = {1};",
     "  const table_{k} = {name}_table_{k}({place});",
     "// ",
+    javascript_comment,
     {},
     "NaN",
 )
@@ -40,6 +47,7 @@ JULIA = Language(
     "    {0} = {1}",
     "    table_{k} = {name}_table_{k}({place})",
     "# ",
+    julia_comment,
     {
         name: f"{name}_or_nan(x) = {where} ? oftype(float(x), NaN) : {name}(x)\n"
         for name, where in _RAISE.items()
@@ -62,6 +70,7 @@ PYTHON = Language(
     "        {0} = {1}",
     "        table_{k} = _table_{k}({place})",
     "# ",
+    python_comment,
     {},
     "np.nan",
 )
@@ -78,6 +87,7 @@ CASADI = Language(
     "    {0} = {1}",
     "    table_{k} = _table_{k}({place})",
     "# ",
+    python_comment,
     {},
     'float("nan")',
 )
@@ -134,7 +144,7 @@ def javascript(source: Source) -> str:
     opened = (
         "  if (!(s >= {low} && s <= {high}))\n    return new Array({columns}).fill(NaN);\n"
     )
-    parts = [f"export const {name}_about = {json.dumps(about, indent=1)};\n"]
+    parts = [f"export const {name}_about = {json_text(about, indent=1)};\n"]
     parts += _tables(source, _SERIES_JS, closed, opened)
     for function in source.functions:
         given, lines = ", ".join(source.given), [*function.lines]
@@ -173,7 +183,7 @@ def julia(source: Source) -> str:
     of, name = source.of, source.name
     modes = ", ".join(f"Float64{nested(mode.values)}" for mode in of.modes)
     parts = [
-        f"const {name}_results = [\n    {_items(json.dumps(x) for x in of.results)}\n]",
+        f"const {name}_results = [\n    {_items(map(julia_string, of.results))}\n]",
         f"const {name}_sizes = Float64{nested([x.value for x in of.sizes])}",
         f"const {name}_modes = [{modes}]\n",
     ]
@@ -301,7 +311,7 @@ def casadi(source: Source) -> str:
     )
     counts = zip(source.given, map(len, (of.motion, of.places, of.sizes)), strict=True)
     symbols = [f'    {word} = ca.SX.sym("{word}", {n})' for word, n in counts]
-    names = json.dumps([*source.given])
+    names = json_text([*source.given])
     for function in source.functions:
         last = function.opening and f", {function.opening}"
         made = '["after", "open"]' if last else '["result"]'

@@ -5,9 +5,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from spherekit.arrays import Floats
+from spherekit.escaping import plot_text
 from spherekit.figures import style
 from spherekit.figures.sdk import Figure, PolyCollection
 from spherekit.figures.sheet import Drawing
+from spherekit.figures.style import Look
 
 CONTAINS, UNDECIDED = "type II in the cell", "undecided"
 COLOURS = {CONTAINS: "#B2182B", UNDECIDED: "#222222"}
@@ -35,11 +37,10 @@ def draw_certified_map(
             if len(centres):
                 colour = COLOURS.get(kind, SHADES[k % len(SHADES)])
                 corners = centres[:, None] + half[:, None] * CORNERS
-                axes.add_collection(
-                    PolyCollection(corners, color=colour, linewidth=0.1, label=kind)
-                )
+                look: Look = {"color": colour, "linewidth": 0.1, "label": plot_text(kind)}
+                axes.add_collection(PolyCollection(corners, **look))
         axes.autoscale_view()
         first, second = (f"input {name}, deg" for name in names)
-        axes.set(aspect="equal", xlabel=first, ylabel=second)
+        axes.set(aspect="equal", xlabel=plot_text(first), ylabel=plot_text(second))
         figure.legend(loc="outside lower center", ncols=2)
     return figure

@@ -10,7 +10,6 @@ A quantity over a grid of two inputs: a map for each mode, zeros drawn as lines.
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from html import escape
 from itertools import chain, product
 from textwrap import fill
 from typing import Any
@@ -36,6 +35,7 @@ from spherekit.analysis.scene import (
 from spherekit.arrays import Floats
 from spherekit.conventions import listing, nearest
 from spherekit.errors import AnalysisError
+from spherekit.escaping import html_text, plot_text
 from spherekit.figures import style
 from spherekit.figures.curves import Curve, draw_curves, draw_paths, draw_sphere, focus_of
 from spherekit.figures.plane import draw_plane, is_path
@@ -62,7 +62,8 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
             if len(surface.triangles):
                 look: Look = {"color": colour, "alpha": 0.6, "linewidth": 0.0}
                 panel.plot_trisurf(x, y, z, triangles=surface.triangles, **look)
-                panel.plot([], [], [], color=colour, label=surface.label)  # for the legend
+                # An empty curve: what the legend takes for the surface.
+                panel.plot([], [], [], color=colour, label=plot_text(surface.label))
             elif values is None:
                 panel.scatter(x, y, z, c=colour, s=3.0)
             else:
@@ -71,7 +72,7 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
                 words = titled(surface.label, surface.values_unit)
                 colour_bar(figure, panel, values, tint, style.HEAT, words, 0.12)
         first = surfaces[0]
-        x, y, z = (titled(name, first.unit) for name in first.axes)
+        x, y, z = (plot_text(titled(name, first.unit)) for name in first.axes)
         panel.set(xlabel=x, ylabel=y, zlabel=z)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)
         return sheet.name(figure)
@@ -93,7 +94,8 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
             for k, name in enumerate(item.names):
                 path = item.places[:, k]
                 far = np.abs(np.diff(path, axis=0)) > FAR * np.ptp(ranges, axis=1)
-                panel.plot(*parted(path, np.any(far, 1)).T, label=name, **_look(item, k))
+                look = _look(item, k) | {"label": plot_text(name)}
+                panel.plot(*parted(path, np.any(far, 1)).T, **look)
         label_outside(panels, items[0][1].x_label, items[0][1].y_label)
         figure.draw_without_rendering()
         for panel, (_, item) in zip(panels, items, strict=True):
@@ -178,7 +180,7 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
                 _zeros(panel, grid[0], grid[1], table, high - low)
             words = [sheet.title(scene.page)] if isinstance(scene.page, int) else []
             words += [
-                f"{axis.label} = {values_of[k]:.4g} {axis.unit}"
+                f"{plot_text(axis.label)} = {values_of[k]:.4g} {axis.unit}"
                 for axis, values_of, k in zip(over[2:], grid[2:], at, strict=True)
             ]
             panel.set_title("\n".join(words), color=style.page_look(scene.page)["color"])
@@ -256,8 +258,8 @@ class Figures(Mapping[str, Figure]):
 
     def _repr_html_(self) -> str:
         return "\n".join(
-            f'<figure><img alt="{escape(name)}" src="{as_data_url(self[name])}" '
-            f'style="max-width: 100%"><figcaption>{escape(name)}</figcaption></figure>'
+            f'<figure><img alt="{html_text(name)}" src="{as_data_url(self[name])}" '
+            f'style="max-width: 100%"><figcaption>{html_text(name)}</figcaption></figure>'
             for name in self
         )
 

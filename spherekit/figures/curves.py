@@ -34,6 +34,7 @@ from spherekit.analysis.scene import (
     titled,
 )
 from spherekit.arrays import Floats
+from spherekit.escaping import plot_text
 from spherekit.figures import style
 from spherekit.figures.sdk import (
     Axes,
@@ -90,13 +91,13 @@ def draw_curves(
                 look["label"] = sheet.title(scene.page) if several else ""
                 if together and len(labels) > 1:
                     look |= style.series_look(labels.index(item.label))
-                    look["label"] = item.label
+                    look["label"] = plot_text(item.label)
                 looks.append(look)
             _panel(panel, shown, scale, looks)
             for (page, mark), curve in product(marks, shown):
                 if curve[0].page == page:
                     _mark(panel, curve, mark)
-            panel.set_title(title if len(titles) > 1 else "")
+            panel.set_title(plot_text(title) if len(titles) > 1 else "")
         label_outside(panels, over.words, first.heading)
         return sheet.name(figure)
 
@@ -147,11 +148,11 @@ def _mark(panel: Axes, curve: Curve, marks: InputMarks) -> None:
             continue
         value = np.interp(position, x[order], item.values[order])
         if low <= value <= high:
-            look = spot_look(marks.tone)
-            panel.plot([position], [value], zorder=4.0, label=marks.label, **look)
+            look = spot_look(marks.tone) | {"label": plot_text(marks.label)}
+            panel.plot([position], [value], zorder=4.0, **look)
         else:
-            look = style.tone_look(marks.tone) | RULE
-            panel.axvline(position, label=marks.label, **look)
+            look = style.tone_look(marks.tone) | RULE | {"label": plot_text(marks.label)}
+            panel.axvline(position, **look)
 
 
 def _alike(every: Sequence[Floats], span: float) -> list[tuple[int, int]]:
@@ -309,7 +310,7 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
         figure, panels = sheet.panels(len(labels), 1.05, subplot=POLAR)
         by_label = dict(zip(labels, panels, strict=True))
         for label, panel in by_label.items():
-            _graticule(panel, view, f"{label}, about {view.centre}")
+            _graticule(panel, view, f"{plot_text(label)}, about {view.centre}")
         for scene, arrow in arrows:
             panel, look = by_label[arrow.label], style.page_look(scene.page)
             # The axis over the samples, with a gap where it goes round the rim.
@@ -385,7 +386,7 @@ def _maps(
 
 def _curves(panel: Axes, view: View, item: SphereCurves) -> None:
     """Draw curves, and the marks that have to be told from them, by names of what."""
-    look = style.tone_look(item.tone) | {"linewidth": 1.3, "label": item.label}
+    look = style.tone_look(item.tone) | {"linewidth": 1.3, "label": plot_text(item.label)}
     for curve in item.curves:
         panel.plot(*view.placed(np.asarray(curve)).T, **look)
     for mark in item.marks:
@@ -395,4 +396,4 @@ def _curves(panel: Axes, view: View, item: SphereCurves) -> None:
         ):
             name = mark.label if alike or item.curves else f"{item.label}: {mark.label}"
             place = view.placed(mark.place[None])[0]
-            panel.plot(*place, label=name, zorder=4.0, clip_on=False, **look)
+            panel.plot(*place, label=plot_text(name), zorder=4.0, clip_on=False, **look)

@@ -6,6 +6,7 @@ import numpy as np
 
 from spherekit.analysis.plotted import MOST_KINDS, TURNS, parted
 from spherekit.analysis.scene import Portrait, Scene, titled
+from spherekit.escaping import plot_text
 from spherekit.figures import style
 from spherekit.figures.sdk import Axes, Figure
 from spherekit.figures.sheet import (
@@ -45,11 +46,11 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
             look = style.tone_look(curve.tone) | {"linewidth": 0.9, "zorder": 1.5}
             if len(curve.points) == 1:
                 look = spot_look(curve.tone)
-            panel.plot(*curve.points.T, label=curve.label, **look)
+            panel.plot(*curve.points.T, label=plot_text(curve.label), **look)
         for plane in traced:
             _trace(panel, *plane, sheet.title(plane[0].page) if len(traced) > 1 else "")
         for mark in marks.values():
-            look = spot_look(mark.tone) | {"label": mark.label if named else ""}
+            look = spot_look(mark.tone) | {"label": plot_text(mark.label) if named else ""}
             panel.plot(*mark.place, zorder=4.0, **look)
         _frame(panel, first)
         if not traced and first.x_unit == first.y_unit and not first.logarithmic:
@@ -90,7 +91,7 @@ def _frame(panel: Axes, portrait: Portrait) -> None:
     panel.set(
         xlim=x,
         ylim=y,
-        xlabel=titled(portrait.x_label, portrait.x_unit),
-        ylabel=titled(portrait.y_label, portrait.y_unit),
+        xlabel=plot_text(titled(portrait.x_label, portrait.x_unit)),
+        ylabel=plot_text(titled(portrait.y_label, portrait.y_unit)),
     )
     ticks_of(panel, portrait.x_unit, portrait.y_unit)

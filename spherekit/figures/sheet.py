@@ -12,6 +12,7 @@ import numpy as np
 from spherekit.analysis.plotted import placed_labels
 from spherekit.analysis.scene import Page
 from spherekit.arrays import Floats
+from spherekit.escaping import plot_text
 from spherekit.figures import style
 from spherekit.figures.sdk import (
     Axes,
@@ -71,12 +72,9 @@ class Sheet:
     def title(self, page: Page) -> str:
         """Return what a page is called in legends."""
         if isinstance(page, int):
-            return (
-                self.titles.get(page, f"Mode {page}")
-                .replace("Mode", "mode")
-                .replace("-", "−")
-            )
-        return page or ""
+            title = self.titles.get(page, f"Mode {page}")
+            return plot_text(title.replace("Mode", "mode").replace("-", "−"))
+        return plot_text(page or "")
 
     def figure(self, rows: int, row: float) -> Drawing:
         """Return an empty figure with rows of panels `row` inches high."""
@@ -124,8 +122,8 @@ class Sheet:
 def label_outside(panels: Sequence[Any], x: str, y: str) -> None:
     """Name the axes of panels that share them: x below the last ones, y once."""
     for panel in panels[-panels[0].get_gridspec().ncols :]:
-        panel.set_xlabel(x)
-    panels[0].get_figure().supylabel(fill(y, 30))
+        panel.set_xlabel(plot_text(x))
+    panels[0].get_figure().supylabel(fill(plot_text(y), 30))
 
 
 def spot_look(tone: int) -> Look:
@@ -155,7 +153,7 @@ def name_points(
         names, places, (middles - seen) / dots, colours, strict=True
     ):
         panel.annotate(
-            name,
+            plot_text(name),
             place,
             xytext=offset,
             textcoords="offset points",
@@ -184,7 +182,7 @@ def colour_bar(
         pad=pad,
         aspect=28,
         extend="both" if np.any((parts < 0.0) | (parts > 1.0)) else "neither",
-        label=words,
+        label=plot_text(words),
     )
 
 

@@ -5,21 +5,11 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from spherekit.escaping import toml_string
 from spherekit.files.document import LiteralNumber
 
 _WIDTH = 88
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_ESCAPES = {k: f"\\u{k:04x}" for k in (*range(32), 127)} | str.maketrans(
-    {
-        '"': '\\"',
-        "\\": "\\\\",
-        "\n": "\\n",
-        "\t": "\\t",
-        "\r": "\\r",
-        "\b": "\\b",
-        "\f": "\\f",
-    }
-)
 
 
 def assignment(key: str, value: object) -> str:
@@ -45,7 +35,7 @@ def key_text(key: object) -> str:
     """Return a key, in quotes where TOML needs them."""
     if not isinstance(key, str):
         raise TypeError(f"the key {key!r} is not text")
-    return key if _BARE_KEY.fullmatch(key) else _string(key)
+    return key if _BARE_KEY.fullmatch(key) else toml_string(key)
 
 
 def value_text(value: object) -> str:
@@ -59,7 +49,7 @@ def value_text(value: object) -> str:
     if isinstance(value, LiteralNumber):
         return value.text
     if isinstance(value, str):
-        return _string(value)
+        return toml_string(value)
     if isinstance(value, int):  # true and false too
         return str(value).lower()
     if isinstance(value, float):
@@ -72,7 +62,3 @@ def value_text(value: object) -> str:
         items = (f"{key_text(key)} = {value_text(item)}" for key, item in value.items())
         return f"{{{', '.join(items)}}}"
     raise TypeError(f"TOML has no value of type {type(value).__name__}")
-
-
-def _string(text: str) -> str:
-    return f'"{text.translate(_ESCAPES)}"'

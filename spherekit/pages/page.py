@@ -1,11 +1,9 @@
 """The page of a mechanism: what it says, the kernels that move it, and its parts."""
 
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from functools import cached_property
-from html import escape
 from importlib.resources import files
 from itertools import combinations, permutations
 from string import Template
@@ -17,6 +15,7 @@ from spherekit.conventions import Facts, Names, listing
 from spherekit.design.variables import DesignVariable, design_variable, sizes_of
 from spherekit.engine.row_quantities import LOADED, middle_pairs, row_quantities
 from spherekit.errors import CountError, EngineError, SpherekitError
+from spherekit.escaping import html_text, json_text
 from spherekit.exchange.formula_terms import Formulas
 from spherekit.exchange.formulas import CLOSURE, formulas
 from spherekit.exchange.source import source
@@ -222,12 +221,12 @@ class PageMaker:
         mechanism = self.mechanism
         source = mechanism.source
         return Template(_part("page.html")).substitute(
-            title=escape(mechanism.name),
-            citation=escape(source.citation if source else ""),
+            title=html_text(mechanism.name),
+            citation=html_text(source.citation if source else ""),
             version=__version__,
             css=_part("parts/uplot.css") + _part("page.css"),
             uplot=_part("parts/uplot.js"),
-            model=json.dumps(self.model(shown)).replace("</", "<\\/"),
+            model=json_text(self.model(shown)),
             kernels=kernels,
             scripts="\n".join(map(_part, SCRIPTS)),
         )

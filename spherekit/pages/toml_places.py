@@ -37,7 +37,8 @@ def text_with_places(document: Document, paths: Sequence[KeyPath]) -> list[str |
 
 def _marked(document: Document, text: str, path: KeyPath, mark: str) -> str | None:
     """Return a text with a mark for the number at a path, None where it does not say it."""
-    start = len("".join(text.splitlines(keepends=True)[: document.line(path) - 1]))
+    # Lines of TOML end with a line feed alone; `splitlines` knows other line ends too.
+    start = len("\n".join([*text.split("\n")[: document.line(path) - 1], ""]))
     for number in islice(_NUMBER.finditer(text, start), _TRIED):
         tried = text[: number.start()] + mark + text[number.end() :]
         with suppress(FileError, KeyError, IndexError, TypeError, ValueError):

@@ -23,6 +23,7 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.conventions import counted, nearest
 from spherekit.errors import PlanError
+from spherekit.escaping import markdown_text
 from spherekit.markup import html_table
 from spherekit.model.gears import SAME_AXIS, link_axes
 from spherekit.model.graph import clusters
@@ -300,10 +301,11 @@ def as_text(plan: Plan) -> str:
 
 def as_markdown(plan: Plan) -> str:
     """Return the Table as a Markdown table."""
-    (_, *names), *rows = _titled(plan)
-    lines = ["| | " + " | ".join(f"**{name}**" for name in names) + " |"]
-    lines.append("|" + "---|" * (len(names) + 1))
-    lines += [f"| **{name}** | " + " | ".join(row) + " |" for name, *row in rows]
+    (_, *titles), *rows = _titled(plan)
+    names = [f"**{markdown_text(title)}**" for title in titles]
+    lines = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
+    for name, (_, *row) in zip(names, rows, strict=True):
+        lines.append(f"| {name} | " + " | ".join(row) + " |")
     return "\n".join(lines)
 
 

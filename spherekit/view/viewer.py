@@ -31,6 +31,7 @@ from spherekit.analysis.scene import (
 )
 from spherekit.argument_validation import checked
 from spherekit.errors import OutputError, SolveError
+from spherekit.escaping import markdown_text
 from spherekit.model.gears import link_axes
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, PositionAnalysis
@@ -167,14 +168,14 @@ def _zeros(motion: Motion, row: int) -> list[Primitive]:
 def _sizes(motion: Motion, row: int, note: str) -> Text:
     """Return the arcs of links and the angles of pairs as Markdown."""
     mechanism = motion.mechanism
-    lines = [f"# {mechanism.name}", "", note, ""]
+    lines = [f"# {markdown_text(mechanism.name)}", "", note, ""]
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
     for link, places in link_axes(mechanism).items():
-        sizes = [
-            f"{a}\u2013{b} {_degrees(arc(places[a], places[b]))}"
-            for a, b in pairwise(places)
-        ]
-        lines.append(f"| {link} | {', '.join(sizes or places)} |")
+        names = [markdown_text(pair) for pair in places]
+        arcs = [_degrees(arc(a, b)) for a, b in pairwise(places.values())]
+        ends = [f"{a}\u2013{b}" for a, b in pairwise(names)]
+        sizes = [f"{end} {size}" for end, size in zip(ends, arcs, strict=True)]
+        lines.append(f"| {markdown_text(link)} | {', '.join(sizes or names)} |")
     lines += ["", "| pair | type | links | here, deg | driven |", "|---|---|---|---|---|"]
     ranges = {
         item.pair: f"{np.degrees(item.start):.5g} to {np.degrees(item.stop):.5g}"
@@ -183,12 +184,13 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
     for number, pair in enumerate(mechanism.pairs):
         values = motion.values[row, list(mechanism.variables_of(number))]
         lines.append(
-            f"| {pair.name} | {pair.type} | {' '.join(pair.links)} | "
+            f"| {markdown_text(pair.name)} | {pair.type} | "
+            f"{' '.join(map(markdown_text, pair.links))} | "
             f"{', '.join(map(_degrees, values))} | {ranges.get(pair.name, '')} |"
         )
     lines += ["", "Thin white arcs run from the zero of each R pair to where it is."]
     if mechanism.source is not None:
-        lines += ["", f"Source: {mechanism.source.citation}"]
+        lines += ["", f"Source: {markdown_text(mechanism.source.citation)}"]
     return Text("sizes", "Sizes", "\n".join(lines))
 
 

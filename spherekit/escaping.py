@@ -1,0 +1,180 @@
+r"""Text of mechanism files, escaped for the language that it is written into.
+
+There is one function for each language. Each returns text that is read as text there: it
+ends no comment, string, element or cell, and starts nothing. Characters that cannot be
+seen, or that change how what follows is displayed, are written as ``[U+202E]``.
+
+Names of generated functions and enumerators are not here but in
+`spherekit.exchange.identifiers`.
+"""
+
+import html
+import json
+import re
+from typing import Any
+
+_CONTROLS = r"\x00-\x1f\x7f-\x9f"
+_SEPARATORS = r"\u2028\u2029"
+_DIRECTIONS = r"\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+_NO_CHARACTERS = r"\ud800-\udfff\ufdd0-\ufdef\ufeff\ufff9-\ufffb\ufffe\uffff"
+_TAGS = r"\U000e0000-\U000e007f"
+HIDDEN = re.compile(f"[{_CONTROLS}{_SEPARATORS}{_DIRECTIONS}{_NO_CHARACTERS}{_TAGS}]")
+"""Characters that are not seen as themselves.
+
+Control characters, line and paragraph separators, marks of the writing direction,
+surrogates and code points that are no characters, and the tags of plane 14. Joiners and
+no-break spaces are not among them: scripts and languages need them.
+"""
+
+_TOML = {"\n": "\\n", "\t": "\\t", "\r": "\\r", "\b": "\\b", "\f": "\\f"}
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    **{mark: f"\\{mark}" for mark in "{}$&#_%"},
+    # Ligatures and active characters: `` -- << would be printed as other signs.
+    **{mark: f"{mark}{{}}" for mark in "`'-<>\""},
+}
+
+
+def visible(text: str, allowed: str = "\n\t") -> str:
+    """Return a text in which every hidden character is written as ``[U+202E]``.
+
+    Parameters
+    ----------
+    allowed
+        Characters among `HIDDEN` that stay as they are.
+    """
+
+    def write(match: re.Match[str]) -> str:
+        character = match[0]
+        return character if character in allowed else f"[U+{ord(character):04X}]"
+
+    return HIDDEN.sub(write, text)
+
+
+def one_line(text: str) -> str:
+    """Return a text on one line, with its hidden characters visible.
+
+    Line ends, tabs and form feeds become spaces; spaces stay as they are.
+    """
+    return visible(re.sub(r" *[\t\n\v\f\r][\t\n\v\f\r ]*", " ", text), allowed="")
+
+
+def c_comment(line: str) -> str:
+    r"""Return one line for a comment of C or C++, ``/* ... */`` or ``//``.
+
+    ``*/`` would end a comment and ``/*`` is an error under ``-Werror=comment``. A
+    backslash at the end of a line joins the next line to it, also when spaces follow it
+    or when it is written as the trigraph ``??/``.
+    """
+    line = re.sub(r"\?(?=\?)", "? ", one_line(line))
+    line = line.replace("*/", "* /").replace("/*", "/ *")
+    return re.sub(r"\\(?=\s|$)", "[U+005C]", line)
+
+
+def javascript_comment(line: str) -> str:
+    """Return one line for a ``//`` comment of JavaScript, also within a page.
+
+    Within a page ``</script`` ends a script, and after ``<!--`` and ``<script`` its end is
+    no longer found. A space after each ``<`` prevents both.
+    """
+    return re.sub(r"<(?=[!/?A-Za-z])", "< ", one_line(line))
+
+
+def python_comment(line: str) -> str:
+    """Return one line for a ``#`` comment of Python.
+
+    ``coding:`` in the first two lines of a file states its encoding (PEP 263).
+    """
+    return re.sub(r"coding(?=[:=])", "coding ", one_line(line))
+
+
+def julia_comment(line: str) -> str:
+    """Return one line for a ``#`` comment of Julia; ``#=`` would begin a longer one."""
+    return one_line(line).replace("#=", "# =").replace("=#", "= #")
+
+
+def julia_string(text: str) -> str:
+    """Return a string literal of Julia, in which ``$`` would insert a variable."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("$", "\\$")
+    return '"' + HIDDEN.sub(lambda match: f"\\U{ord(match[0]):08x}", escaped) + '"'
+
+
+def json_text(value: Any, indent: int | None = None) -> str:
+    r"""Return JSON, which is a literal of JavaScript too, for files, terminals and pages.
+
+    It is read as the same value everywhere. Hidden characters are escaped for terminals
+    and for JavaScript, where U+2028 ends lines. ``<`` is escaped for pages, where
+    ``</script>`` and ``<!--<script`` within a script are markup.
+    """
+    written = json.dumps(value, indent=indent, ensure_ascii=False).replace("<", "\\u003c")
+    # Line ends that are not in strings are those of the layout.
+    return HIDDEN.sub(
+        lambda match: "\n" if match[0] == "\n" else json.dumps(match[0])[1:-1], written
+    )
+
+
+def html_text(text: object) -> str:
+    """Return text for an element, or for an attribute in quotes, of HTML."""
+    return html.escape(visible(str(text)))
+
+
+def xml_comment(text: str) -> str:
+    """Return the text of a comment of XML, which has no ``--`` and no ``-`` at its end."""
+    spaced = re.sub(r"-(?=-)", "- ", one_line(text))
+    return f"{spaced} " if spaced.endswith("-") else spaced
+
+
+def toml_string(text: str) -> str:
+    """Return a string of TOML that is read as the same text.
+
+    TOML has no surrogates. They are kept, so that a file with them cannot be written.
+    """
+
+    def write(match: re.Match[str]) -> str:
+        code = ord(match[0])
+        if 0xD800 <= code <= 0xDFFF:
+            return match[0]
+        numbered = f"\\u{code:04x}" if code < 2**16 else f"\\U{code:08x}"
+        return _TOML.get(match[0], numbered)
+
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{HIDDEN.sub(write, escaped)}"'
+
+
+def toml_comment(line: str) -> str:
+    """Return one line for a ``#`` comment of TOML."""
+    return one_line(line)
+
+
+def latex_text(text: str) -> str:
+    """Return a text as LaTeX prints it."""
+    return "".join(_LATEX.get(character, character) for character in one_line(text))
+
+
+def markdown_text(text: str) -> str:
+    """Return one line for Markdown: no emphasis, link, image, markup or formula in it.
+
+    At the beginning of a line any sign may begin a list, a heading, a rule or a comment.
+    Underscores within words, such as those of addresses, have no meaning.
+    """
+    line = re.sub(r"[\\`*\[\]<>|~$&]", r"\\\g<0>", one_line(text))
+    line = re.sub(r"(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])", r"\\_", line)
+    line = re.sub(r"^[!-/:-@{}^]", r"\\\g<0>", line)
+    return re.sub(r"^(\d+)([.)])", r"\1\\\2", line)
+
+
+def plot_text(text: str) -> str:
+    r"""Return a text for Matplotlib.
+
+    A pair of ``$`` would begin a formula, and a curve whose label begins with ``_`` is
+    left out of the legend, so that a space is put in front of it.
+    """
+    escaped = visible(text).replace("$", "\\$")
+    return f" {escaped}" if escaped.startswith("_") else escaped
+
+
+def terminal_text(text: str) -> str:
+    """Return a text for a terminal: its control sequences do nothing."""
+    return visible(text)
