@@ -115,33 +115,65 @@ def test_view_says_what_to_do_without_display(capsys, tmp_path, monkeypatch):
     assert (status, "--png" in err) == (0, True)
 
 
-@pytest.mark.slow
-def test_serve_streams_and_stops_on_interrupt():
+def serve(*words):
+    """Start a run that serves; return its process and the port, when this is free."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    words = ["run", "four_bar", "--samples", "20", "--serve", str(port)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "spherekit", *words],
+        [sys.executable, "-m", "spherekit", "run", *words, "--serve", str(port)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         # Ignored, as by the shells that start jobs in the background, it would stay so.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
+    return process, port
+
+
+@pytest.mark.slow
+def test_serve_streams_and_stops_on_interrupt():
+    process, port = serve("four_bar", "--samples", "20")
     try:
-        assert process.stderr is not None
-        said = process.stderr.readline() + process.stderr.readline()
-        time.sleep(0.5)
+        said = [process.stderr.readline(), process.stderr.readline()]
         socket.create_connection(("127.0.0.1", port), 5.0).close()
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=30)
     finally:
         process.kill()
-    assert f"serving at rerun+http://127.0.0.1:{port}" in said + err
+    url = f"rerun+http://127.0.0.1:{port}/proxy"
+    assert said[0] == f"serving at {url}; open it with: rerun {url}\n"
+    assert "the run is done" in said[1] + err
     assert "assembly modes 0 (+, p1), 1 (-, p0): each 20 OK" in out
     assert process.returncode == 0
     assert "Traceback" not in err
+
+
+SERVED_LONG = [
+    ("four_bar", "--samples", "2000000", "-a", "poles"),
+    ("four_bar", "--samples", "2000000", "-a", "singularities", "-a", "poles"),
+    ("stephenson", "--samples", "1000000", "--deg"),
+    ("five_bar", "--samples", "700x700"),
+    ("four_bar", "-a", "eksergian", "--start", "q=0.3,dq=1", "--duration", "4000"),
+    ("four_bar", "--samples", "2000000", "--verify"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("words", SERVED_LONG)
+def test_a_long_run_says_first_where_it_is_served(words):
+    """Viewers may come while it is at work, which takes minutes here."""
+    process, port = serve(*words)
+    try:
+        first = process.stderr.readline()
+        assert process.poll() is None
+        socket.create_connection(("127.0.0.1", port), 5.0).close()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert first.startswith(f"serving at rerun+http://127.0.0.1:{port}/proxy")
+    assert process.returncode == 130  # it was stopped on the way
 
 
 def test_a_run_that_fails_leaves_no_empty_folder(tmp_path, capsys):

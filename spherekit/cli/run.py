@@ -139,6 +139,9 @@ def _executed(
     from spherekit.figures.collector import Collector
 
     with _recorder(options, study) as recorder:
+        if options.serve is not None:
+            # A viewer may come while the run is at work, so its address is said before.
+            note(options, f"serving at {recorder.url}; open it with: rerun {recorder.url}")
         collector = Collector(recorder) if options.figures else None
         chosen = _accuracy(study, analyses, options)
         engine = options.engine
@@ -174,8 +177,7 @@ def _executed(
         _tell(options, study, result)
         exceeded = _prove(options, study, result) if options.prove else 0
         if options.serve is not None:
-            served = f"serving at {recorder.url}; open it with: rerun {recorder.url}"
-            note(options, served, "stop with Ctrl-C")
+            note(options, "the run is done and still served; stop with Ctrl-C")
             recorder.serve_until_interrupted()
     return result, exceeded
 
