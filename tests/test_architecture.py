@@ -19,8 +19,8 @@ from spherekit.model.study import Study
 
 LAYERS = """
 arrays errors conventions escaping guarantee version progress > api_validation
-argument_validation budget lazy_imports markup resources > numeric > sphere > model
-region > files planning > motion > rates > engine > singular output guidance proof >
+argument_validation budget lazy_imports markup processor resources > numeric > sphere >
+model region > files planning > motion > rates > engine > singular output guidance proof >
 dynamics workspace > analysis > tradeoff design > figures view > exchange > pages >
 front > conformance > plugin > cli
 """
@@ -51,8 +51,8 @@ HOME_OF = {
     "jsonschema": {"files/schema.py"},
     "filelock": {"files/plain.py"},
     "heyoka": {"engine/compiler.py"},
-    "distributed": {"design/requirements.py"},
-    "dask": {"design/requirements.py"},
+    "distributed": {"design/cluster.py"},
+    "dask": {"design/cluster.py"},
     "flint": {"proof/balls.py"},
     "numpy_quaddtype": {"engine/row_kernel.py"},
     "matplotlib": {"figures/sdk.py"},

@@ -14,8 +14,9 @@ from refusals import TABLES, check_call
 
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.dynamics.stored_model import write_archive
 from spherekit.dynamics.tabulate import reduced_model
-from spherekit.dynamics.tabulated import load_reduced
+from spherekit.dynamics.tabulated import KIND, load_reduced
 from spherekit.engine.fields import evaluate
 from spherekit.errors import FileError, SolveError
 from spherekit.files.read import load
@@ -152,19 +153,21 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
     models[0].save(good)
     with np.load(good) as archive:
         arrays = dict(archive)
+    header = json.loads(str(arrays.pop("header")))
 
-    def written(name, **changed):
-        np.savez(tmp_path / name, **{**arrays, **changed})
+    def written(name, version=KIND[1], **changed):
+        kind = KIND[0], version, KIND[2]
+        words = {key: x for key, x in header.items() if key not in ("format", "version")}
+        write_archive(tmp_path / name, kind, words, {**arrays, **changed})
         return tmp_path / name
 
-    header = json.loads(str(arrays["header"]))
-    older = np.array(json.dumps({**header, "version": 1}))
     series, few = arrays["coefficients_0"].copy(), arrays["coefficients_1"][..., :3]
     series[3, 2, 8] = np.nan
     np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
+    np.savez(tmp_path / "again.npz", header=np.array(json.dumps(header)), **arrays)
     for path, fault in (
         (
-            written("version.npz", header=older),
+            written("version.npz", version=1),
             "has version 1 of the format, and spherekit",
         ),
         (
@@ -173,6 +176,7 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
         ),
         (written("columns.npz", coefficients_1=few), "columns for 5 functions"),
         (tmp_path / "foreign.npz", "is not a spherekit reduced model"),
+        (tmp_path / "again.npz", "checksum is missing.*changed.*make it anew"),
         (tmp_path / "absent.npz", "cannot be read: No such file"),
     ):
         with pytest.raises(FileError, match=fault):
@@ -186,7 +190,8 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
 
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
     models[0].save(tmp_path / "model.npz")
-    code = """import sys; from spherekit.dynamics.tabulated import load_reduced
+    code = """import sys; from spherekit.dynamics.stored_model import write_archive
+from spherekit.dynamics.tabulated import KIND, load_reduced
 print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1), *sys.modules)"""
     command = [sys.executable, "-c", code, str(tmp_path / "model.npz")]
     torque, *modules = subprocess.check_output(command, text=True).split()

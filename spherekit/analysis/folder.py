@@ -215,6 +215,7 @@ def code_identity() -> dict[str, str]:
     return {
         "spherekit": __version__,
         "numpy": np.__version__,
+        "scipy": version("scipy"),
         "heyoka": compiler,
         "texts_in_parts": "strings",
         "machine": f"{platform.system()} {platform.machine()}",

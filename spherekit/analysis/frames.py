@@ -310,12 +310,17 @@ DESIGN = "design"
 
 @contextmanager
 def part_tables(
-    folder: Path, name: str, degrees: bool, rows: Counter[str]
+    folder: Path,
+    name: str,
+    degrees: bool,
+    rows: Counter[str],
+    notes: Mapping[str, Any],
 ) -> Iterator[Callable[[int, str, Table, TableArrays], None]]:
     """Give what takes the rows of a design in a table, called as a run's file.
 
     Each is a file `name` in a folder that is called so, below `folder`, there when the
-    block is left; rows go there in groups of about `CHUNK`. `rows` counts those of each.
+    block is left; rows go there in groups of about `CHUNK`. `rows` counts those of each,
+    and each carries the `notes`.
 
     Raises
     ------
@@ -339,7 +344,7 @@ def part_tables(
         plain = _arrow(table, typed(table, data), degrees)
         whole = plain.add_column(0, DESIGN, pa.array(np.full(len(plain), design)))
         waiting[stem].append(
-            whole.cast(_noted(whole.schema, {"units": table.units(degrees)}))
+            whole.cast(_noted(whole.schema, {"units": table.units(degrees), **notes}))
         )
         rows[stem] += len(whole)
         if sum(map(len, waiting[stem])) >= CHUNK:
@@ -351,11 +356,37 @@ def part_tables(
             write(stem)
 
 
-def frame_of_parts(parts: Sequence[Path]) -> "pd.DataFrame":
-    """Return the rows of Parquet files one after the other, with notes in `attrs`."""
+def frame_of_parts(
+    parts: Sequence[Path], notes: Sequence[Mapping[str, Any]] | None = None
+) -> "pd.DataFrame":
+    """Return the rows of Parquet files one after the other, with notes in `attrs`.
+
+    Parameters
+    ----------
+    parts
+        The files.
+    notes
+        Notes that each file has to carry; by default none has to.
+
+    Raises
+    ------
+    FileError
+        If a file is damaged, does not carry its notes, or has other columns than the first.
+    """
     import pyarrow as pa
 
-    whole = pa.concat_tables(map(_read, parts))
+    tables: list[pa.Table] = []
+    for path, required in zip(parts, notes or [{}] * len(parts), strict=True):
+        table = _read(path)
+        if not required.items() <= _notes(table.schema).items() or (
+            tables and not table.schema.equals(tables[0].schema)
+        ):
+            raise FileError(
+                f"{path}: is not the file that was written there, by what it says of "
+                "itself; move it away, and the same command makes it again"
+            )
+        tables.append(table)
+    whole = pa.concat_tables(tables)
     frame: pd.DataFrame = whole.to_pandas(strings_to_categorical=True)
     frame.attrs.update(_notes(whole.schema))
     return frame

@@ -337,7 +337,8 @@ def result_of(
         for stem, (name, table) in by_stem.items():
             path = place.path / f"{stem}.parquet"
             if path in files:
-                data[name][table.name] = ParquetColumns(path, table, degrees)
+                # The absolute path is the same for processes that stand elsewhere.
+                data[name][table.name] = ParquetColumns(path.absolute(), table, degrees)
     elif isinstance(store, InMemory):
         for name, table in by_stem.values():
             data[name][table.name] = store.table(name, table)

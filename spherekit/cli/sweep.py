@@ -41,7 +41,7 @@ PAGE = (
 --workers N
     processes (default: one for each core)
 --dask ADDRESS
-    compute on the workers of this Dask scheduler, which see the folder
+    compute on the workers of this Dask scheduler
 --json
     print the rows as JSON lines
 

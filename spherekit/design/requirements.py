@@ -1,18 +1,11 @@
-"""What a synthesis wants: objectives, conditions and precision points.
+"""What a synthesis wants: objectives, conditions and precision points."""
 
-Parts of a sweep computed by the workers of a Dask cluster; dask's only home.
-"""
-
-from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.util import find_spec
-from socket import gethostname
 from typing import Any
 
 import numpy as np
 
-from spherekit.analysis.folder import code_identity, differences
 from spherekit.arrays import Array, Floats, Indices
 from spherekit.conventions import Names, counted
 from spherekit.design.figures import NEVER_CLOSES
@@ -211,59 +204,3 @@ def _spread(places: Floats, wanted: Floats, most: int) -> Floats:
     """Return at most so many places (n, variables), evenly in order of an objective."""
     some = np.linspace(0, len(places) - 1, min(len(places), most)).astype(int)
     return places[np.argsort(wanted[:, 0], kind="stable")[some]]
-
-
-def check_cluster() -> None:
-    """Raise `DesignError` where what speaks to clusters is not installed."""
-    if find_spec("distributed") is None:
-        raise DesignError(
-            "a cluster needs dask and distributed: "
-            'pip install "spherekit-mechanisms[cluster]"'
-        )
-
-
-def on_cluster(
-    address: str, sweep: Sweep, folder: str, numbers: Sequence[int]
-) -> Generator[int, None, None]:
-    """Yield the numbers of parts when the workers of a scheduler have written them.
-
-    They see the folder of parts. A lost worker's parts are computed again by others. That
-    changes nothing: a part that is there is kept, and each is written under another name
-    first.
-
-    Raises
-    ------
-    DesignError
-        If no scheduler answers at the address, or a worker has other versions.
-    """
-    from dask.distributed import Client, as_completed
-
-    try:
-        client = Client(address, timeout="10s")
-    except (OSError, ValueError) as problem:
-        raise DesignError(f"{address}: no scheduler answers ({problem})") from None
-    with client:
-        (shared,) = client.scatter([sweep], broadcast=True)
-        code = code_identity()
-        written = [
-            client.submit(_write, shared, folder, k, code, pure=False) for k in numbers
-        ]
-        for future in as_completed(written):
-            yield future.result()
-
-
-def _write(sweep: Sweep, folder: str, number: int, code: dict[str, str]) -> int:
-    """Write a part, by the same code as all others.
-
-    Raises
-    ------
-    DesignError
-        If this worker has other versions than the machine at which the sweep was started.
-    """
-    other = differences(code_identity(), code)
-    if other:
-        raise DesignError(
-            f"{sweep.mechanism.name}: a worker of the cluster ({gethostname()}) has other "
-            f"versions ({other}); a data set is made by one"
-        )
-    return sweep.write(folder, number)

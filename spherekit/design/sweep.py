@@ -29,13 +29,14 @@ from spherekit.design.figures import NEVER_CLOSES, DesignSamples, Evaluated
 from spherekit.design.runs import ASSEMBLY, DesignRuns
 from spherekit.design.variables import OK, DesignVariable, check_variables, design_variable
 from spherekit.engine.row_quantities import row_quantities
-from spherekit.errors import DesignError, ModelError
+from spherekit.errors import DesignError, ModelError, OutputError
 from spherekit.files.atomic import make_folder, refused
 from spherekit.files.document import Document
 from spherekit.files.plain import as_json
 from spherekit.model.expression import Expression, parse
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Study
+from spherekit.processor import processor_identity
 from spherekit.sphere.rotation import all_finite
 
 Scheme = Literal["grid", "sobol", "latin", "random"]
@@ -258,6 +259,11 @@ DESIGNS = "designs"
 TABLES = "tables"
 """Folders of the table of designs, where there are others, and of these."""
 
+SWEEP = "sweep"
+PART = "part"
+PROCESSOR = "processor"
+"""Notes of the files of a part: of which sweep, its number, and what computed it."""
+
 
 @dataclass(frozen=True)
 class Sweep:
@@ -311,6 +317,7 @@ class Sweep:
     def __getstate__(self) -> Facts:
         kept = {**self.__dict__}
         kept.pop("evaluator", None)  # compiled kernels stay in their process
+        kept.pop("identity", None)  # another process may have other versions
         return kept
 
     @cached_property
@@ -387,6 +394,16 @@ class Sweep:
             "tables": self.tables,
             "degrees": self.degrees,
         }
+
+    @cached_property
+    def identity(self) -> str:
+        """The SHA-256 sum of the definition, which the files of every part carry."""
+        text = json.dumps(as_json(self.definition()), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def part_notes(self, number: int) -> Facts:
+        """Return the notes by which a file is known as that of a part of this sweep."""
+        return {SWEEP: self.identity, PART: number}
 
     @property
     def degrees(self) -> bool:
@@ -501,13 +518,35 @@ class Sweep:
         """Return the files of a part; none unless all of them are there.
 
         That of the designs is written last, and says which others there are.
+
+        Raises
+        ------
+        OutputError
+            If a file of its name is there that is none of this part.
         """
         path = self.path_of(folder, number)
         if not path.exists():
             return []
-        tables = Path(folder) / TABLES
-        paths = [path, *(tables / stem / path.name for stem in notes_of(path)[TABLES])]
+        stems = self.notes_of_part(folder, number)[TABLES]
+        paths = [path, *(Path(folder) / TABLES / stem / path.name for stem in stems)]
         return paths if all(made.exists() for made in paths) else []
+
+    def notes_of_part(self, folder: AnyPath, number: int) -> Facts:
+        """Return the notes of a part that is there: the rows of its tables, its processor.
+
+        Raises
+        ------
+        OutputError
+            If a file of its name is there that is none of this part.
+        """
+        path = self.path_of(folder, number)
+        notes = notes_of(path)
+        if not self.part_notes(number).items() <= notes.items():
+            raise OutputError(
+                f"{path}: is not part {number} of this sweep: another program or another "
+                "sweep has written it; move it away, and the same command makes the part"
+            )
+        return notes
 
     def _worth_running(self, design: Floats, rows: Evaluated) -> bool:
         """Return whether a design (variables,) meets the conditions on kernel figures."""
@@ -520,9 +559,11 @@ class Sweep:
         make_folder(path.parent)
         rows = Counter[str]()
         place = Path(folder) / TABLES
-        with part_tables(place, path.name, self.degrees, rows) as take:
+        identification = self.part_notes(number)
+        with part_tables(place, path.name, self.degrees, rows, identification) as take:
             columns = self.part(number, take)
-        write_columns(path, columns, {"units": self.units(), TABLES: rows})
+        notes = {"units": self.units(), TABLES: rows, PROCESSOR: processor_identity()}
+        write_columns(path, columns, notes | identification)
         return number
 
     def settle(self, made: str, folder: Path, number: int) -> int:
@@ -531,9 +572,15 @@ class Sweep:
         Raises
         ------
         OutputError
-            If they cannot be moved.
+            If they are not there, or cannot be moved.
         """
-        for path in reversed(self.files_of(made, number)):
+        paths = self.files_of(made, number)
+        if not paths:
+            raise OutputError(
+                f"{folder}: part {number} was computed, and is not in {made}: something "
+                "has removed it; the same command makes it again"
+            )
+        for path in reversed(paths):
             target = folder / path.relative_to(made)
             make_folder(target.parent)
             try:

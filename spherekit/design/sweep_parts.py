@@ -1,26 +1,20 @@
 """The parts of a sweep: computed by processes or elsewhere, and read again."""
 
-import os
 import shutil
-import signal
-import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import get_context
-from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
 from spherekit.analysis.folder import need_disk
 from spherekit.analysis.frames import frame_of_parts
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, Names, counted, listing, nearest
-from spherekit.design.sweep import DESIGNS, TABLES, Sweep
+from spherekit.design.part_processes import compute_in_processes
+from spherekit.design.sweep import DESIGNS, PROCESSOR, TABLES, Sweep
 from spherekit.design.sweep_identity import working_folder
 from spherekit.errors import DesignError, OutputError
 from spherekit.files.atomic import make_folder
@@ -30,83 +24,10 @@ from spherekit.progress import ProgressReporter
 if TYPE_CHECKING:
     import pandas as pd
 
-
-@contextmanager
-def _deaf() -> Iterator[None]:
-    """Let processes that are started in the block ignore Ctrl-C from their first moment.
-
-    A terminal sends it to all of them, and one half started would speak of a fault.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
-
-
-_at_work: list[tuple[Sweep, str]] = []
-"""Of what a process makes parts, and where."""
-
-
-def _begin(line: Connection, sweep: Sweep, folder: str) -> None:
-    """Make a process ready, which ends with the other end of a line, whatever ends that."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _at_work.append((sweep, folder))
-
-    def end() -> None:
-        wait([line])
-        os._exit(1)
-
-    threading.Thread(target=end, daemon=True).start()
-
-
-def _part(number: int) -> int:
-    sweep, folder = _at_work[-1]
-    return sweep.write(folder, number)
-
-
-def _in_processes(
-    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
-) -> Generator[int, None, None]:
-    """Yield parts as processes finish them; those of processes that end are made again.
-
-    No process outlives the generator, nor this process, whatever ends it.
-
-    Raises
-    ------
-    DesignError
-        If all processes end before any part is made.
-    """
-    context = get_context("spawn")
-    left = set(numbers)
-    while left:
-        there, here = context.Pipe(duplex=False)
-        given = (there, sweep, folder)
-        made = set[int]()
-        pool = ProcessPoolExecutor(min(workers, len(left)), context, _begin, given)
-        try:
-            with _deaf():
-                parts = [pool.submit(_part, number) for number in sorted(left)]
-            for part in as_completed(parts):
-                with suppress(BrokenProcessPool):
-                    made.add(part.result())
-                    yield part.result()
-        finally:
-            here.close()
-            pool.shutdown(cancel_futures=True)
-        if not made:
-            raise DesignError(
-                f"{sweep.mechanism.name}: the system ended a process of the sweep, "
-                "perhaps for want of memory; parts that are written stay, and the same "
-                "command goes on, with --workers 1 in less memory"
-            )
-        left -= made
-
-
 LOCK = ".sweep.lock"
+STORE = "spherekit-sweep-"
+"""What folders of sweeps begin with that last as long as their result."""
+
 FEWER = "what is written stays; choose another folder, or fewer designs or samples"
 
 
@@ -122,17 +43,59 @@ class SweepResult:
         Where its parts are, None where they last as long as this.
     computed
         How many parts were computed now; the others were there.
+    processors
+        The numbers of the parts that each kind of processor has computed, now or before.
+        Kinds are given in words, see `spherekit.processor`.
     """
 
     sweep: Sweep
     folder: Path | None
     computed: int
+    processors: dict[str, list[int]]
     _store: Path = field(repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all of it; if no folder was given, with the contents of its files."""
+        state = dict(vars(self))
+        if self.folder is None:
+            files = (path for path in self._store.rglob("*") if path.is_file())
+            state["_store"] = {
+                path.relative_to(self._store).as_posix(): path.read_bytes()
+                for path in files
+            }
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        if self_contained := isinstance(state["_store"], dict):
+            store = Path(mkdtemp(prefix=STORE))
+            for name, content in state["_store"].items():
+                make_folder((store / name).parent)
+                (store / name).write_bytes(content)
+            state = {**state, "_store": store}
+        vars(self).update(state)
+        if self_contained:
+            finalize(self, shutil.rmtree, self._store, ignore_errors=True)
+
+    @property
+    def remarks(self) -> Names:
+        """What to know of these numbers, in sentences."""
+        if len(self.processors) < 2:
+            return ()
+        kinds = [
+            f"{counted(len(parts), 'part')} by {kind}"
+            for kind, parts in self.processors.items()
+        ]
+        return (
+            f"several kinds of processors have computed the parts ({'; '.join(kinds)}): "
+            "their numbers agree to rounding, not bit by bit",
+        )
 
     def frame(self) -> "pd.DataFrame":
         """Return all rows as a pandas frame, with the units of its columns in `attrs`."""
+        numbers = range(self.sweep.parts)
         frame = frame_of_parts(
-            [self.sweep.path_of(self._store, k) for k in range(self.sweep.parts)]
+            [self.sweep.path_of(self._store, number) for number in numbers],
+            [self.sweep.part_notes(number) for number in numbers],
         )
         frame.attrs = {"units": self.sweep.units()}
         return frame
@@ -174,15 +137,19 @@ class SweepResult:
                 f'{self.sweep.mechanism.name}: there is no table "{name}" of designs'
                 f"{nearest(name, tables) or ';'} {some}"
             )
-        return frame_of_parts(tables[name])
+        paths = tables[name].values()
+        notes = [self.sweep.part_notes(number) for number in tables[name]]
+        frame = frame_of_parts([*paths], notes)
+        frame.attrs = {"units": frame.attrs["units"]}
+        return frame
 
-    def _tables(self) -> dict[str, list[Path]]:
-        """Return the parts of each table."""
-        made: dict[str, list[Path]] = {}
+    def _tables(self) -> dict[str, dict[int, Path]]:
+        """Return the files of each table, by the numbers of the parts."""
+        tables: dict[str, dict[int, Path]] = {}
         for number in range(self.sweep.parts):
             for path in self.sweep.files_of(self._store, number)[1:]:
-                made.setdefault(path.parent.name, []).append(path)
-        return made
+                tables.setdefault(path.parent.name, {})[number] = path
+        return tables
 
     def __repr__(self) -> str:
         where = f", in {self.folder}" if self.folder else ""
@@ -193,7 +160,7 @@ class SweepResult:
 
 
 Workers = Callable[[Sweep, str, Sequence[int]], Generator[int, None, None]]
-"""Computes parts somewhere, and yields the number of each when it is written."""
+"""Computes parts somewhere, and yields the number of each when it is in a folder."""
 
 
 def run_sweep(
@@ -219,51 +186,115 @@ def run_sweep(
     Raises
     ------
     OutputError
-        If the folder holds another sweep, is in use, or cannot be written.
+        If the folder holds another sweep, is in use, or cannot be written, or a part is
+        missing in the end.
     """
     kept = None if folder is None else make_folder(folder)
-    place = kept or Path(mkdtemp(prefix="spherekit-sweep-"))
+    # The absolute path is the same in all processes, wherever they stand.
+    store = Path(mkdtemp(prefix=STORE)) if kept is None else kept.absolute()
     with ExitStack() as failed:
         if kept is None:
-            failed.callback(shutil.rmtree, place, ignore_errors=True)
-        result = SweepResult(
-            sweep, kept, _computed(sweep, place, workers, elsewhere), place
-        )
+            failed.callback(shutil.rmtree, store, ignore_errors=True)
+        progress = _Progress(sweep, store)
+        progress.compute(workers, elsewhere)
+        result = SweepResult(sweep, kept, progress.computed, progress.processors, store)
         finalize(result, failed.pop_all().close)
     return result
 
 
-def _computed(sweep: Sweep, place: Path, workers: int, elsewhere: Workers | None) -> int:
-    """Compute the parts that are missing in a folder; return how many were."""
-    working = ProgressReporter(f"{sweep.mechanism.name}: sweep")
-    lock = locked(place / LOCK)
+@contextmanager
+def _locked(store: Path) -> Iterator[None]:
+    """Hold the lock on a folder of parts.
+
+    It is released as the block is left, also where an error keeps the block's objects alive.
+
+    Raises
+    ------
+    OutputError
+        If another program holds it.
+    """
+    lock = locked(store / LOCK)
     if isinstance(lock, str):
-        raise OutputError(f"{place}: another sweep is at work in it ({lock})")
-    with lock, working_folder(place, as_json(sweep.definition())) as work:
-        files = [sweep.files_of(place, number) for number in range(sweep.parts)]
-        missing = [number for number, paths in enumerate(files) if not paths]
-        size = sum(path.stat().st_size for paths in files for path in paths)
-        done = sweep.parts - len(missing)
-        made: Generator[int, None, None] = (sweep.write(work, number) for number in missing)
-        if elsewhere is not None:
-            made = elsewhere(sweep, work, missing)
-        elif workers > 1 and len(missing) > 1:
-            made = _in_processes(sweep, work, missing, workers)
-        try:
-            for number in made:
-                size += sweep.settle(work, place, number)
-                done += 1
-                if sweep.tables:
-                    what = f"the tables of {counted(sweep.space.count, 'design')}"
-                    need_disk(place, size, size * sweep.parts / done, what, FEWER)
-                designs = min(done * sweep.part_size, sweep.space.count)
-                working.tell(f"{designs} of {counted(sweep.space.count, 'design')}".__str__)
-        except KeyboardInterrupt as stop:
-            stop.add_note(
-                f"{done} of {counted(sweep.parts, 'part')} are in {place}, and the same "
-                "command goes on from there"
+        raise OutputError(f"{store}: another sweep is at work in it ({lock})")
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+class _Progress:
+    """The parts of a sweep that are in a folder, while the others are computed.
+
+    Attributes
+    ----------
+    computed
+        How many parts were computed by this command.
+    processors
+        The numbers of parts by the kind of processor that has computed them, in words.
+    """
+
+    def __init__(self, sweep: Sweep, store: Path) -> None:
+        self.sweep = sweep
+        self.store = store
+        self.computed = 0
+        self.processors: dict[str, list[int]] = {}
+        self._bytes = 0
+        self._done: set[int] = set()
+
+    def compute(self, workers: int, elsewhere: Workers | None) -> None:
+        """Compute the parts that are missing."""
+        sweep = self.sweep
+        reporter = ProgressReporter(f"{sweep.mechanism.name}: sweep")
+        definition = as_json(sweep.definition())
+        with _locked(self.store), working_folder(self.store, definition) as work:
+            for number in range(sweep.parts):
+                paths = sweep.files_of(self.store, number)
+                if paths:
+                    self._count(number, sum(path.stat().st_size for path in paths))
+            missing = [x for x in range(sweep.parts) if x not in self._done]
+            parts: Generator[int, None, None] = (sweep.write(work, x) for x in missing)
+            if elsewhere is not None and missing:
+                parts = elsewhere(sweep, work, missing)
+            elif workers > 1 and len(missing) > 1:
+                parts = compute_in_processes(sweep, work, missing, workers)
+            try:
+                for number in parts:
+                    self._count(number, sweep.settle(work, self.store, number))
+                    self.computed += 1
+                    self._need_disk()
+                    reporter.tell(self._in_words)
+            except KeyboardInterrupt as stop:
+                stop.add_note(
+                    f"{len(self._done)} of {counted(sweep.parts, 'part')} are in "
+                    f"{self.store}, and the same command goes on from there"
+                )
+                raise
+            finally:
+                parts.close()
+        lacking = [number for number in missing if number not in self._done]
+        if lacking:
+            raise OutputError(
+                f"{self.store}: {counted(len(lacking), 'part')} of {sweep.parts} are "
+                f"missing in the end ({listing(map(str, lacking), 8)}); the same command "
+                "makes them"
             )
-            raise
-        finally:
-            made.close()
-    return len(missing)
+
+    def _count(self, number: int, size: int) -> None:
+        """Count a part that is there, of so many bytes."""
+        self._bytes += size
+        self._done.add(number)
+        processor = self.sweep.notes_of_part(self.store, number).get(PROCESSOR, {})
+        words = ", ".join(f"{key} {value}" for key, value in processor.items())
+        self.processors.setdefault(words or "an unknown one", []).append(number)
+
+    def _need_disk(self) -> None:
+        """Raise `OutputError` if the disk has no room for the parts that are missing."""
+        if self.sweep.tables:
+            whole = self._bytes * self.sweep.parts / len(self._done)
+            what = f"the tables of {counted(self.sweep.space.count, 'design')}"
+            need_disk(self.store, self._bytes, whole, what, FEWER)
+
+    def _in_words(self) -> str:
+        space = self.sweep.space
+        designs = min(len(self._done) * self.sweep.part_size, space.count)
+        return f"{designs} of {counted(space.count, 'design')}"

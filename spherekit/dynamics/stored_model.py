@@ -1,8 +1,10 @@
 """What a stored model is of, without its numbers, and the archive that holds both."""
 
+import hashlib
 import io
 import json
 import math
+import stat
 import struct
 import zipfile
 import zlib
@@ -36,7 +38,7 @@ DAMAGED: tuple[type[Exception], ...] = (
     *(ValueError, KeyError, TypeError, EOFError, RuntimeError, ArithmeticError),
     *(zipfile.BadZipFile, zlib.error, struct.error),
 )
-"""What NumPy and zipfile raise of archives in which a bit has changed."""
+"""What NumPy, zipfile and constructors raise of archives with other content."""
 
 
 @dataclass(frozen=True)
@@ -276,6 +278,16 @@ Kind = tuple[str, int, str]
 """Of archives with a heading: the name and version of their format, how to make one."""
 
 
+CHECKSUM_MARK = b"sha256:"
+CHECKSUM_LENGTH = 64
+"""An archive ends with its own SHA-256 sum as hexadecimal digits, after a mark.
+
+Both are the comment of the zip archive, which other programs pass over. Whatever changes a
+byte, or writes the archive anew, leaves no sum that fits. Without it, a changed heading
+could ask for any amount of work before a fault is noticed.
+"""
+
+
 def write_archive(
     path: AnyPath, kind: Kind, heading: Mapping[str, Any], arrays: Mapping[str, Any]
 ) -> None:
@@ -285,7 +297,14 @@ def write_archive(
     words = {"format": kind[0], "version": kind[1], **heading}
     stream = io.BytesIO()
     np.savez_compressed(stream, header=np.array(json.dumps(words, indent=1)), **arrays)
-    write_bytes(path, stream.getvalue())
+    with zipfile.ZipFile(stream, "a") as archive:
+        archive.comment = CHECKSUM_MARK + bytes(CHECKSUM_LENGTH)
+    content = stream.getvalue()[:-CHECKSUM_LENGTH]
+    write_bytes(path, content + _checksum(content))
+
+
+def _checksum(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
 
 
 def read_archive(
@@ -296,11 +315,24 @@ def read_archive(
     Raises
     ------
     FileError
-        If it cannot be read, is none of this kind, of another version, or damaged.
+        If it cannot be read, is none of this kind, of another version, or is not as it was
+        written.
     """
     where, (words, version, remedy) = repr(str(path)), kind
     try:
-        with np.load(Path(path), allow_pickle=False) as archive:
+        if stat.S_ISFIFO(mode := Path(path).stat().st_mode) or stat.S_ISCHR(mode):
+            raise FileError(f"{where}: is a pipe or a device; give the name of a file")
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:  # a null character in the name
+        raise FileError(f"{where}: cannot be read: {error}") from None
+    content = data[:-CHECKSUM_LENGTH]
+    is_whole = content.endswith(CHECKSUM_MARK) and data == content + _checksum(content)
+    try:
+        if not is_whole:
+            raise ValueError("its checksum is missing or wrong")
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             header = json.loads(str(archive.get("header", "null")))
             if not isinstance(header, dict) or header.get("format") != words:
                 raise FileError(f"{where}: is not a {words}; {remedy}")
@@ -312,11 +344,11 @@ def read_archive(
                 )
             given = {name: archive[name] for name in archive.files if name != "header"}
         return made(_tuples(header), given)
-    except OSError as error:
-        raise FileError(f"{where}: cannot be read: {error.strerror or error}") from None
     except DAMAGED as error:
         raise FileError(
-            f"{where}: is not a complete {words} ({error}); make it anew"
+            f"{where}: is not a {words}, or not as this spherekit has written it "
+            f"({error}): it was cut short or changed, or is from another program or "
+            f"version; make it anew, {remedy}"
         ) from None
 
 

@@ -18,6 +18,7 @@ from spherekit.analysis.registry import create
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
 from spherekit.design.figures import DesignSamples
+from spherekit.design.part_processes import can_start_workers
 from spherekit.design.requirements import Specification
 from spherekit.design.sweep import (
     DesignSpace,
@@ -38,6 +39,7 @@ from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import in_radians
 from spherekit.planning.inputs import driven_at
+from spherekit.resources import usable_cores
 from spherekit.sphere.rotation import from_quaternion, from_tilt_torsion, pointing
 
 if TYPE_CHECKING:
@@ -96,7 +98,8 @@ def sweep(
     workers
         Processes at work, by default one for each core; without a folder there is one.
     dask
-        Address of a Dask scheduler whose workers compute the parts; they see the folder.
+        Address of a Dask scheduler whose workers compute the parts. Those that do not see
+        the folder send their parts through the scheduler.
 
     Returns
     -------
@@ -111,7 +114,8 @@ def sweep(
     EngineError
         If the mechanism has pairs that no kernel knows.
     OutputError
-        If the folder holds another sweep, or cannot be written.
+        If the folder holds another sweep, or cannot be written, or a part is missing in
+        the end.
 
     Examples
     --------
@@ -194,14 +198,14 @@ def perform(
     if workers is not None and workers < 1:
         raise DesignError(f"workers: {workers} processes; give at least 1")
     if dask is None:
-        most = 1 if folder is None else workers or os.cpu_count() or 1
-        return run_sweep(sweep, folder, most)
+        is_alone = folder is None or not can_start_workers()
+        return run_sweep(sweep, folder, 1 if is_alone else workers or usable_cores())
     if folder is None:
-        raise DesignError("dask: give a folder that its workers see, for their parts")
-    from spherekit.design.requirements import check_cluster, on_cluster
+        raise DesignError("dask: give the folder to which the parts go")
+    from spherekit.design.cluster import check_cluster, compute_on_cluster
 
     check_cluster()
-    return run_sweep(sweep, folder, elsewhere=partial(on_cluster, dask))
+    return run_sweep(sweep, folder, elsewhere=partial(compute_on_cluster, dask))
 
 
 def _document(mechanism: Mechanism, subject: Subject) -> Document:

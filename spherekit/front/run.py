@@ -5,9 +5,9 @@ A trade whose chart can be drawn.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, wraps
+from functools import WRAPPER_ASSIGNMENTS, cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from spherekit.analysis import run as analysis
 from spherekit.analysis.result import Columns, RunResult
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 
 P = ParamSpec("P")
+R = TypeVar("R")
 
 ONCE = ("folder", "unfinished", "formats", "recorder", "progress", "verify", "tables")
 """Arguments of a run that do not matter to what is seen of it."""
@@ -30,10 +31,28 @@ ONCE = ("folder", "unfinished", "formats", "recorder", "progress", "verify", "ta
 
 @dataclass
 class _Again:
-    """What shows a run by going through it once more, and keeps what is to be seen."""
+    """What shows a run by going through it once more, and keeps what is to be seen.
+
+    Attributes
+    ----------
+    name
+        The name of the mechanism.
+    arguments, options
+        What `spherekit.run` was called with, without the options of `ONCE`.
+    """
 
     name: str
-    go: Callable[["Recorder"], object]
+    arguments: tuple[Any, ...]
+    options: Facts
+
+    def __getstate__(self) -> Facts:
+        """Return the call alone: what is to be seen is large, and made again by it."""
+        return {"name": self.name, "arguments": self.arguments, "options": self.options}
+
+    def go(self, recorder: "Recorder") -> None:
+        """Go through the run again, and show it to a recorder."""
+        options = {**self.options, "recorder": recorder, "tables": False}
+        analysis.run(*self.arguments, **options)
 
     def record(self, path: Path) -> None:
         """Write a recording, block by block where nothing is kept yet."""
@@ -65,34 +84,32 @@ class _Again:
         return collector
 
 
-def _visible(function: Callable[P, RunResult]) -> Callable[P, RunResult]:
-    """Return a function that runs, with results that can be seen."""
+def _published(function: Callable[P, R], wrapper: Callable[..., R]) -> Callable[P, R]:
+    """Return a wrapper with the name, the signature and the docs of its function.
 
-    @wraps(function)
-    def _run(*args: P.args, **kwargs: P.kwargs) -> RunResult:
-        result = function(*args, **kwargs)
-        again: Facts = {k: v for k, v in kwargs.items() if k not in ONCE}
-
-        def go(recorder: "Recorder") -> None:
-            again.update(recorder=recorder, tables=False)
-            function(*args, **again)  # type: ignore[call-arg]
-
-        return replace(result, views=_Again(result.summary["mechanism"], go))
-
-    return _run
+    Its module stays its own: pickles find functions by module and name, and pools of
+    processes are given functions as pickles.
+    """
+    copied = [name for name in WRAPPER_ASSIGNMENTS if name != "__module__"]
+    return wraps(function, assigned=copied)(wrapper)
 
 
-run = _visible(analysis.run)
+def _run(*arguments: Any, **options: Any) -> RunResult:
+    """Run, and let the result be seen."""
+    result = analysis.run(*arguments, **options)
+    again = {name: value for name, value in options.items() if name not in ONCE}
+    return replace(result, views=_Again(result.summary["mechanism"], arguments, again))
 
 
-def _drawable(function: Callable[P, Trade]) -> Callable[P, Trade]:
-    """Return a function that measures, with results that can be drawn."""
+run = _published(analysis.run, _run)
 
-    @wraps(function)
-    def _trade(*args: P.args, **kwargs: P.kwargs) -> Trade:
-        return replace(function(*args, **kwargs), draw=_figure)
 
-    return _trade
+def _trade(*arguments: Any, **options: Any) -> Trade:
+    """Measure a trade, and let it be drawn."""
+    return replace(measured.trade(*arguments, **options), draw=_figure)
+
+
+trade = _published(measured.trade, _trade)
 
 
 def _figure(result: Trade, tolerance: float | None, columns: Columns) -> "Figure":
@@ -101,6 +118,3 @@ def _figure(result: Trade, tolerance: float | None, columns: Columns) -> "Figure
 
     (figure,) = figures_of([scene(result, tolerance)], {}, columns=columns).values()
     return figure
-
-
-trade = _drawable(measured.trade)

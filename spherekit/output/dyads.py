@@ -10,6 +10,7 @@ How inputs move with an output, and the measures of type I that follow.
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 
@@ -91,7 +92,7 @@ class Dyads:
     ) -> None:
         self.ends, self.joints = mechanism.ends, joints
         self.base, self.given = base, given
-        self.source, self.spread = cache(self._source), cache(self._spread)
+        self._cache_methods()
         self.stands = tuple(map(self._stand, assembly.groups))
         self.placed_by: dict[int, int] = {}
         self.group_of: dict[int, int] = {}
@@ -99,6 +100,21 @@ class Dyads:
         for number, stand in enumerate(self.stands):
             self.placed_by |= dict.fromkeys((stand.first, stand.second), number)
             self.group_of |= dict.fromkeys((stand.near, stand.middle, stand.far), number)
+
+    def _cache_methods(self) -> None:
+        """Let `source` and `spread` remember what they have returned."""
+        self.source = cache(self._source)
+        self.spread = cache(self._spread)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the two caches, which do not pickle."""
+        state = dict(vars(self))
+        del state["source"], state["spread"]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._cache_methods()
 
     @staticmethod
     def fit(assembly: Assembly, base: int) -> bool:

@@ -1,0 +1,334 @@
+"""Sweeps by worker processes: from any program, and when the system ends some of them."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import spherekit as sk
+from spherekit.design import part_processes
+from spherekit.errors import DesignError
+from spherekit.progress import progress_listener
+
+TESTS = Path(__file__).parent
+VARY = {"links.2.arc": [float(x) for x in np.linspace(10.0, 40.0, 40)]}
+"""Three parts, where each design is run."""
+
+PLAIN = f"""
+import spherekit as sk
+
+print("begun", flush=True)
+found = sk.sweep(
+    "four_bar", {VARY}, analyses=["poles"], tables=True, samples=3, folder="designs",
+    workers=2,
+)
+print(found.computed, len(found.frame()), flush=True)
+"""
+"""As in the documentation: no main guard."""
+
+PLUGIN = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from spherekit.plugin import (
+    ASSEMBLY_MODE, SAMPLE, STATUS, AbstractAnalysis, Column, Needs, Table, registered
+)
+
+COLUMNS = SAMPLE, ASSEMBLY_MODE, Column("twice", "rad", "2 q"), STATUS
+TABLE = Table("rows", "a row per sample", COLUMNS)
+double = lambda q: FACTOR * q
+FACTOR = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Twice(AbstractAnalysis):
+    name: ClassVar = "twice"
+    version: ClassVar = "1"
+    summary: ClassVar = "twice the input"
+    rowwise: ClassVar = True
+    tables: ClassVar = (TABLE,)
+
+    def needs(self, mechanism):
+        return Needs()
+
+    def compute(self, batch):
+        print("a plugin may print")
+        columns = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
+        return {"rows": columns | {"twice": double(batch.q), "status": batch.status}}
+
+"""
+"""An analysis that only the script knows."""
+
+OWN = f"""{PLUGIN}
+import spherekit as sk
+
+with registered(Twice):
+    found = sk.sweep(
+        "four_bar", {VARY}, "most=max(twice.rows: twice)", analyses=["twice"],
+        tables=True, samples=3, folder="designs", workers=2,
+    )
+print(found.computed, found.frame()["most"].max())
+"""
+
+
+def run(words, cwd, **options):
+    """Run Python, and return what it printed, nothing going wrong."""
+    done = subprocess.run(
+        [sys.executable, *words], cwd=cwd, capture_output=True, text=True, **options
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stdout
+
+
+def as_script(tmp_path, text):
+    (tmp_path / "script.py").write_text(text)
+    return run(["script.py"], tmp_path)
+
+
+def as_module(tmp_path, text):
+    (tmp_path / "script.py").write_text(text)
+    return run(["-m", "script"], tmp_path)
+
+
+def as_guarded_script(tmp_path, text):
+    lines = "".join(f"    {line}\n" for line in text.splitlines() if line)
+    return as_script(tmp_path, f'if __name__ == "__main__":\n{lines}')
+
+
+def as_argument(tmp_path, text):
+    return run(["-c", text], tmp_path)
+
+
+def as_isolated_argument(tmp_path, text):
+    return run(["-I", "-c", text], tmp_path)
+
+
+def as_input(tmp_path, text):
+    return run(["-"], tmp_path, input=text)
+
+
+def as_typed(tmp_path, text):
+    """In an interactive interpreter, which ends blocks at empty lines."""
+    compiled = f"exec(compile({text!r}, '<typed>', 'exec'), globals())\n"
+    return run(["-i", "-q"], tmp_path, input=compiled)
+
+
+def in_a_notebook(tmp_path, text):
+    shell = pytest.importorskip("IPython.core.interactiveshell")
+    assert shell is not None
+    cell = (
+        "from IPython.core.interactiveshell import InteractiveShell\n"
+        f"InteractiveShell.instance().run_cell({text!r}).raise_error()\n"
+    )
+    return run(["-c", cell], tmp_path)
+
+
+def in_a_thread(tmp_path, text):
+    (tmp_path / "cell.py").write_text(text)
+    code = (
+        "import threading, runpy\n"
+        "t = threading.Thread(target=runpy.run_path, args=('cell.py',),"
+        " kwargs={'run_name': '__main__'})\n"
+        "t.start(); t.join()\n"
+    )
+    return run(["-c", code], tmp_path)
+
+
+def in_pytest(tmp_path, text):
+    lines = "".join(f"    {line}\n" for line in text.splitlines() if line)
+    (tmp_path / "test_inside.py").write_text(f"def test_it():\n{lines}")
+    words = ["-m", "pytest", "-q", "-s", "-n", "0", "-p", "no:cacheprovider"]
+    return run([*words, "--rootdir", str(tmp_path), "test_inside.py"], tmp_path)
+
+
+PROGRAMS = [
+    as_script,
+    as_argument,
+    as_input,
+    as_module,
+    as_typed,
+    as_guarded_script,
+    as_isolated_argument,
+    in_a_notebook,
+    in_a_thread,
+    in_pytest,
+]
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_a_sweep_needs_no_main_guard(program, tmp_path):
+    """The program is gone through once, and three parts are made."""
+    out = program(tmp_path, PLAIN)
+    assert out.count("begun") == 1
+    assert "3 80" in out
+    assert len(list((tmp_path / "designs" / "designs").glob("part-*.parquet"))) == 3
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("program", [as_script, as_argument, as_input, in_a_notebook])
+def test_analyses_of_the_script_itself_are_sent(program, tmp_path):
+    """With the lambda that they call; and what they print disturbs nobody."""
+    out = program(tmp_path, OWN)
+    assert "3 720.0" in out  # the input turns once, and figures are in degrees
+
+
+def sweep_of_runs(folder, workers=2, **options):
+    how = {"analyses": ["poles"], "tables": True, "samples": 3} | options
+    return sk.sweep("four_bar", VARY, folder=folder, workers=workers, **how)
+
+
+def test_what_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
+    state = {"lock": threading.Lock()}
+    monkeypatch.setattr("spherekit.design.sweep.Sweep.__getstate__", lambda _: state)
+    with pytest.raises(DesignError, match="cannot be sent.*keep locks.*--workers 1"):
+        sweep_of_runs(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("python", "says"),
+    [
+        ("/nowhere/python", "no worker process can be started.*No such file"),
+        ("/bin/false", "ended as it started .exit status 1"),
+    ],
+)
+def test_a_python_that_does_not_start_is_told(python, says, tmp_path, monkeypatch):
+    monkeypatch.setattr(part_processes, "get_executable", lambda: python)
+    with pytest.raises(DesignError, match=f"{says}.*--workers 1"):
+        sweep_of_runs(tmp_path)
+    monkeypatch.setattr(part_processes, "get_executable", lambda: None)
+    assert sweep_of_runs(tmp_path, None).computed == 3  # in this process
+
+
+@pytest.mark.slow
+def test_modules_that_a_worker_lacks_are_named(tmp_path, monkeypatch):
+    """A class of a module that was found by a folder that is no longer searched."""
+    (tmp_path / "of_elsewhere.py").write_text(PLUGIN)
+    monkeypatch.syspath_prepend(tmp_path)
+    from of_elsewhere import Twice, registered
+
+    sys.path.remove(str(tmp_path))
+    how = {"analyses": ["twice"]}
+    says = "cannot load the sweep .ModuleNotFoundError: No module named 'of_elsewhere'"
+    with registered(Twice), pytest.raises(DesignError, match=says):
+        sweep_of_runs(tmp_path / "designs", **how)
+
+
+ENDING = """
+import os, signal, sys
+from pathlib import Path
+from spherekit.design import sweep
+
+mark, mode, number = Path({mark!r}), {mode!r}, {number}
+write = sweep.Sweep.write
+
+
+def write_or_end(self, folder, part):
+    count = len(list(mark.glob("*")))
+    limits = {{"once": 1, "twice": 2, "always": 10**6}}
+    if part == number and count < limits[mode]:
+        (mark / str(count)).touch()
+        os.kill(os.getpid(), signal.{signal})
+    return write(self, folder, part)
+
+
+sweep.Sweep.write = write_or_end
+"""
+
+
+@pytest.fixture
+def ending(tmp_path, monkeypatch):
+    """Return what lets processes that compute a part be ended so often."""
+
+    def arrange(mode, number=0, by="SIGKILL"):
+        mark, site = tmp_path / "mark", tmp_path / "site"
+        mark.mkdir()
+        site.mkdir()
+        text = ENDING.format(mark=str(mark), mode=mode, number=number, signal=by)
+        (site / "sitecustomize.py").write_text(text)
+        monkeypatch.setenv("PYTHONPATH", str(site))
+        return mark
+
+    return arrange
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+@pytest.mark.parametrize(
+    ("mode", "number", "by"),
+    [
+        ("once", 0, "SIGKILL"),  # before any part is made
+        ("once", 2, "SIGKILL"),
+        ("once", 1, "SIGSEGV"),
+        ("twice", 0, "SIGKILL"),
+        ("twice", 1, "SIGTERM"),
+    ],
+)
+def test_a_part_whose_process_is_ended_is_made_by_another(
+    mode, number, by, tmp_path, ending
+):
+    """The rows are those of a sweep that nothing disturbs, bit by bit."""
+    mark = ending(mode, number, by)
+    said = []
+    with progress_listener(said.append):
+        found = sweep_of_runs(tmp_path / "designs")
+    deaths = {"once": 1, "twice": 2}[mode]
+    assert len(list(mark.iterdir())) == deaths
+    told = [text for text in said if "its process was ended" in text]
+    assert len(told) == deaths
+    assert f"part {number} (designs {16 * number} to " in told[0]
+    assert f"signal {int(getattr(signal, by))}, {by}" in told[0]
+    assert found.computed == 3
+    wanted = sweep_of_runs(None)
+    pd.testing.assert_frame_equal(found.frame(), wanted.frame(), check_exact=True)
+    for name in wanted.table_names:
+        pd.testing.assert_frame_equal(found.table(name), wanted.table(name))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="needs signals")
+def test_a_part_that_ends_every_process_ends_the_sweep_in_words(tmp_path, ending):
+    """The other parts are there, and the same command goes on with them."""
+    mark = ending("always", 1)
+    with pytest.raises(DesignError) as stop:
+        sweep_of_runs(tmp_path / "designs")
+    assert str(stop.value) == (
+        "four_bar: part 1 (designs 16 to 31): the system ended each of 3 processes that "
+        "computed it (signal 9, SIGKILL), perhaps for want of memory; parts that are "
+        "written stay, and the same command continues; ask for fewer samples, or for "
+        "--workers 1 in less memory"
+    )
+    assert len(list(mark.iterdir())) == 3
+    (tmp_path / "site" / "sitecustomize.py").write_text("")
+    assert sweep_of_runs(tmp_path / "designs").computed == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
+def test_workers_that_are_killed_from_outside_change_nothing(tmp_path):
+    """Every process of the sweep, one after the other, as the system takes memory back."""
+    words = ["-m", "spherekit", "sweep", "four_bar", "-a", "poles", "--tables"]
+    words += ["--vary", "links.2.arc=10:40:160", "--samples", "91", "--workers", "2"]
+    running = subprocess.Popen(
+        [sys.executable, *words, "-q", "-o", tmp_path / "designs"], start_new_session=True
+    )
+    killed = set()
+    while running.poll() is None and len(killed) < 4:
+        lists = Path(f"/proc/{running.pid}/task").glob("*/children")
+        children = {int(pid) for path in lists for pid in path.read_text().split()}
+        for pid in sorted(children - killed)[:1]:
+            time.sleep(1.0)
+            if running.poll() is None:
+                os.kill(pid, signal.SIGKILL)
+                killed.add(pid)
+        time.sleep(0.05)
+    assert running.wait(300) == 0 and len(killed) == 4
+    assert len(pd.read_parquet(tmp_path / "designs" / "designs")) == 2 * 160
