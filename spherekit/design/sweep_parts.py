@@ -206,7 +206,7 @@ def run_sweep(
 def _locked(store: Path) -> Iterator[None]:
     """Hold the lock on a folder of parts.
 
-    It is released as the block is left, also where an error keeps the block's objects alive.
+    It is released as the block is left, even if an error keeps objects of the block alive.
 
     Raises
     ------
