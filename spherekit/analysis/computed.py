@@ -10,6 +10,7 @@ from spherekit.analysis.batch import Batch
 from spherekit.analysis.contract import AbstractAnalysis, Findings
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.scene import Scene
+from spherekit.analysis.scene_checks import check_scene
 from spherekit.analysis.tables import TYPES, Column, Table, TableData, row_count
 from spherekit.arrays import Array
 from spherekit.conventions import listing
@@ -50,7 +51,10 @@ def computed(
         where = f"{analysis.name}: table {table.name}"
         data[table.name] = columns = _columns(where, table, given[table.name])
         rows = row_count(columns)
-        if analysis.rowwise and table.in_assembly_modes and rows % max(len(batch), 1):
+        has_rows_of_samples = (
+            analysis.rowwise and analysis.reads_samples and table.in_assembly_modes
+        )
+        if has_rows_of_samples and rows % max(len(batch), 1):
             raise PluginError(
                 f"{where} has {rows} rows for the {len(batch)} of the batch; give each "
                 "sample of each assembly mode as many rows as the others, NaN where it "
@@ -130,19 +134,18 @@ def findings_of(
 
 
 def scenes_of(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...]:
-    """Return what is to be seen of a batch.
+    """Return what is to be seen of a batch, with arrays of the right shapes.
 
     Raises
     ------
     PluginError
-        If that fails, or is not made of scenes.
+        If that fails, or `check_scene` refuses one of the scenes.
     """
     with faults_of(analysis.name, "scene"):
         scenes = tuple(analysis.scene(batch))
-    for scene in scenes:
-        if not isinstance(scene, Scene):
-            raise PluginError(
-                f"{analysis.name}: scene returned a {type(scene).__name__}, it has to "
-                "return a tuple of Scene(...)"
-            )
-    return scenes
+    modes = [*batch.assembly_mode_rows()]
+    samples = len(batch) // max(len(modes), 1)
+    inputs = batch.inputs.shape[1]
+    return tuple(
+        check_scene(analysis.name, scene, modes, samples, inputs) for scene in scenes
+    )

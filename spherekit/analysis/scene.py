@@ -57,15 +57,24 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Axis:
-    """What rows run over: an input, the time, or a quantity of an analysis."""
+    """What rows run over: an input, the time, or a quantity of an analysis.
+
+    Attributes
+    ----------
+    label : str
+        Name of the quantity.
+    unit : str
+        SI, rad, or empty for pure numbers.
+    values : array (n,)
+        The value of each row.
+    span : (low, high), or None
+        Least and greatest value of all blocks, if `values` is one block of them.
+    """
 
     label: str
     unit: str
-    """SI, rad, or empty for pure numbers."""
     values: Floats
-    """(n,)"""
     span: Range | None = None
-    """Least and greatest value of all blocks, if these are not all values."""
 
     @property
     def extent(self) -> Range:
@@ -83,35 +92,53 @@ class Axis:
 
 @dataclass(frozen=True)
 class Body:
-    """A link: curves and joints fixed in its own axes, turned by a quaternion."""
+    """A link: curves and joints fixed in its own axes, turned by a quaternion.
+
+    Attributes
+    ----------
+    curves : sequence of arrays (k, 3)
+        Polylines in link axes, on the unit sphere.
+    joints : array (j, 3)
+        Unit vectors along the joint axes, in link axes.
+    joint_labels : sequence of str (j,)
+        Names of the joints.
+    number : int
+        Position of the link in the mechanism, by which the viewer picks its colour.
+    quaternions : array (n, 4), or None
+        From link axes to ground axes, xyzw, for each sample; None for the ground.
+    """
 
     path: str
     label: str
     curves: Sequence[Floats]
-    """Polylines (k, 3) in link axes."""
     joints: Floats
-    """Joint directions (j, 3) in link axes."""
     joint_labels: Sequence[str]
     number: int
-    """Position of the link in the mechanism; the viewer picks the colour by it."""
     quaternions: Floats | None
-    """(n, 4) xyzw, link axes to ground axes; None for the ground."""
 
 
 @dataclass(frozen=True)
 class Arrow:
-    """A direction from the centre, with the path its tip leaves on the sphere."""
+    """A direction from the centre, with the path its tip leaves on the sphere.
+
+    Attributes
+    ----------
+    directions : array (n, 3)
+        Unit vectors in ground axes, one for each sample.
+    primary : bool
+        Whether it is the axis of a pair, drawn quieter than a secondary pole axis.
+    shown : bool
+        Whether it is drawn from the start; otherwise it can be switched on.
+    path_shown : bool
+        Whether successive rows are points of one path.
+    """
 
     path: str
     label: str
     directions: Floats
-    """(n, 3) unit vectors."""
     primary: bool
-    """A pole axis that is the axis of a pair, drawn quieter than a secondary one."""
     shown: bool = True
-    """Whether it is drawn from the start; otherwise it can be switched on."""
     path_shown: bool = True
-    """Whether successive rows are places on one path."""
 
 
 @dataclass(frozen=True)
@@ -120,16 +147,22 @@ class Trace:
 
     That of a pole is an axode: the fixed one in the axes of one of its links, the moving
     one in those of the other.
+
+    Attributes
+    ----------
+    directions : array (n, 3)
+        Unit vectors in link axes, one for each sample.
+    number : int
+        Position of the link in the mechanism, by which the viewer picks its colour.
+    quaternions : array (n, 4), or None
+        From link axes to ground axes, xyzw, for each sample; None for the ground.
     """
 
     path: str
     label: str
     directions: Floats
-    """(n, 3) unit vectors in link axes."""
     number: int
-    """Position of the link in the mechanism; the viewer picks the colour by it."""
     quaternions: Floats | None
-    """(n, 4) xyzw, link axes to ground axes; None for the ground."""
 
     @property
     def at_first(self) -> Floats:
@@ -142,29 +175,44 @@ class Trace:
 
 @dataclass(frozen=True)
 class GreatCircle:
-    """A great circle given by the normal of its plane."""
+    """A great circle given by the normal of its plane.
+
+    Attributes
+    ----------
+    normals : array (n, 3)
+        Unit vectors in ground axes, one for each sample.
+    """
 
     path: str
     label: str
     normals: Floats
-    """(n, 3) unit vectors."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """A scalar against the timelines; series of one group share one plot."""
+    """A scalar against the timelines; series of one group share one plot.
+
+    Attributes
+    ----------
+    group : str
+        Name of the quantity, by which series share a plot.
+    values : array (n,)
+        One number for each sample, NaN where there is none.
+    unit : str
+        SI or rad; figures and viewers show angles in degrees.
+    link : int, or None
+        Position of the link whose colour it has, if it is about one.
+    resolution : float
+        Differences below it are rounding, and not scaled up to a signal.
+    """
 
     path: str
     label: str
     group: str
-    """What the quantity is."""
     values: Floats
-    """(n,)"""
     unit: str = ""
     link: int | None = None
-    """Position of the link whose colour it has, if it is about one."""
     resolution: float = 1e-9
-    """Differences below it are rounding, and not scaled up to a signal."""
 
     @property
     def heading(self) -> str:
@@ -178,20 +226,32 @@ class InputMarks:
 
     They are marked on the axes of what is drawn over the inputs, or over what else the
     scene says.
+
+    Attributes
+    ----------
+    inputs : array (k, axes)
+        A row for each mark, with its place on each axis in the unit of the axis: rad for
+        inputs.
+    tone : int
+        Number of the colour.
     """
 
     path: str
     label: str
     inputs: Floats
-    """(k, axes), in the units of the axes: of the inputs rad."""
     tone: int = 0
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A named point: of a curve in a plane (2,), or a direction on the sphere (3,).
+    """A named point: of a curve in a plane, or a direction on the sphere.
 
-    `tone` picks the colour, the same for marks and curves of one kind.
+    Attributes
+    ----------
+    place : array (2,) or (3,)
+        Coordinates in the plane of a `Portrait`, or a unit vector of `SphereCurves`.
+    tone : int
+        Number of the colour, the same for marks and curves of one kind.
     """
 
     label: str
@@ -201,10 +261,15 @@ class Mark:
 
 @dataclass(frozen=True)
 class PlaneCurve:
-    """A curve in the plane of a portrait, named if it has to be told from others."""
+    """A curve in the plane of a portrait, named if it has to be told from others.
+
+    Attributes
+    ----------
+    points : array (k, 2)
+        x and y in the units of the portrait.
+    """
 
     points: Floats
-    """(k, 2)"""
     tone: int = 0
     label: str = ""
 
@@ -215,25 +280,34 @@ class Portrait:
 
     `curves` are drawn from the start, in the units of x and y, and `marks` on them.
     Without them the curve is what the moving mark has drawn by the end.
+
+    Attributes
+    ----------
+    x, y : arrays (n,)
+        One number for each sample.
+    x_range, y_range : (low, high)
+        Least and greatest values of all blocks, which the frame spans.
+    curves : sequence of PlaneCurve
+        Curves that do not move.
+    marks : sequence of Mark
+        Points (2,) that do not move.
+    logarithmic : bool
+        Whether both axes are.
     """
 
     path: str
     label: str
     x: Floats
-    """(n,)"""
     y: Floats
-    """(n,)"""
     x_label: str
     y_label: str
     x_range: Range
-    """Least and greatest x of all blocks, which the frame spans."""
     y_range: Range
     x_unit: str = ""
     y_unit: str = ""
     curves: Sequence[PlaneCurve] = ()
     marks: Sequence[Mark] = ()
     logarithmic: bool = False
-    """Whether both axes are."""
 
     def placed(self) -> Floats:
         """Return the points (n, 2) in a frame that runs from 0 to 1 both ways."""
@@ -251,12 +325,21 @@ class Portrait:
 
 @dataclass(frozen=True)
 class SphereCurves:
-    """Curves and marks on the unit sphere, in ground axes, that do not move."""
+    """Curves and marks on the unit sphere, in ground axes, that do not move.
+
+    Attributes
+    ----------
+    curves : sequence of arrays (k, 3)
+        Polylines of unit vectors.
+    tone : int
+        Number of the colour.
+    marks : sequence of Mark
+        Named unit vectors (3,).
+    """
 
     path: str
     label: str
     curves: Sequence[Floats]
-    """Polylines (k, 3) of unit vectors."""
     tone: int = 0
     marks: Sequence[Mark] = ()
 
@@ -266,17 +349,26 @@ class SphereMap:
     """A part of the unit sphere, in ground axes, coloured by a value; it does not move.
 
     Without triangles it is the vertices, seen as points.
+
+    Attributes
+    ----------
+    label : str
+        Name of the value.
+    vertices : array (v, 3)
+        Unit vectors.
+    triangles : array (t, 3) of int
+        Numbers of the vertices at the corners, from 0.
+    values : array (v,)
+        The value at each vertex.
+    unit : str
+        Unit of the values.
     """
 
     path: str
     label: str
-    """What the value is."""
     vertices: Floats
-    """(v, 3) unit vectors."""
     triangles: Integers
-    """(t, 3) numbers of vertices."""
     values: Floats
-    """(v,)"""
     unit: str = ""
 
     @property
@@ -291,26 +383,57 @@ class Surface:
     """A triangulated surface in a space of its own, with its axes named.
 
     Without triangles it is the vertices, seen as points, which `values` colour.
+
+    Attributes
+    ----------
+    vertices : array (v, 3)
+        Coordinates in the unit of the axes.
+    triangles : array (t, 3) of int
+        Numbers of the vertices at the corners, from 0.
+    axes : three texts
+        Names of the axes.
+    unit : str
+        Unit of all three axes.
+    values : array (v,), or None
+        The quantity that `label` names, at each vertex.
+    values_unit : str
+        Unit of the values.
     """
 
     path: str
     label: str
     vertices: Floats
-    """(v, 3)"""
     triangles: Integers
-    """(t, 3) numbers of vertices."""
     axes: tuple[str, str, str]
     tone: int = 0
     unit: str = ""
-    """Of all three axes."""
     values: Floats | None = None
-    """(v,), of what the label says."""
     values_unit: str = ""
 
 
 @dataclass(frozen=True)
 class Diagram:
-    """Points and straight lines that move in a plane with one scale on both axes."""
+    """Points and straight lines that move in a plane with one scale on both axes.
+
+    Attributes
+    ----------
+    x_range, y_range : (low, high)
+        What the frame spans.
+    names : sequence of str (k,)
+        Names of the points.
+    places : array (n, k, 2)
+        x and y of each point in each sample, NaN where there is none.
+    tones : sequence of int (k,)
+        Numbers of the colours of the points.
+    lines : array (n, m, 3)
+        a, b, c of each line a x + b y + c = 0 in each sample.
+    words : sequence of str (n,), or empty
+        A text for each sample.
+    readings : array (n, k, 2) rad, or None
+        Two angles of each point that are listed beside the plane.
+    reading_names : two texts
+        Names of these angles.
+    """
 
     path: str
     label: str
@@ -319,30 +442,32 @@ class Diagram:
     x_range: Range
     y_range: Range
     names: Sequence[str]
-    """Of the points (k,)."""
     places: Floats
-    """(n, k, 2), NaN where there is none."""
     tones: Sequence[int]
-    """Of the points (k,)."""
     lines: Floats
-    """(n, m, 3): a x + b y + c = 0 for each (a, b, c)."""
     words: Sequence[str] = ()
-    """What is to be said of each row, if anything."""
     readings: Floats | None = None
-    """(n, k, 2) rad: two angles of each point that are listed beside the plane."""
     reading_names: tuple[str, str] = ("", "")
 
 
 @dataclass(frozen=True)
 class Graph:
-    """A link/pair graph: links and pairs are nodes, edges say which pair joins which."""
+    """A link/pair graph: links and pairs are nodes, edges say which pair joins which.
+
+    Attributes
+    ----------
+    nodes : sequence (k,) of (identifier, label, number)
+        The number is that of a link, None for a pair.
+    edges : sequence of (identifier, identifier)
+        The pair and the link that each edge joins.
+    positions : array (k, 2)
+        Places of the nodes in the unit square.
+    """
 
     path: str
     nodes: Sequence[tuple[str, str, int | None]]
-    """(identifier, label, link number or None for a pair)."""
     edges: Sequence[tuple[str, str]]
     positions: Sequence[Range]
-    """Layout in the unit square, one per node."""
 
 
 @dataclass(frozen=True)

@@ -166,6 +166,8 @@ def _executed(
             progress=progress(),
             **chosen,
         )
+        # The summary comes before the figures, so that it is not lost if one of them fails.
+        _tell(options, study, result)
         if collector and study.folder:
             from spherekit.figures.contents import figures_of
             from spherekit.figures.write import write_figures
@@ -174,7 +176,6 @@ def _executed(
             folder = study.folder / "figures"
             paths = write_figures(figures, folder, options.figures)
             note(options, f"{counted(len(paths), 'figure')} in {folder}")
-        _tell(options, study, result)
         exceeded = _prove(options, study, result) if options.prove else 0
         if options.serve is not None:
             note(options, "the run is done and still served; stop with Ctrl-C")

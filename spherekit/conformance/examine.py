@@ -19,7 +19,13 @@ from spherekit.analysis.execution import Execution
 from spherekit.analysis.faults import faults_of
 from spherekit.analysis.registry import create, load, origin_of
 from spherekit.analysis.run import executed
-from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays
+from spherekit.analysis.tables import (
+    ASSEMBLY_MODE,
+    SAMPLE,
+    TableArrays,
+    arrays,
+    row_count,
+)
 from spherekit.arrays import Floats
 from spherekit.conformance.report import ConformanceCase, Line, Report, Verdict, failed_at
 from spherekit.conformance.variants import (
@@ -221,7 +227,7 @@ def _tables(trial: ConformanceCase) -> str:
     (batch,) = trial.batches(len(trial.course))
     given = trial.job.given(trial.analysis, batch)
     for table in trial.job.tables_of(trial.analysis):
-        if not table.in_assembly_modes:
+        if not (table.in_assembly_modes and trial.analysis.reads_samples):
             continue
         data = arrays(given[table.name])
         counts = Counter(zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True))
@@ -231,6 +237,12 @@ def _tables(trial: ConformanceCase) -> str:
                 f"table {table.name} has not the same number of rows for every sample of "
                 "every assembly mode; a row that fails is kept, with NaN"
             )
+    main = trial.job.tables_of(trial.analysis)[0]
+    if row_count(given[main.name]) == 0:
+        raise NotAppliesError(
+            f"the main table {main.name} was empty, so that its rows are not checked; try "
+            "a mechanism for which it has some"
+        )
     return ""
 
 

@@ -149,12 +149,19 @@ class RunState:
             self.largest[name] = float(max(self.largest.get(name, largest), largest))
 
     def add_rows(
-        self, name: str, table: Table, data: TableData, batch: Batch | None = None
+        self,
+        name: str,
+        table: Table,
+        data: TableData,
+        batch: Batch | None = None,
+        by_sample: bool = True,
     ) -> None:
         """Count the rows of a block of a table.
 
-        Of a `batch` also those that failed where the configuration did not. What fails of
-        pole axes is counted with these.
+        With a `batch`, rows that failed where the configuration did not are counted too.
+        Failures of pole axes are counted with the poles. Without `by_sample` the rows are
+        not those of the samples of the batch, even if the table names samples, since the
+        analysis has read none.
         """
         self.counts[ROWS, name, table.name] += row_count(data)
         if batch is None:
@@ -167,7 +174,8 @@ class RunState:
             given = data[column]
             parts = given.parts if isinstance(given, Interleaved) else (given,)
             for codes, often in _counted_once(np.asarray(part) for part in parts):
-                if table.in_assembly_modes and len(codes) % max(len(batch), 1) == 0:
+                of_samples = by_sample and table.in_assembly_modes and len(batch) > 0
+                if of_samples and len(codes) % len(batch) == 0:
                     of_rows = codes.reshape(len(batch), -1)
                     codes = of_rows[of_rows != batch.status[:, None]]
                 self._count((FAILED, name, table.name), codes, often, passed_over)

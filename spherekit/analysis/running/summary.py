@@ -163,13 +163,17 @@ class RunPlan:
         standing: RunState,
         store: StoredParts | InMemory | None,
         batch: Batch | None = None,
+        by_sample: bool = True,
     ) -> None:
-        """Store and count rows of a block, with the names of assembly modes."""
+        """Store and count rows of a block, with the names of assembly modes.
+
+        `by_sample` says whether a table with samples has the rows of those of the batch.
+        """
         if store is not None:
             stored = table.with_names(self.mechanism)
             names = {x.number: x.name for x in self.course.tracer.assembly_modes if x.name}
             store.add(name, stored, stored.named(rows, names))
-        standing.add_rows(name, table, rows, batch)
+        standing.add_rows(name, table, rows, batch, by_sample)
 
     @cached_property
     def identity(self) -> Facts:

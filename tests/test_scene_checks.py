@@ -1,0 +1,363 @@
+"""Scenes of wrong shape are one sentence about their analysis, and nothing else is lost."""
+
+from dataclasses import dataclass, fields
+from typing import ClassVar, final
+
+import numpy as np
+import pytest
+from broken_plugins import Sound
+from common import Asking
+
+import spherekit as sk
+from spherekit import plugin
+from spherekit.analysis.scene_checks import ARRAY_SHAPES, check_scene
+from spherekit.cli.main import main
+from spherekit.conformance.examine import ConformanceSuite
+from spherekit.plugin import (
+    ASSEMBLY_MODE,
+    SAMPLE,
+    STATUS,
+    Arrow,
+    Axis,
+    Body,
+    Column,
+    Diagram,
+    Graph,
+    GreatCircle,
+    InputMarks,
+    Mark,
+    Needs,
+    PlaneCurve,
+    Portrait,
+    Scene,
+    Series,
+    SphereCurves,
+    SphereMap,
+    Surface,
+    Table,
+    Text,
+    Trace,
+    registered,
+)
+
+SAMPLES = 5
+N3 = np.tile([0.0, 0.0, 1.0], (SAMPLES, 1))
+LINE = np.linspace(0.0, 1.0, SAMPLES)
+CORNERS = np.eye(3)
+ONE_TRIANGLE = np.array([[0, 1, 2]])
+
+
+def unchecked(kind, *values, **named):
+    """Return a primitive as its constructor would make it, without judging arguments."""
+    made = object.__new__(kind)
+    given = dict(zip([field.name for field in fields(kind)], values, strict=False)) | named
+    for field in fields(kind):
+        object.__setattr__(made, field.name, given.get(field.name, field.default))
+    return made
+
+
+def portrait(**changes):
+    parts = {"x": LINE, "y": LINE, "x_range": (0, 1), "y_range": (0, 1)}
+    return unchecked(Portrait, "p", "p", x_label="x", y_label="y", **(parts | changes))
+
+
+def diagram(**changes):
+    parts = {
+        "names": ("a", "b"),
+        "places": np.zeros((SAMPLES, 2, 2)),
+        "tones": (0, 1),
+        "lines": np.zeros((SAMPLES, 1, 3)),
+    }
+    return unchecked(Diagram, "d", "d", "x", "y", (0, 1), (0, 1), **(parts | changes))
+
+
+RIGHT = {
+    "Series": Series("s", "s", "g", LINE),
+    "Series as a list": Series("s", "s", "g", [1, 2, 3, 4, 5]),
+    "Arrow": Arrow("a", "a", N3, False),
+    "GreatCircle": GreatCircle("c", "c", N3),
+    "Trace": Trace("t", "t", N3, 0, None),
+    "Body": Body(
+        "b", "b", [N3], N3[:2], ("1", "2"), 0, np.tile([0, 0, 0, 1], (SAMPLES, 1))
+    ),
+    "InputMarks": InputMarks("i", "i", np.zeros((2, 1))),
+    "no InputMarks": InputMarks("i", "i", np.zeros((0, 1))),
+    "Portrait": portrait(curves=[PlaneCurve(np.eye(2))], marks=[Mark("m", np.zeros(2))]),
+    "SphereCurves": SphereCurves("c", "c", [N3], 0, [Mark("m", N3[0])]),
+    "SphereMap": SphereMap("m", "m", CORNERS, ONE_TRIANGLE, LINE[:3]),
+    "SphereMap of points": SphereMap("m", "m", CORNERS, np.empty((0, 3), int), LINE[:3]),
+    "Surface": Surface("u", "u", CORNERS, ONE_TRIANGLE, ("x", "y", "z")),
+    "Diagram": diagram(),
+    "Graph": Graph("g", (("a", "a", 0), ("b", "b", None)), (("a", "b"),), ((0, 0), (1, 1))),
+    "Text": Text("t", "t", "words"),
+}
+
+WRONG = {
+    "Series as a column": (
+        unchecked(Series, "plots/x", "s", "g", LINE[:, None]),
+        "Series 'plots/x': values has the shape (5, 1), it needs (n,)",
+    ),
+    "Series too short": (
+        unchecked(Series, "s", "s", "g", LINE[:3]),
+        "values has the shape (3,), it needs (n,); n is 5, the 5 samples of the block",
+    ),
+    "Series of texts": (unchecked(Series, "s", "s", "g", ["a"] * 5), "<U1 values"),
+    "Series None": (unchecked(Series, "s", "s", "g", None), "values holds None"),
+    "Series ragged": (
+        unchecked(Series, "s", "s", "g", [[1], [1, 2]]),
+        "rows of unequal length",
+    ),
+    "path is a number": (
+        unchecked(Series, 3, "s", "g", LINE),
+        "path is 3, it has to be a text",
+    ),
+    "InputMarks 1-D": (unchecked(InputMarks, "i", "i", np.zeros(3)), "needs (k, axes)"),
+    "InputMarks of two inputs": (
+        unchecked(InputMarks, "i", "i", np.zeros((3, 2))),
+        "inputs has 2 columns, it needs one for each axis: 1",
+    ),
+    "SphereCurves of a plane": (
+        unchecked(SphereCurves, "c", "c", [N3, N3[:, :2]]),
+        "curves[1] has the shape (5, 2), it needs (k, 3)",
+    ),
+    "SphereCurves not in a list": (
+        unchecked(SphereCurves, "c", "c", N3),
+        "curves[0] has the shape (3,)",
+    ),
+    "SphereCurves None": (unchecked(SphereCurves, "c", "c", None), "curves is a NoneType"),
+    "marks of a plane": (
+        unchecked(SphereCurves, "c", "c", [N3], 0, [unchecked(Mark, "m", np.zeros(2))]),
+        "marks[0]: place has the shape (2,), it needs (d,); d is 3, coordinates",
+    ),
+    "marks as arrays": (
+        unchecked(SphereCurves, "c", "c", [N3], 0, [N3[0]]),
+        "has to be a Mark(...)",
+    ),
+    "Arrow (3, n)": (unchecked(Arrow, "a", "a", N3.T, False), "it needs (n, 3); n is 5"),
+    "GreatCircle one": (unchecked(GreatCircle, "c", "c", N3[0]), "it needs (n, 3)"),
+    "Trace quaternions": (
+        unchecked(Trace, "t", "t", N3, 0, N3),
+        "quaternions has the shape (5, 3)",
+    ),
+    "Body labels": (
+        unchecked(Body, "b", "b", [N3], N3[:2], ("1",), 0, None),
+        "joint_labels has 1 items, it needs 2, as many as the j of joints",
+    ),
+    "Portrait": (portrait(y=LINE[:4]), "y has the shape (4,), it needs (n,)"),
+    "Portrait range": (portrait(x_range=(0, 1, 2)), "x_range has the shape (3,)"),
+    "Portrait curve": (
+        portrait(curves=[unchecked(PlaneCurve, N3)]),
+        "curves[0]: points has the shape",
+    ),
+    "Portrait curve as an array": (portrait(curves=[N3]), "has to be a PlaneCurve(...)"),
+    "SphereMap values": (
+        unchecked(SphereMap, "m", "m", CORNERS, ONE_TRIANGLE, LINE),
+        "values has the shape (5,), it needs (v,); v is 3, the v of vertices",
+    ),
+    "SphereMap corner": (
+        unchecked(SphereMap, "m", "m", CORNERS, ONE_TRIANGLE + 1, LINE[:3]),
+        "triangles has the corner 3, but the vertices have the numbers 0 to 2",
+    ),
+    "SphereMap corners as floats": (
+        unchecked(SphereMap, "m", "m", CORNERS, ONE_TRIANGLE * 1.0, LINE[:3]),
+        "triangles holds float64 values",
+    ),
+    "Surface axes": (
+        unchecked(Surface, "u", "u", CORNERS, ONE_TRIANGLE, ("x", "y")),
+        "axes has 2 items, it needs 3",
+    ),
+    "Diagram names": (diagram(names=("a",)), "names has 1 items, it needs 2"),
+    "Diagram words": (diagram(words=("a",)), "words has 1 texts"),
+    "Graph": (
+        unchecked(Graph, "g", (("a", "a", 0),), (), ((0, 0), (1, 1))),
+        "nodes has 1 items, it needs 2",
+    ),
+    "Text": (unchecked(Text, "t", "t", None), "markdown is None, it has to be a text"),
+    "no primitive": (LINE, "primitives has a ndarray; allowed are Body, Arrow"),
+    "a Mark alone": (unchecked(Mark, "m", N3[0]), "primitives has a Mark; allowed are"),
+}
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_right_scenes_pass(name):
+    scene = check_scene("any", Scene(0, (RIGHT[name],)), [0, 1], SAMPLES, 1)
+    assert type(scene.primitives[0]) is type(RIGHT[name])
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_scenes_are_refused_in_a_sentence(name):
+    primitive, fragment = WRONG[name]
+    with pytest.raises(sk.SpherekitError) as refused:
+        check_scene("any", unchecked(Scene, 0, (primitive,)), [0, 1], SAMPLES, 1)
+    message = str(refused.value)
+    assert message.startswith("any: scene of page 0: ") and fragment in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("scene", "fragment"),
+    [
+        (None, "scene returned a NoneType"),
+        (unchecked(Scene, 7, ()), "that is no assembly mode of the run; allowed are 0, 1"),
+        (
+            unchecked(Scene, 0.5, ()),
+            "a page is the number of an assembly mode, a title, or None",
+        ),
+        (unchecked(Scene, 0, None), "primitives is a NoneType, it has to be a tuple"),
+        (unchecked(Scene, "own", (), (LINE,)), "over has to be a tuple of Axis(...)"),
+        (
+            unchecked(Scene, "own", (), (unchecked(Axis, "a", "", N3),)),
+            "Axis 'a': values has the shape (5, 3)",
+        ),
+        (
+            unchecked(
+                Scene,
+                "own",
+                (),
+                (unchecked(Axis, "a", "", LINE), unchecked(Axis, "b", "", LINE[:2])),
+            ),
+            "Axis 'b' has 2 values, Axis 'a' has 5",
+        ),
+        (
+            unchecked(
+                Scene,
+                "own",
+                (unchecked(Series, "s", "s", "g", LINE[:4]),),
+                (unchecked(Axis, "a", "", LINE),),
+            ),
+            "n is 5, the 5 values of a",
+        ),
+    ],
+)
+def test_wrong_pages_and_axes_are_refused(scene, fragment):
+    with pytest.raises(sk.SpherekitError, match="any: ") as refused:
+        check_scene("any", scene, [0, 1], SAMPLES, 1)
+    assert fragment in str(refused.value)
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Crooked(Asking):
+    """Shows something of a wrong shape."""
+
+    name: ClassVar = "crooked"
+    version: ClassVar = "1"
+    summary: ClassVar = "a scene of a wrong shape"
+    rowwise: ClassVar = True
+    tables: ClassVar = (Table("rows", "of samples", (SAMPLE, ASSEMBLY_MODE)),)
+    fault: str = "Series as a column"
+
+    def needs(self, mechanism):
+        return Needs()
+
+    def compute(self, batch):
+        return {"rows": {"sample": batch.sample, "assembly_mode": batch.assembly_mode}}
+
+    def scene(self, batch):
+        return (unchecked(Scene, 0, (WRONG[self.fault][0],)),)
+
+
+@pytest.mark.parametrize(
+    "fault", ["Series as a column", "InputMarks 1-D", "SphereCurves of a plane"]
+)
+def test_the_command_loses_nothing_else(fault, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    folder, recording = tmp_path / "out", tmp_path / "out" / "four_bar.rrd"
+    arguments = ["run", "four_bar", "--samples", str(SAMPLES), "-o", str(folder)]
+    arguments += ["--figures", "--save", str(recording), "-a", f"crooked:fault={fault}"]
+    with registered(Crooked):
+        assert main([*arguments, "-a", "poles"]) == 4
+    told = capsys.readouterr()
+    (line,) = [x for x in told.err.splitlines() if "crooked" in x and "failed" in x]
+    assert line.startswith("spherekit: analysis crooked failed: scene of page 0: ")
+    assert WRONG[fault][1].rpartition(": ")[2].split(",")[0] in line
+    assert "Traceback" not in told.err
+    assert recording.stat().st_size > 10_000
+    assert not [*folder.glob("*.part")]
+    assert (folder / "poles.csv").exists() and [*(folder / "figures").glob("poles*.png")]
+    # The summary, which names the assembly modes, is printed.
+    assert "assembly modes" in told.out
+
+
+@pytest.mark.parametrize(
+    "fault", ["Series as a column", "SphereCurves of a plane", "Body labels"]
+)
+def test_conformance_says_what_is_wrong_with_a_scene(fault):
+    report = ConformanceSuite(Crooked(fault=fault), ["four_bar"], SAMPLES).report()
+    assert report["scene"].verdict == "FAILS"
+    assert "scene of page 0" in report["scene"].note
+    assert all(line.verdict != "FAILS" for line in report if line.name != "scene")
+
+
+def test_shapes_are_in_the_help_of_every_primitive():
+    """Each field that is checked is described with its shape."""
+    for kind, shapes in ARRAY_SHAPES.items():
+        text = kind.__doc__
+        names = {field.name for field in fields(kind)}
+        for name in shapes:
+            assert name in names
+            (line,) = [
+                line
+                for line in text.splitlines()
+                if " : " in line
+                and name in line.partition(" : ")[0].replace(",", " ").split()
+            ]
+            assert "(" in line.partition(" : ")[2], f"{kind.__name__}.{name}"
+        assert getattr(plugin, kind.__name__) is kind
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class Constant(Asking):
+    """Reads no samples, and has rows with numbers of samples all the same."""
+
+    name: ClassVar = "constant"
+    version: ClassVar = "1"
+    summary: ClassVar = "rows of its own"
+    reads_samples: ClassVar = False
+    tables: ClassVar = (
+        Table("rows", "of its own", (SAMPLE, ASSEMBLY_MODE, Column("x", "", "x"), STATUS)),
+    )
+    rows: int = 3
+
+    def needs(self, mechanism):
+        return Needs()
+
+    def compute(self, batch):
+        numbers = np.arange(self.rows)
+        failed = np.where(numbers == 1, sk.Status.NOT_CONVERGED, sk.Status.OK)
+        return {
+            "rows": {
+                "sample": numbers,
+                "assembly_mode": 0 * numbers,
+                "x": 1.0 * numbers,
+                "status": failed,
+            }
+        }
+
+
+@pytest.mark.parametrize("beside", [[], ["poles"]])
+@pytest.mark.parametrize("rows", [0, 1, 3, 10, 20])
+def test_an_analysis_without_samples_may_have_rows_that_name_samples(rows, beside):
+    """Ten and twenty are also numbers of rows of the samples beside: five in two modes."""
+    with registered(Constant):
+        result = sk.run("four_bar", [f"constant:rows={rows}", *beside], samples=SAMPLES)
+    assert not result.failures
+    frame = result.frame("constant")
+    assert len(frame) == rows
+    (facts,) = [x for x in result.summary["analyses"] if x["name"] == "constant"]
+    expected = {"rows": {"NOT_CONVERGED": 1}} if rows > 1 else {}
+    assert facts["failed_rows"] == expected
+
+
+def test_conformance_takes_an_analysis_without_samples():
+    report = ConformanceSuite(Constant(), ["four_bar"], SAMPLES).report()
+    assert not report.failing, str(report)
+
+
+def test_conformance_says_that_the_main_table_was_empty():
+    report = ConformanceSuite(Constant(rows=0), ["four_bar", "five_bar"], SAMPLES).report()
+    assert report["tables"].verdict == "not checked"
+    assert "the main table rows was empty" in report["tables"].note
+    sound = ConformanceSuite(Sound, ["four_bar"], SAMPLES).report()
+    assert sound["tables"].verdict == "holds"
