@@ -263,15 +263,7 @@ def evaluate_block(
             continue
         standing.findings[analysis.name] = findings
         for table in declared:
-            job.hand_over(
-                analysis.name,
-                table,
-                tables[table.name],
-                standing,
-                store,
-                batch,
-                by_sample=analysis.reads_samples,
-            )
+            job.hand_over(analysis.name, table, tables[table.name], standing, store, batch)
     for table in job.motion_tables[:1]:
         job.hand_over(MOTION, table, motion_rows(course, motion, fields), standing, store)
     standing.add(course.tracer, motion, fields)

@@ -163,16 +163,14 @@ class RunPlan:
         standing: RunState,
         store: StoredParts | InMemory | None,
         batch: Batch | None = None,
-        by_sample: bool = True,
     ) -> None:
-        """Store and count rows of a block, with the names of assembly modes.
-
-        `by_sample` says whether a table with samples has the rows of those of the batch.
-        """
+        """Store and count rows of a block, with the names of assembly modes."""
         if store is not None:
             stored = table.with_names(self.mechanism)
             names = {x.number: x.name for x in self.course.tracer.assembly_modes if x.name}
             store.add(name, stored, stored.named(rows, names))
+        # Rows of an analysis that reads no samples are not those of the batch.
+        by_sample = all(x.reads_samples for x in self.analyses if x.name == name)
         standing.add_rows(name, table, rows, batch, by_sample)
 
     @cached_property
