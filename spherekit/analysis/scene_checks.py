@@ -257,13 +257,13 @@ def _numbers(
     needed = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
     if array.dtype.kind not in "fiub":
         if value is None or np.isscalar(value):
-            found = repr(value)
+            content = repr(value)
         elif array.shape == ():
-            found = "rows of unequal length"
+            content = "rows of unequal length"
         else:
-            found = f"{array.dtype} values"
+            content = f"{array.dtype} values"
         raise PluginError(
-            f"{where} holds {found}, it has to be an array {needed} of numbers"
+            f"{where} holds {content}, it has to be an array {needed} of numbers"
         )
     if array.ndim != len(shape):
         raise PluginError(f"{where} has the shape {array.shape}, it needs {needed}")
