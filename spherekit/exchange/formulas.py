@@ -46,6 +46,7 @@ from spherekit.exchange.formula_terms import (
     SeriesTable,
 )
 from spherekit.exchange.mode_table import compare_modes, passive_variables
+from spherekit.exchange.size_arguments import check_numbers_are_followed
 from spherekit.exchange.varied_masses import masses_in_terms
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
@@ -101,6 +102,7 @@ def formulas(
     contacts = hinged(made, inputs)
     follows = bool(vary) and any(name.startswith(INERTIAL) for name in wanted)
     varied = VariedMechanism(document, made, variables, inputs, contacts, follows)
+    check_numbers_are_followed(varied)
     terms = varied.terms()
     sizes = symbols(variable.name for variable in variables)
     stands = _numbers(varied, terms, sizes)

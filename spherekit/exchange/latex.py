@@ -80,8 +80,8 @@ def latex(
     Raises
     ------
     EngineError
-        If positions or poles have no closed form, a quantity is not written as LaTeX, or
-        a key is that of a load.
+        If positions or poles have no closed form, a quantity is not written as LaTeX, a key
+        is that of a load, or no quantity depends on its number.
     FileError, DesignError
         If there is no number of a key.
     """
@@ -96,7 +96,16 @@ def latex(
     free = _free(mechanism, vary)
     made, ground = _by_sizes(mechanism)
     formulas = Formulas(made, ground, free)
-    return "\n".join(_document(formulas, _wanted(formulas, quantities)))
+    text = "\n".join(_document(formulas, _wanted(formulas, quantities)))
+    idle = [
+        x for slot, x in free.items() if formulas.free_terms.get(slot) not in formulas.given
+    ]
+    if idle:
+        raise EngineError(
+            f"{mechanism.name}: {listing(idle)}: no quantity that is printed depends on this "
+            "number; leave it out, or ask for quantities that depend on it"
+        )
+    return text
 
 
 def _wanted(formulas: Formulas, names: Sequence[str] | None) -> list[Expr]:
@@ -184,9 +193,9 @@ def _table(rows: Iterable[Sequence[str]]) -> str:
     return f"\\begin{{center}}\n{table}\n\\end{{center}}"
 
 
-def _free(mechanism: Mechanism, keys: Sequence[str]) -> set[Any]:
-    """Return the sizes that keys name, and the links whose masses they name."""
-    document, free = document_of(mechanism), set[Any]()
+def _free(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str]:
+    """Return the keys of the sizes, and of the links whose masses they name."""
+    document, free = document_of(mechanism), dict[Any, str]()
     for key in keys:
         variable = design_variable(document, key)
         table, name, *_ = variable.path
@@ -198,7 +207,7 @@ def _free(mechanism: Mechanism, keys: Sequence[str]) -> set[Any]:
                 "angles, zeros, or masses where there are no loads, or export to another "
                 "language"
             )
-        free.add(slot)
+        free[slot] = key
     return free
 
 

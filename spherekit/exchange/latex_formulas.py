@@ -3,7 +3,7 @@
 Each formula gives a quantity by those before it, as in a paper (Di Gregorio 2024).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 from itertools import permutations, product
 from typing import Any, NamedTuple
@@ -77,6 +77,8 @@ class Formulas:
         `spherekit.engine.row_quantities.row_quantities` without components of vectors.
     left_out
         Loads whose friction follows from reactions.
+    free_terms
+        The symbols of the sizes that are free, by their slots.
 
     Raises
     ------
@@ -84,8 +86,9 @@ class Formulas:
         If there is no closed form, or an arc is 0 or 180 degrees or signed.
     """
 
-    def __init__(self, mechanism: Mechanism, ground: Floats, free: set[Any]) -> None:
+    def __init__(self, mechanism: Mechanism, ground: Floats, free: Collection[Any]) -> None:
         self.mechanism, self._free = mechanism, free
+        self.free_terms: dict[Any, ExpressionNode] = {}
         self.lines: dict[ExpressionNode, Formula] = {}
         self.given: dict[ExpressionNode, tuple[str, str]] = {}
         self.quantities: dict[str, list[Expr]] = {}
@@ -185,6 +188,8 @@ class Formulas:
         free = slot in self._free
         degrees = rf"${number(float(np.degrees(value)))}^{{\circ}}$"
         term = self._give(name, what + ", free" * free, degrees)
+        if free:
+            self.free_terms[slot] = term
         values = float(np.cos(value)), float(np.sin(value))
         cosine, sine = (
             function(of, term) if free or abs(x - round(x)) > 1e-15 else float(round(x))
@@ -515,6 +520,8 @@ class Formulas:
                 f"inertia tensor of link {index} (kg m$^2$){free}",
                 rf"$\begin{{pmatrix}}{rows}\end{{pmatrix}}$",
             )
+            if free:
+                self.free_terms["mass", mass.link] = matrix
             w, seen = [self._velocity(k, link) for k in moving], list[Expr]()
             for k in moving:
                 self._moves(k)

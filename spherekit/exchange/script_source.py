@@ -307,7 +307,7 @@ def casadi(source: Source) -> str:
         source,
         _SERIES_CASADI,
         "    s = s - ca.floor((s - {low}) / {length}) * {length}\n",
-        "    s = ca.if_else((s >= {low}) * (s <= {high}), s, float(\"nan\"))\n",
+        '    s = ca.if_else((s >= {low}) * (s <= {high}), s, float("nan"))\n',
     )
     counts = zip(source.given, map(len, (of.motion, of.places, of.sizes)), strict=True)
     symbols = [f'    {word} = ca.SX.sym("{word}", {n})' for word, n in counts]

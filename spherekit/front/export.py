@@ -20,6 +20,7 @@ from spherekit.exchange.formulas import formulas, reduced_formulas
 from spherekit.exchange.latex import latex
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
+from spherekit.exchange.size_arguments import check_arguments
 from spherekit.exchange.source import source
 from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
@@ -72,6 +73,7 @@ OWN: Mapping[str, tuple[Kind, ...]] = {
     "at": ("mjcf",),
     "quantities": (*SOURCES, "latex"),
     "vary": (*SOURCES, "latex"),
+    "assembly_mode": (*SOURCES, "model", "mjcf", "coupling"),
 }
 """What each argument belongs to, of those that not every kind has."""
 
@@ -156,7 +158,8 @@ def export(
         "vary": vary,
     }
     given: Facts = {name: x for name, x in options.items() if x is not None}
-    for name in given:
+    stated = [*given, *(["assembly_mode"] if assembly_mode is not None else [])]
+    for name in stated:
         if kind not in OWN[name]:
             raise OutputError(
                 f"export: {name} does nothing but for {listing(OWN[name])}; this is {kind}"
@@ -206,6 +209,7 @@ def _source(
     given: Facts,
 ) -> Exported:
     made = formulas(mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **given)
+    check_arguments([made])
     write_text(target, source(made, kind))
     how = "by steps of Newton's method" if made.step else "in closed form"
     holds = (

@@ -18,6 +18,7 @@ from spherekit.errors import CountError, EngineError, SpherekitError
 from spherekit.escaping import html_text, json_text
 from spherekit.exchange.formula_terms import Formulas
 from spherekit.exchange.formulas import CLOSURE, formulas
+from spherekit.exchange.size_arguments import check_arguments, idle_arguments
 from spherekit.exchange.source import source
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
@@ -75,6 +76,7 @@ class PageMaker:
         self.inputs = self.mechanism.names_of(driven_pairs(self.mechanism))
         self.every = row_quantities(self.mechanism)
         self.quantities, self.notes = quantities, list[str]()
+        self.has_named_sizes = vary is not None
         self.keys = self._sizes() if vary is None else tuple(vary)
         self.plans = self._plans()
 
@@ -84,6 +86,12 @@ class PageMaker:
         asked = self._default(masses=True) if self.quantities is None else self.quantities
         shown = [x for x in rows.results if any(fnmatchcase(x, name) for name in asked)]
         kernels = {"rows": rows, "picture": self._formulas(self._drawn())}
+        if self.has_named_sizes:
+            check_arguments(kernels.values())
+        elif idle := idle_arguments(kernels.values()):
+            self.notes += (f"no slider for {key}: nothing changes with it" for key in idle)
+            self.keys = tuple(key for key in self.keys if key not in idle)
+            return self.page()
         self.notes += (f"left out: assembly mode {x}" for x in rows.mode_table.left_out)
         text = self._assembled(shown, _kernels(kernels))
         return text, len(shown), len(rows.modes)
