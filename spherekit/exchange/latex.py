@@ -102,8 +102,8 @@ def latex(
     ]
     if idle:
         raise EngineError(
-            f"{mechanism.name}: {listing(idle)}: no quantity that is printed depends on this "
-            "number; leave it out, or ask for quantities that depend on it"
+            f"{mechanism.name}: {listing(idle)}: no quantity that is printed depends on "
+            "this number; leave it out, or ask for quantities that depend on it"
         )
     return text
 

@@ -30,9 +30,9 @@ def check_numbers_are_followed(varied: VariedMechanism) -> None:
     """Raise `DesignError` where the formulas would not follow a number that varies.
 
     Arcs, angles, axes and directions are terms, and masses, loads and contacts of circles
-    are read from the whole file. Everything else stands in the formulas as numbers: profiles
-    that are no circles as series, circles whose contacts are not computed as links between
-    centres, and P pairs that are given by points.
+    are read from the whole file. Everything else stands in the formulas as numbers:
+    profiles that are no circles as series, circles whose contacts are not computed as links
+    between centres, and P pairs that are given by points.
     """
     if varied.contacts is not None:
         return
@@ -49,8 +49,8 @@ def check_numbers_are_followed(varied: VariedMechanism) -> None:
     if fixed:
         raise DesignError(
             f"{mechanism.name}: {listing(fixed)}: formulas hold the profiles of these "
-            "contacts, and pairs given by points, as numbers, which do not follow this one; "
-            "vary other numbers, and export one file for each size of these"
+            "contacts, and pairs given by points, as numbers, which do not follow this "
+            "one; vary other numbers, and export one file for each size of these"
         )
 
 
