@@ -45,6 +45,7 @@ from spherekit.version import __version__
 SCRIPTS = (
     "script/1_state.js",
     "script/2_motion.js",
+    "script/2_feasible_ranges.js",
     "script/3_sphere.js",
     "script/4_mechanism.js",
     "script/5_poles.js",
@@ -275,8 +276,8 @@ class PageMaker:
         return {
             "pair": pair.name,
             "links": pair.links,
-            "from": driven.start,
-            "to": driven.stop,
+            "from": driven.range[0],
+            "to": driven.range[1],
             "axes": {link: axes[link][pair.name].tolist() for link in pair.links},
         }
 

@@ -73,9 +73,10 @@ function followLink() {
   }
   const number = key => (words.get(key)?.trim() ? Number(words.get(key)) : NaN);
   for (const key of NUMBERS) if (Number.isFinite(number(key))) read[key] = number(key);
-  model.sizes.forEach(({key}, k) => {
-    if (Number.isFinite(number(key))) read.sizes[k] = number(key);
+  model.sizes.forEach(({key, least, most}, k) => {
+    if (Number.isFinite(number(key))) read.sizes[k] = clamp(number(key), least, most);
   });
+  read.q = read.q.map((x, k) => clamp(x, inputs[k].from, inputs[k].to));
   read.mode = clamp(Math.round(read.mode), 0, rows.about.modes.length - 1);
   read.over = clamp(Math.round(read.over), 0, inputs.length - 1);
   read.moving = clamp(Math.round(read.moving), 0, model.plans.length - 1);

@@ -31,25 +31,29 @@ function zero(a, b, fa, fb, f) {           // Illinois' rule: false position, wi
 
 // Where positions follow in closed form, a mode is its signs at every input.
 
-const least = row => closures.reduce((low, k) => Math.min(low, row[k]), Infinity);
+const closes = row => closures.every(closure => row[closure] >= 0);
 
 class SignedMode {
   constructor({values}) {
     this.places = values;
   }
   settle() {}
+  rowAt(q, sizes) {                        // with NaN after the first dyad that does not close
+    return evaluated(rows, q, this.places, sizes);
+  }
   state(q, sizes) {                        // {places, row}, null where a dyad does not close
-    const row = evaluated(rows, q, this.places, sizes);
-    return least(row) >= 0 ? {places: this.places, row} : null;
+    const row = this.rowAt(q, sizes);
+    return closes(row) ? {places: this.places, row} : null;
   }
   along(over, inputs, q, sizes) {
     return inputs.map(x => this.state(q.with(over, x), sizes));
   }
+  sample(over, inputs, q, sizes) {
+    return sampleFeasibleRanges(x => this.rowAt(q.with(over, x), sizes), inputs);
+  }
   end(good, bad, sizes) {                  // the last inputs that close, on a straight way
-    const gap = part => least(evaluated(rows, between(good, bad, part), this.places, sizes));
-    let part = zero(0, 1, gap(0), gap(1), gap);
-    for (let back = 1e-12; part > 0 && !(gap(part) >= 0); back *= 8) part = Math.max(part - back, 0);
-    return between(good, bad, part);
+    const rowAt = part => this.rowAt(between(good, bad, part), sizes);
+    return between(good, bad, lastThatCloses(rowAt, 0, 1));
   }
 }
 
@@ -120,6 +124,20 @@ class FollowedMode {
     this.known = reached.filter(Boolean);
     return reached;
   }
+  sample(over, inputs, q, sizes) {
+    const states = this.along(over, inputs, q, sizes);
+    const points = [], ends = [];
+    states.forEach((state, k) => {
+      if (k && !state !== !states[k - 1]) {
+        const [good, bad] = state ? [inputs[k], inputs[k - 1]] : [inputs[k - 1], inputs[k]];
+        const end = this.end(q.with(over, good), q.with(over, bad), sizes)[over];
+        ends.push(end);
+        points.push({x: end, row: this.state(q.with(over, end), sizes)?.row ?? null});
+      }
+      points.push({x: inputs[k], row: state?.row ?? null});
+    });
+    return {points, ends, meets: []};
+  }
   end(good, bad, sizes) {
     let last = this.state(good, sizes);
     const part = refined(0, 1, middle => {
@@ -150,35 +168,25 @@ function grid({from, to}, count) {
 }
 
 function sampled(mode, over, q, sizes) {
-  const inputsAlong = grid(inputs[over], SAMPLES);
-  const states = mode.along(over, inputsAlong, q, sizes);
-  const x = [], values = [], ends = [];
-  states.forEach((state, k) => {
-    if (k && !state !== !states[k - 1]) {
-      const [good, bad] = (state ? [k, k - 1] : [k - 1, k]).map(n => q.with(over, inputsAlong[n]));
-      const end = mode.end(good, bad, sizes);
-      ends.push(end[over]);
-      x.push(end[over]);
-      values.push(mode.state(end, sizes)?.row ?? null);
-    }
-    x.push(inputsAlong[k]);
-    values.push(state?.row ?? null);
-  });
-  return {over, x, values, ends, rests: rests(mode, over, q, sizes, x, values)};
+  const {points, ends, meets} = mode.sample(over, grid(inputs[over], SAMPLES), q, sizes);
+  const curve = {over, x: points.map(({x}) => x), values: points.map(({row}) => row), ends, meets};
+  return Object.assign(curve, {rests: findRests(mode, q, sizes, curve)});
 }
 
-function rests(mode, over, q, sizes, x, values) {
+// Inputs at which a coefficient of an output passes through zero.
+
+function findRests(mode, q, sizes, {over, x, values}) {
   const marks = [];
   for (const name of model.coefficients[over]) {
     const k = rows.place.get(name), column = values.map(row => (row ? row[k] : NaN));
     const limit = 10 * median(column) + 1;
+    const coefficient = value => mode.state(q.with(over, value), sizes)?.row[k] ?? NaN;
     for (let n = 1; n < x.length; n++) {
       const [a, b] = [column[n - 1], column[n]];
-      if (!(a * b < 0) || Math.max(Math.abs(a), Math.abs(b)) > limit) continue;
-      marks.push(zero(x[n - 1], x[n], a, b, value => mode.state(q.with(over, value), sizes)?.row[k] ?? NaN));
+      if (a * b < 0 && Math.max(Math.abs(a), Math.abs(b)) <= limit) marks.push(zero(x[n - 1], x[n], a, b, coefficient));
     }
   }
-  return marks;
+  return marks.filter(Number.isFinite);
 }
 
 function median(numbers) {

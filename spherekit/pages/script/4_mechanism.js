@@ -159,6 +159,7 @@ function drawTrack(k) {
   }
   const place = x => circle(axis, radius, turn(x), turn(x), far)[0];
   curve.ends.forEach(x => tick(place(x), axis, colour("--warn"), 3));
+  curve.meets.forEach(x => tick(place(x), axis, colour("--fold"), 2.5));
   curve.rests.forEach(x => tick(place(x), axis, colour("--gold"), 2.5));
 }
 

@@ -47,13 +47,19 @@ function lines() {                         // of every mode, and that of the cho
   return modes.map((mode, k) => ({stroke: () => modeColour(k), width: 1.3, alpha: 0.65, points: {show: false}}));
 }
 
-function rangeOf(columns) {                // without what runs away where a mode ends
+// The range of a plot: of all modes, without what runs away where a mode ends. Numbers that
+// differ by rounding alone are a constant, which is drawn level in the middle of its plot.
+
+const CONSTANT = 1e-9;                     // part of a quantity's size that rounding may change
+
+function rangeOf(columns, scale) {
   const numbers = columns.flat().filter(Number.isFinite).sort((a, b) => a - b);
   if (!numbers.length) return [-1, 1];
   const part = p => numbers[Math.round(p * (numbers.length - 1))];
   const margin = 0.75 * (part(0.96) - part(0.04));
   const low = Math.max(numbers[0], part(0.04) - margin), high = Math.min(numbers.at(-1), part(0.96) + margin);
-  const room = 0.06 * (high - low) || 0.1 * Math.abs(high) || 1;
+  const size = Math.max(Math.abs(low), Math.abs(high)), rounding = CONSTANT * Math.max(size, scale);
+  const room = high - low > rounding ? 0.06 * (high - low) : 0.1 * Math.max(size, scale) || 1;
   return [low - room, high + room];
 }
 
@@ -62,7 +68,7 @@ function fillCurves() {
   const x = xs.map(value => value / UNIT);
   for (const figure of figures) {
     const columns = modes.map(({curve}) => aligned(xs, curve, figure.place, figure.scale));
-    figure.range = rangeOf(columns);
+    figure.range = rangeOf(columns, figure.quantity.size / figure.scale);
     figure.plot ??= plotOf(figure);
     figure.plot.setData([x, ...columns, columns[state.mode]]);
   }
@@ -100,6 +106,7 @@ function drawCursor(plot, figure) {
     ctx.stroke();
   };
   mark?.ends.forEach(x => upright(x, colour("--warn"), [4, 3], 1.2));
+  mark?.meets.forEach(x => upright(x, colour("--fold"), [1, 3], 1.2));
   mark?.rests.forEach(x => upright(x, colour("--gold"), [2, 3], 1.2));
   upright(state.q[state.over], colour("--ink"), [], 1);
   ctx.setLineDash([]);

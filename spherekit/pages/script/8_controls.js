@@ -8,7 +8,10 @@ function made(tag, properties = {}, ...children) {
   return one;
 }
 
-function slider(key, unit, {min, max, step}, set, label = key) {
+// A slider with a number beside it. The slider runs from min to max; the number may be any from
+// `least` to `most`, and the slider then reaches that far.
+
+function slider(key, unit, {min, max, step, least = min, most = max}, set, label = key) {
   const id = `of-${slider.count = (slider.count ?? 0) + 1}`;
   const range = made("input", {type: "range", min, max, step: "any", id});
   const number = made("input", {type: "number", step});
@@ -21,14 +24,21 @@ function slider(key, unit, {min, max, step}, set, label = key) {
     event.preventDefault();
     set(clamp(Number(range.value) + way * step * (event.shiftKey ? 10 : 1), Number(range.min), Number(range.max)));
   };
-  number.onchange = () => { if (number.value.trim() && Number.isFinite(number.valueAsNumber)) set(number.valueAsNumber); };
-  return {row, range, number, show(value) {
+  const written = value => +value.toPrecision(7);
+  const control = {row, range, number, shown: NaN, show(value) {
     if (value < Number(range.min)) range.min = value;
     if (value > Number(range.max)) range.max = value;
     if (this.shown === value) return;
     this.shown = range.value = value;
-    if (document.activeElement !== number || Number(number.value) !== value) number.value = +value.toPrecision(7);
+    if (document.activeElement !== number || Number(number.value) !== value) number.value = written(value);
   }};
+  number.onchange = () => {                // what is no number there goes back to the one before
+    const isNumber = number.value.trim() && Number.isFinite(number.valueAsNumber);
+    const value = isNumber ? clamp(number.valueAsNumber, least, most) : control.shown;
+    if (!isNumber || value !== number.valueAsNumber) number.value = written(value);
+    if (isNumber) set(value);
+  };
+  return control;
 }
 
 const drives = inputs.map(({pair, from, to}, k) => {
@@ -45,7 +55,10 @@ drives[0].row.prepend(play);
 
 function rateField(key, k, label, unit) {
   const field = made("input", {type: "number", step: "any", value: state[key][k]});
-  field.onchange = () => change("sizes", {[key]: state[key].with(k, field.valueAsNumber || 0)});
+  field.onchange = () => {
+    if (!Number.isFinite(field.valueAsNumber)) field.value = state[key][k];
+    change("sizes", {[key]: state[key].with(k, field.valueAsNumber)});
+  };
   return {key, k, field, row: made("label", {}, `${label} `, field, ` ${unit}`)};
 }
 
@@ -55,8 +68,8 @@ const rates = model.moving ? inputs.flatMap(({pair}, k) => {
 }) : [];
 if (rates.length) element("drive").append(made("div", {className: "rates"}, ...rates.map(({row}) => row)));
 
-const sizes = model.sizes.map(({key, unit, low, high, step}, k) => {
-  const one = slider(key, unit === "rad" ? SIGN : unit, {min: low, max: high, step}, value => change("sizes", {sizes: state.sizes.with(k, value)}), key.replace(/^pairs\./, "").replace(/^links/, "link").replaceAll(".", " "));
+const sizes = model.sizes.map(({key, unit, low, high, least, most, step}, k) => {
+  const one = slider(key, unit === "rad" ? SIGN : unit, {min: low, max: high, least, most, step}, value => change("sizes", {sizes: state.sizes.with(k, value)}), key.replace(/^pairs\./, "").replace(/^links/, "link").replaceAll(".", " "));
   element("sliders").append(one.row);
   return one;
 });
@@ -104,7 +117,12 @@ function showControls() {
   others.checked = state.others;
   if (over) over.value = state.over;
   if (moving) moving.value = state.moving;
-  element("lost").textContent = modes[state.mode].here ? "" : "assembly lost";
+  element("lost").textContent = statusText(modes[state.mode]);
+}
+
+function statusText(mode) {
+  if (!mode.here) return "assembly lost";
+  return mode.isMeeting ? "modes meet here" : "";
 }
 
 function setInput(k, value) {
@@ -242,6 +260,7 @@ function toml() {
 }
 
 element("save").onclick = () => {
+  showNow();
   const url = URL.createObjectURL(new Blob([toml()], {type: "application/toml"}));
   made("a", {href: url, download: `${model.name}.toml`}).click();
   setTimeout(() => URL.revokeObjectURL(url), 10000);

@@ -4,6 +4,7 @@ let playing = false, pending = 0, clock = 0, way = 1;
 const TURN = 9;                            // seconds to play through the range
 const system = matchMedia("(prefers-color-scheme: dark)");
 const timing = {pictures: 0, busy: 0};
+const NO_CURVE = {over: 0, x: [], values: [], ends: [], meets: [], rests: []};
 
 function wake() {
   pending ||= requestAnimationFrame(next);
@@ -48,31 +49,60 @@ function next(now) {
 
 const BUDGET = 9;                          // ms of a picture that curves of other modes may take
 
+// Everything that changed is computed first, then written as fields and numbers, then drawn. An
+// error in one part is shown to the reader and stops no other part.
+
+const troubles = new Map();                // messages, by the part of the page that they are about
+
+function attempt(part, action) {
+  try { action(); troubles.delete(part); } catch (error) {
+    if (!troubles.has(part)) console.error(error);
+    troubles.set(part, error.message);
+  }
+}
+
+function showTroubles() {
+  const lines = [...troubles].map(([part, message]) => `${part} cannot be shown for these numbers (${message})`);
+  element("trouble").textContent = lines.length ? `${lines.join("; ")}. Fields and numbers are those of this state.` : "";
+}
+
 function renew() {
   const began = performance.now();
   const does = (...names) => names.some(name => changed.has(name)), all = does("all");
   const now = inKernel(state.sizes);
   if (all || does("theme")) showTheme();
   if (all || does("sizes") || (several && does("input"))) for (const mode of modes) mode.stale = true;
-  const chosen = modes[state.mode], computed = chosen.stale || modes.some(mode => mode.stale);
+  const chosen = modes[state.mode], computed = modes.some(mode => mode.stale);
+  const moves = all || does("sizes", "input", "mode", "others");
   for (const mode of [chosen, ...modes])
     if (mode.stale && (mode === chosen || !mode.curve || performance.now() - began < BUDGET)) {
-      mode.curve = sampled(mode, state.over, state.q, now);
+      attempt(`The curve of ${mode.name}`, () => { mode.curve = NO_CURVE; mode.curve = sampled(mode, state.over, state.q, now); });
       mode.stale = false;
     }
-  if (several && (all || does("sizes", "mode", "theme", "reach") || inputs.length > 2)) survey(chosen, now, does("reach"));
-  if (all || does("sizes", "input", "mode", "others")) place(now);
-  draw();
-  if (all || computed || does("theme", "mode")) fillCurves();
-  else if (does("input")) figures.forEach(x => x.plot.redraw(false));
-  if (all || does("plan")) buildTable();
-  if (all || does("plan", "step")) showStep();
+  if (moves) for (const mode of modes) {
+    Object.assign(mode, {here: null, row: null, isMeeting: false});
+    attempt(`The configuration of ${mode.name}`, () => locate(mode, now));
+  }
   if (all || does("sizes", "input", "mode", "theme")) { showControls(); showNumbers(); }
-  if (several && pad.clientWidth) drawPad();
+  const maps = several && (all || does("sizes", "mode", "theme", "reach") || inputs.length > 2);
+  if (maps) attempt("The map of inputs", () => survey(chosen, now, does("reach")));
+  attempt("The sphere", draw);
+  if (all || computed || does("theme", "mode")) attempt("A curve", fillCurves);
+  else if (does("input")) attempt("A curve", () => figures.forEach(x => x.plot?.redraw(false)));
+  if (all || does("plan")) attempt("The Table", buildTable);
+  if (all || does("plan", "step")) attempt("A step", showStep);
+  if (several && pad.clientWidth && reach) attempt("The map of inputs", drawPad);
+  showTroubles();
   changed.clear();
   clearTimeout(renew.later);
   if (!playing) renew.later = setTimeout(keepLink, 400);
   if (modes.some(mode => mode.stale)) wake();
+}
+
+function showNow() {                       // what waits for the next picture, at once
+  if (!pending) return;
+  cancelAnimationFrame(pending);
+  next(performance.now());
 }
 
 function survey(mode, now, fine) {         // quick while changes follow each other, then fine
@@ -83,20 +113,38 @@ function survey(mode, now, fine) {         // quick while changes follow each ot
   if (moves) survey.later = setTimeout(() => change("reach"), 250);
 }
 
-function place(now) {
-  for (const mode of modes) {
-    const closed = mode.state(state.q, now);
-    mode.here = closed?.row ?? null;
-    const drawn = closed && (state.others || mode.number === state.mode);
-    mode.row = drawn ? evaluated(picture, state.q, closed.places, now) : null;
+function locate(mode, now) {               // where a mode is at the inputs, and what is drawn of it
+  const closed = mode.state(state.q, now) ?? besideMeeting(mode, state.q, now);
+  if (!closed) return;
+  mode.here = closed.row;
+  mode.isMeeting = Boolean(closed.isMeeting);
+  const drawn = state.others || modes[state.mode] === mode;
+  mode.row = drawn ? evaluated(picture, closed.q ?? state.q, closed.places, now) : null;
+}
+
+// Where modes meet, rounding decides whether a dyad in line closes, and rates are not defined.
+// The links are drawn a little farther on; there are no numbers.
+
+const BESIDE = 3e-8;                       // rad: the links are then drawn within 1e-7 of their places
+
+function besideMeeting(mode, q, sizes) {
+  const {meets = [], over} = mode.curve ?? {};
+  if (!meets.some(x => Math.abs(x - q[over]) < BESIDE)) return null;
+  for (const aside of [BESIDE, -BESIDE]) {
+    const beside = q.with(over, q[over] + aside), closed = mode.state(beside, sizes);
+    if (closed) return {...closed, q: beside, row: closed.row.map(() => NaN), isMeeting: true};
   }
+  return null;
 }
 
 function ghost() {                         // where the chosen mode is lost: it closes there last
   const {curve} = modes[state.mode], now = inKernel(state.sizes), at = state.q[curve.over];
-  const apart = k => (curve.values[k] ? Math.abs(curve.x[k] - at) : Infinity);
-  const nearest = curve.x.reduce((best, x, k) => (apart(k) < apart(best) ? k : best), 0);
-  const q = state.q.with(curve.over, curve.x[nearest]), closed = modes[state.mode].state(q, now);
+  let nearest = null;
+  curve.x.forEach((x, k) => {
+    if (curve.values[k] && (nearest === null || Math.abs(x - at) < Math.abs(nearest - at))) nearest = x;
+  });
+  if (nearest === null) return null;
+  const q = state.q.with(curve.over, nearest), closed = modes[state.mode].state(q, now);
   return closed && {q, row: evaluated(picture, q, closed.places, now)};
 }
 
