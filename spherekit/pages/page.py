@@ -26,6 +26,7 @@ from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.gears import joints_of, link_axes
 from spherekit.model.parts import Input
 from spherekit.motion.motion import PositionAnalysis
+from spherekit.pages.sliders import slider_range
 from spherekit.pages.toml_places import text_with_places
 from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.planning.plan import plans
@@ -57,8 +58,6 @@ SCRIPTS = (
 AXES = "xyz"
 MOTION = ("q", "dq", "ddq")
 """What a page gives its kernels: no time, and no whole turns of passive pairs."""
-ARC = 30.0
-"""Degrees to both sides of an angle that its slider has."""
 
 
 class PageMaker:
@@ -302,18 +301,9 @@ class PageMaker:
         return {"name": link, "pairs": [*link_axes(mechanism)[link]], "profiles": profiles}
 
     def _slider(self, number: DesignVariable) -> Facts:
-        value, unit = number.value, "rad" if number.is_angle else ""
-        room = np.radians(ARC) if self.document.data["angle_unit"] == "rad" else ARC
-        if not number.is_angle:
-            room = abs(value) or 1.0
-        return {
-            "key": number.key,
-            "value": value,
-            "unit": unit,
-            "low": value - room,
-            "high": value + room,
-            "step": 10.0 ** np.floor(np.log10(room / 50.0)),
-        }
+        slider = slider_range(self.document, self.mechanism, number)
+        unit = "rad" if number.is_angle else ""
+        return {"key": number.key, "value": number.value, "unit": unit, **slider.facts()}
 
     def _quantity(self, name: str) -> Facts:
         label = name.replace("dB_dq", "dB/dq").replace("_", " ")

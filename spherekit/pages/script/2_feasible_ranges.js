@@ -1,19 +1,20 @@
 // Ranges of one input in which a mode closes, found dyad by dyad in the order of solving.
 //
-// A dyad closes where the square of its triple product is not negative. An outer dyad hangs on
-// the inner ones: its square is NaN where one of these does not close. So the squares are
-// examined in order, each only within the ranges that the squares before it leave.
+// A dyad closes where the square of its triple product is not negative. The square of an outer
+// dyad is NaN where an inner one does not close. So the squares are examined in order, each
+// only within the ranges that the squares before it leave. A point is {x, row}: an input and
+// the results there.
 
 const ROUNDING_OF_SQUARES = 1e-13;         // part of the largest square of a dyad on the way
-const EXTREMUM_STEPS = 40;                 // of a golden section, to 4e-9 of a step
-const SAME_INPUT = 1e-6;                   // rad; places that are nearer are one
+const GOLDEN_STEPS = 40;                   // the lowest point is then known to 4e-9 of a step
+const SURELY_POSITIVE = 0.3;               // part of the values around it that a lowest point has at least
+const SAME_INPUT = 1e-6;                   // rad; meetings that are nearer are one
 
-function lastThatCloses(rowAt, good, bad) {  // the farthest input before the first dyad fails
+function lastThatCloses(rowAt, good, bad) {  // the farthest number before the first dyad fails
   let last = bad;
   for (const closure of closures) {
     const square = x => rowAt(x)[closure];
-    if (square(last) >= 0) continue;
-    last = lastNonNegative(square, good, last);
+    if (!(square(last) >= 0)) last = lastNonNegative(square, good, last);
   }
   return last;
 }
@@ -34,89 +35,92 @@ function lastNonNegative(square, good, bad) {
 
 // Samples of a mode along an input, with a point at each end of a range and one in each gap.
 
-function sampleFeasibleRanges(rowAt, nodes) {
-  const known = new Map();
-  const row = x => {
-    if (!known.has(x)) known.set(x, rowAt(x));
-    return known.get(x);
-  };
-  let ranges = [[nodes[0], nodes.at(-1)]];
-  const meets = [];
+function sampleFeasibleRanges(rowAt, inputsAlong) {
+  const pointAt = x => ({x, row: rowAt(x)});
+  const nodes = inputsAlong.map(pointAt), first = nodes[0], last = nodes.at(-1);
+  let ranges = [[first, last]];
+  let meets = [];
   for (const closure of closures) {
-    const square = x => row(x)[closure];
-    const largest = nodes.reduce((most, x) => Math.max(most, Math.abs(square(x)) || 0), 0);
-    const tolerance = ROUNDING_OF_SQUARES * largest;
-    ranges = ranges.flatMap(([low, high]) => {
+    let largest = 0;
+    for (const {row} of nodes) largest = Math.max(largest, Math.abs(row[closure]) || 0);
+    const tolerance = ROUNDING_OF_SQUARES * largest, found = [];
+    for (const [low, high] of ranges) {
       // Where inner dyads are in line, rounding may leave the square NaN: the nodes beside say enough.
-      const inside = nodes.filter(x => x > low && x < high && Number.isFinite(square(x)));
-      return rangesOfSquare(square, withExtrema(square, [low, ...inside, high]), tolerance, meets);
-    });
+      const inside = nodes.filter(({x, row}) => x > low.x && x < high.x && !Number.isNaN(row[closure]));
+      const points = withLowestPoints([low, ...inside, high], closure, pointAt);
+      meets.push(...points.filter(({row}) => Math.abs(row[closure]) <= tolerance));
+      found.push(...rangesOfSquare(points, closure, tolerance, pointAt));
+    }
+    ranges = found;
   }
-  const first = nodes[0], last = nodes.at(-1);
-  const ends = ranges.flat().filter(x => x !== first && x !== last);
-  const gaps = ranges.slice(1).map(([low], k) => 0.5 * (low + ranges[k][1]));
-  const middles = ranges.map(([low, high]) => 0.5 * (low + high));
-  const inRange = x => ranges.some(([low, high]) => x >= low && x <= high);
-  const inputsAlong = [...new Set([...nodes, ...ends, ...gaps, ...middles])].sort((a, b) => a - b);
-  const points = [];
-  for (const x of inputsAlong) {
-    if (!inRange(x)) points.push({x, row: null});
+  const ends = ranges.flat().filter(point => point !== first && point !== last);
+  const gaps = ranges.slice(1).map(([low], k) => ({x: 0.5 * (low.x + ranges[k][1].x), row: null}));
+  const middles = ranges.map(([low, high]) => pointAt(0.5 * (low.x + high.x)));
+  const inRange = ({x}) => ranges.some(([low, high]) => x >= low.x && x <= high.x);
+  const near = (point, others) => others.some(other => Math.abs(other.x - point.x) < SAME_INPUT);
+  meets = meets.filter((point, k) => inRange(point) && !near(point, ends) && !near(point, meets.slice(0, k)));
+  const points = [...nodes, ...ends, ...gaps, ...middles].sort((a, b) => a.x - b.x).flatMap(point => {
+    if (!point.row || !inRange(point)) return [{x: point.x, row: null}];
     // At a meeting of modes rounding may leave the square negative: the curve runs on past it.
-    else if (closes(row(x))) points.push({x, row: row(x)});
-  }
-  const isEnd = x => ends.some(end => Math.abs(end - x) < SAME_INPUT);
-  const isFirst = (x, k) => !meets.slice(0, k).some(other => Math.abs(other - x) < SAME_INPUT);
-  return {points, ends, meets: meets.filter((x, k) => inRange(x) && !isEnd(x) && isFirst(x, k))};
+    return closes(point.row) ? [point] : [];
+  });
+  return {points, ends: ends.map(({x}) => x), meets: meets.map(({x}) => x)};
 }
 
-// Squares touch zero between samples, where a mode ends and begins again, or modes meet.
+// Squares may pass or touch zero between nodes: modes end and begin again there, or meet.
 
-function withExtrema(square, x) {
-  const values = x.map(square), points = [];
-  x.forEach((here, k) => {
-    points.push(here);
-    if (k + 1 < x.length && mayTouchZero(x, values, k)) {
-      const sign = Math.sign(values[k]) || 1;
-      points.push(lowestPoint(t => sign * square(t), here, x[k + 1]));
+function withLowestPoints(points, closure, pointAt) {
+  const found = [];
+  points.forEach((point, k) => {
+    found.push(point);
+    if (k + 1 < points.length && mayTouchZero(points, closure, k)) {
+      const sign = Math.sign(point.row[closure]) || 1;
+      const lowest = lowestPoint(pointAt, ({row}) => sign * row[closure], point, points[k + 1]);
+      if (lowest) found.push(lowest);
     }
   });
-  return points;
+  return found;
 }
 
-function mayTouchZero(x, values, k) {      // between the nodes k and k + 1, whose values have one sign
-  const sign = Math.sign(values[k]) || 1, [before, here, next, after] = [-1, 0, 1, 2].map(n => sign * values[k + n]);
+function mayTouchZero(points, closure, k) {  // between the nodes k and k + 1, whose squares have one sign
+  const sign = Math.sign(points[k].row[closure]) || 1, value = n => (points[n] ? sign * points[n].row[closure] : NaN);
+  const before = value(k - 1), here = value(k), next = value(k + 1), after = value(k + 2);
   if (!(here >= 0 && next >= 0) || before < here || after < next) return false;
   if (Number.isNaN(before) || Number.isNaN(after)) return true;
   // A function that bends upwards is above the straight lines that lead here from both sides.
-  const falls = (here - before) / (x[k] - x[k - 1]), rises = (after - next) / (x[k + 2] - x[k + 1]);
-  const lines = next - rises * (x[k + 1] - x[k]) - here;
-  return rises === falls || here + (falls * lines) / (falls - rises) <= 0;
+  const step = points[k + 1].x - points[k].x;
+  const falls = (here - before) / (points[k].x - points[k - 1].x);
+  const rises = (after - next) / (points[k + 2].x - points[k + 1].x);
+  return rises === falls || here + (falls * (next - rises * step - here)) / (falls - rises) <= 0;
 }
 
-function lowestPoint(f, low, high) {       // of a function, by golden section
-  const part = 0.5 * (Math.sqrt(5) - 1);
-  let [a, b] = [high - part * (high - low), low + part * (high - low)];
-  let [fa, fb] = [f(a), f(b)];
-  for (let k = 0; k < EXTREMUM_STEPS; k++) {
-    if (fa < fb) { high = b; b = a; fb = fa; a = high - part * (high - low); fa = f(a); }
-    else { low = a; a = b; fa = fb; b = low + part * (high - low); fb = f(b); }
-  }
-  return fa < fb ? a : b;
+function lowestPoint(pointAt, value, low, high) {  // by golden section; null where it is surely positive
+  const [atLow, atHigh, middle] = [value(low), value(high), value(pointAt(0.5 * (low.x + high.x)))];
+  const bend = atLow + atHigh - 2 * middle, tilt = atHigh - atLow;
+  const ofParabola = bend > 0 && Math.abs(tilt) < 2 * bend ? middle - (tilt * tilt) / (8 * bend) : Math.min(atLow, atHigh);
+  if (ofParabola > SURELY_POSITIVE * Math.min(atLow, middle, atHigh)) return null;
+  const part = 0.5 * (Math.sqrt(5) - 1), inner = (from, to) => pointAt(to + part * (from - to));
+  let [start, stop] = [low.x, high.x];
+  let [a, b] = [inner(start, stop), inner(stop, start)];
+  for (let k = 0; k < GOLDEN_STEPS && value(a) >= 0 && value(b) >= 0; k++)
+    if (value(a) < value(b)) { stop = b.x; b = a; a = inner(start, stop); }
+    else { start = a.x; a = b; b = inner(stop, start); }
+  return value(a) < value(b) ? a : b;
 }
 
-function rangesOfSquare(square, x, tolerance, meets) {
-  const ranges = [];
-  const holds = value => square(value) >= -tolerance;
-  meets.push(...x.filter(value => Math.abs(square(value)) <= tolerance));
-  let start = holds(x[0]) ? x[0] : null;
-  for (let k = 1; k < x.length; k++) {
-    const [before, here] = [x[k - 1], x[k]];
-    if (start === null && holds(here)) start = lastNonNegative(square, here, before);
+function rangesOfSquare(points, closure, tolerance, pointAt) {
+  const ranges = [], square = x => pointAt(x).row[closure];
+  const holds = ({row}) => row[closure] >= -tolerance;
+  const end = (good, bad) => pointAt(lastNonNegative(square, good.x, bad.x));
+  let start = holds(points[0]) ? points[0] : null;
+  for (let k = 1; k < points.length; k++) {
+    const [before, here] = [points[k - 1], points[k]];
+    if (start === null && holds(here)) start = end(here, before);
     else if (start !== null && !holds(here)) {
-      ranges.push([start, lastNonNegative(square, before, here)]);
+      ranges.push([start, end(before, here)]);
       start = null;
     }
   }
-  if (start !== null) ranges.push([start, x.at(-1)]);
+  if (start !== null) ranges.push([start, points.at(-1)]);
   return ranges;
 }
