@@ -64,4 +64,4 @@ def page(
         f"a page with {counted(curves, 'curve')} of {counted(modes, 'assembly mode')} and "
         f"{counted(len(maker.keys), 'slider')}, {len(text.encode()) / 1000:.0f} kB"
     )
-    return Exported(target, holds, tuple(maker.notes))
+    return Exported(target, holds, tuple(dict.fromkeys(maker.notes)))

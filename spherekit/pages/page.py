@@ -1,7 +1,7 @@
 """The page of a mechanism: what it says, the kernels that move it, and its parts."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from functools import cached_property
 from importlib.resources import files
@@ -48,14 +48,18 @@ SCRIPTS = (
     "script/2_motion.js",
     "script/2_feasible_ranges.js",
     "script/3_sphere.js",
+    "script/4_mode_styles.js",
     "script/4_mechanism.js",
     "script/5_poles.js",
+    "script/6_signs.js",
+    "script/6_joint_limits.js",
     "script/6_curves.js",
     "script/7_reach.js",
     "script/8_controls.js",
     "script/9_pictures.js",
 )
 AXES = "xyz"
+LIMIT_KEY = ' <i class="limit"></i> beyond a joint limit'
 MOTION = ("q", "dq", "ddq")
 """What a page gives its kernels: no time, and no whole turns of passive pairs."""
 
@@ -93,7 +97,7 @@ class PageMaker:
             self.keys = tuple(key for key in self.keys if key not in idle)
             return self.page()
         self.notes += (f"left out: assembly mode {x}" for x in rows.mode_table.left_out)
-        text = self._assembled(shown, _kernels(kernels))
+        text = self._assembled(self.model(shown, rows.results), _kernels(kernels))
         return text, len(shown), len(rows.modes)
 
     # Quantities, and what is drawn.
@@ -115,7 +119,8 @@ class PageMaker:
 
     def _sizes(self) -> Names:
         """Return the keys of all arcs and angles, of those that can be varied."""
-        keys, first = sizes_of(self.mechanism), next(iter(self.every))
+        first = next(iter(self.every))
+        keys = self._axes_by_angles(sizes_of(self.mechanism))
         if not self.mechanism.has_contacts:
             return keys
         kept = []
@@ -126,6 +131,27 @@ class PageMaker:
             except SpherekitError as problem:
                 self.notes.append(f"no slider for {key}: {problem}")
         return tuple(kept)
+
+    def _axes_by_angles(self, keys: Names) -> Names:
+        """Return those of the keys of axes whose numbers stand in the file.
+
+        The file of a P pair may state two directions of its arc instead of its axis.
+        """
+        without_axis = [
+            name
+            for name, table in self.document.data["pairs"].items()
+            if "through_xyz" in table or "through_lonlat" in table
+        ]
+        self.notes += (
+            f"no slider for the axis of {name}, which the file states by two directions of "
+            "its arc; state it by lonlat to vary it"
+            for name in without_axis
+        )
+        return tuple(
+            key
+            for key in keys
+            if key.split(".")[:2] not in [["pairs", name] for name in without_axis]
+        )
 
     def _coefficients(self, end: str) -> list[str]:
         """Return the velocity coefficients of outputs, without any of the last link."""
@@ -165,16 +191,52 @@ class PageMaker:
         names = (f"jacobian_determinant_{output.name}" for output in self.mechanism.outputs)
         return next((name for name in names if name in self.every), "")
 
+    def _signed_poles(self, names: Iterable[str]) -> dict[tuple[str, str, str], list[str]]:
+        """Return the quantities whose signs a page gives, by two links and the input's end.
+
+        A pole axis of links that no pair joins has two senses. A page signs velocity and
+        acceleration coefficients and pole axes of such links as `sk.evaluate` does.
+        """
+        mechanism = self.mechanism
+        joined = [frozenset(x.links) for x in mechanism.pairs if x.kind.has_axis]
+        signed: dict[tuple[str, str, str], list[str]] = {}
+        for a, b in permutations(mechanism.links, 2):
+            if frozenset((a, b)) in joined:
+                continue
+            for end in self._ends:
+                names_of_pole = [
+                    f"velocity_coefficient_{a}_{b}{end}",
+                    f"acceleration_coefficient_{a}_{b}{end}",
+                    *(f"pole_{a}_{b}_{x}{end}" for x in AXES),
+                ]
+                signed[a, b, end] = [x for x in names_of_pole if x in names]
+        return {key: of_pole for key, of_pole in signed.items() if of_pole}
+
+    def _velocities_of_signs(self, names: Iterable[str]) -> list[str]:
+        """Return the components of angular velocities from which a page finds signs."""
+        return [
+            f"angular_velocity_{link}_{x}{end}"
+            for *links, end in self._signed_poles(names)
+            for link in links
+            if link != self.mechanism.ground
+            for x in AXES
+        ]
+
     def _rows(self) -> Formulas:
         """Return the formulas of what is computed at every sample of every mode."""
         needed = [name for end in self._ends for name in self._coefficients(end)]
         needed += [f"{stem}_{x}" for stem, _ in self._paths for x in AXES]
         needed += [name for name in ("determinant", self._stops) if name in self.every]
+        needed += [
+            f"theta_{limit.pair}"
+            for limit in self.mechanism.joint_limits
+            if limit.pair not in self.inputs
+        ]
         made = self._formulas_with_masses(needed)
-        if made.step or not made.places:
-            return made
-        closures = [f"{CLOSURE}{k + 1}" for k in range(len(made.places))]
-        return self._formulas([*made.results, *closures])
+        more = [x for x in self._velocities_of_signs(made.results) if x not in made.results]
+        if not made.step:
+            more += [f"{CLOSURE}{k + 1}" for k in range(len(made.places))]
+        return self._formulas([*made.results, *more]) if more else made
 
     def _formulas_with_masses(self, needed: Sequence[str]) -> Formulas:
         """Return the formulas of what is asked for; by default of torques too."""
@@ -224,7 +286,7 @@ class PageMaker:
 
     # What the page is told.
 
-    def _assembled(self, shown: Sequence[str], kernels: str) -> str:
+    def _assembled(self, model: Facts, kernels: str) -> str:
         """Return the page, of its parts."""
         mechanism = self.mechanism
         source = mechanism.source
@@ -233,8 +295,9 @@ class PageMaker:
             citation=html_text(source.citation if source else ""),
             version=__version__,
             css=_part("parts/uplot.css") + _part("page.css"),
+            limit_key=LIMIT_KEY if mechanism.joint_limits else "",
             uplot=_part("parts/uplot.js"),
-            model=json_text(self.model(shown)),
+            model=json_text(model),
             kernels=kernels,
             scripts="\n".join(map(_part, SCRIPTS)),
         )
@@ -243,8 +306,17 @@ class PageMaker:
     def _numbers(self) -> list[DesignVariable]:
         return [design_variable(self.document, key) for key in self.keys]
 
-    def model(self, shown: Sequence[str]) -> Facts:
-        """Return what the page's scripts read, with the quantities that are shown."""
+    def model(self, shown: Sequence[str], computed: Iterable[str] = ()) -> Facts:
+        """Return what the page's scripts read.
+
+        Parameters
+        ----------
+        shown
+            The quantities that have curves.
+        computed
+            The quantities that the page computes at every sample.
+        """
+        signed = self._signed_poles([*computed])
         mechanism = self.mechanism
         return {
             "name": mechanism.name,
@@ -252,8 +324,13 @@ class PageMaker:
             "inputs": [*map(self._input, mechanism.inputs)],
             "links": [*map(self._link, mechanism.links)],
             "pairs": [
-                {"name": x.name, "links": x.links, "axis": x.kind.has_axis}
-                for x in mechanism.pairs
+                {
+                    "name": x.name,
+                    "links": x.links,
+                    "axis": x.kind.has_axis,
+                    "variables": len(mechanism.variables_of(number)),
+                }
+                for number, x in enumerate(mechanism.pairs)
             ],
             "outputs": [
                 {"name": x.name, "link": x.link, "direction": x.direction}
@@ -264,6 +341,14 @@ class PageMaker:
             "coefficients": [*map(self._coefficients, self._ends)],
             "paths": [{"stem": stem, "link": link} for stem, link in self._paths],
             "stops": self._stops,
+            "signed": [
+                {"links": [a, b], "end": end, "names": names}
+                for (a, b, end), names in signed.items()
+            ],
+            "limits": [
+                {"pair": x.pair, "low": x.low, "high": x.high}
+                for x in mechanism.joint_limits
+            ],
             "moving": any(name.startswith((*LOADED, "kinetic_energy")) for name in shown),
             "plans": [*map(self._plan, self._ends, self.plans)],
             "toml": text_with_places(self.document, [x.path for x in self._numbers]),
@@ -314,7 +399,21 @@ class PageMaker:
             if of_two:
                 kind, end = of_two.groups()
                 label = f"{kind} {a}/{b}{end}".replace("_", " ")
-        return {"name": name, "unit": self.every[name], "label": label}
+        unit = self.every[name]
+        return {"name": name, "unit": unit, "label": label, "size": self._size(unit)}
+
+    def _size(self, unit: str) -> float:
+        """Return the natural size of quantities of a unit, 0.0 where there is none.
+
+        Changes that are far smaller are rounding, and a page draws them level.
+        """
+        if unit in ("", "rad", "1/rad"):
+            return 1.0
+        if unit in ("N m", "kg m2", "kg m2/rad", "J"):
+            # At rates of 1 rad/s.
+            tensors = [np.abs(mass.tensor) for mass in self.mechanism.masses]
+            return float(np.max(tensors, initial=0.0))
+        return 0.0
 
     def _plan(self, end: str, planned: Plan) -> Facts:
         """Return the Table and its steps, with poles as pairs of names of links."""

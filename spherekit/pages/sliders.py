@@ -100,9 +100,9 @@ def _limits_of_format(
     kind, of = variable.slot
     if kind == "latitudes" or (variable.path[0] == "outputs" and of[1] == 1):
         return -90.0, 90.0
-    if kind == "arcs" and isinstance(mechanism.geometry, SizeGeometry):
-        if not mechanism.geometry.links[of[0]].signed:
-            return 0.0, 180.0
+    geometry = mechanism.geometry
+    if isinstance(geometry, SizeGeometry) and kind == "arcs":
+        return (-np.inf, np.inf) if geometry.links[of[0]].signed else (0.0, 180.0)
     return -np.inf, np.inf
 
 

@@ -170,7 +170,11 @@ function grid({from, to}, count) {
 function sampled(mode, over, q, sizes) {
   const {points, ends, meets} = mode.sample(over, grid(inputs[over], SAMPLES), q, sizes);
   const curve = {over, x: points.map(({x}) => x), values: points.map(({row}) => row), ends, meets};
-  return Object.assign(curve, {rests: findRests(mode, q, sizes, curve)});
+  signCurve(mode, q, sizes, curve);
+  mode.curve = curve;
+  curve.rests = findRests(mode, q, sizes, curve);
+  curve.beyond = rangesBeyondLimits(mode, q, sizes, curve);
+  return curve;
 }
 
 // Inputs at which a coefficient of an output passes through zero.
@@ -180,7 +184,10 @@ function findRests(mode, q, sizes, {over, x, values}) {
   for (const name of model.coefficients[over]) {
     const k = rows.place.get(name), column = values.map(row => (row ? row[k] : NaN));
     const limit = 10 * median(column) + 1;
-    const coefficient = value => mode.state(q.with(over, value), sizes)?.row[k] ?? NaN;
+    const coefficient = value => {
+      const there = q.with(over, value), row = mode.state(there, sizes)?.row;
+      return row ? signedAt(mode, there, sizes, row)[k] : NaN;
+    };
     for (let n = 1; n < x.length; n++) {
       const [a, b] = [column[n - 1], column[n]];
       if (a * b < 0 && Math.max(Math.abs(a), Math.abs(b)) <= limit) marks.push(zero(x[n - 1], x[n], a, b, coefficient));

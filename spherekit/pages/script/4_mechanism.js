@@ -1,7 +1,6 @@
 // The mechanism on the sphere: links as arcs between their pairs, wheels and cams, knobs.
 
 const LINKS = ["#b0b6c4", "#56b4e9", "#ee6c34", "#20be8e", "#de88bc", "#6884f5", "#c0ce5c", "#96e4f4", "#bc845c"];
-const MODES = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4fa2", "#7a5a2f"];
 const dark = () => document.documentElement.dataset.theme === "dark";
 const style = getComputedStyle(document.documentElement);
 const palette = new Map();                 // until the theme changes
@@ -18,7 +17,6 @@ const linkColour = k => {
   const tint = k ? LINKS[1 + ((k - 1) % (LINKS.length - 1))] : LINKS[0];
   return dark() ? tint : mixed(tint, 0, 0.24);
 };
-const modeColour = k => mixed(MODES[k % MODES.length], dark() ? 255 : 0, dark() ? 0.32 : 0);
 
 const linkNumber = new Map(model.links.map((link, k) => [link.name, k]));
 const xyz = (row, stem, end = "") => ["x", "y", "z"].map(x => row[picture.place.get(`${stem}_${x}${end}`)]);
@@ -36,12 +34,19 @@ function sidesOf(row, link) {              // arcs between the axes of a link's 
 }
 
 function drawOthers() {                    // the other assembly modes, thin, in their colours
-  modes.forEach((mode, n) => {
-    if (n === state.mode || !mode.row) return;
-    for (const link of model.links.slice(1))
-      for (const points of sidesOf(mode.row, link).arcs) line(points, modeColour(n), 1.8, {alpha: 0.7});
-  });
+  for (const link of model.links.slice(1)) {
+    const drawnCorners = [];               // of this link in modes before
+    modes.forEach((mode, n) => {
+      if (n === state.mode || !mode.row) return;
+      const {corners, arcs} = sidesOf(mode.row, link), before = drawnCorners.filter(other => samePlaces(other, corners)).length;
+      const dash = before ? [DASH, DASH * before] : undefined;
+      for (const points of arcs) line(points, modeColour(n), 1.8, {dash});
+      drawnCorners.push(corners);
+    });
+  }
 }
+
+const samePlaces = (one, other) => one.length === other.length && one.every((a, k) => dot(a, other[k]) > 1 - 1e-8);
 
 function drawLinks(row) {
   for (const [k, link] of model.links.entries()) {
@@ -150,13 +155,14 @@ function drawTrack(k) {
   const {axis, far, sense, fixed} = knobOf(k), {from, to} = inputs[k];
   if (!fixed) return;
   const radius = Math.acos(clamp(dot(axis, far), -1, 1)), turn = x => sense * (x - state.q[k]);
-  const track = (a, b, tint, more) => line(circle(axis, radius, turn(a), turn(b), far), tint, 1.6, more);
+  const track = (a, b, tint, {width = 1.6, ...more}) => line(circle(axis, radius, turn(a), turn(b), far), tint, width, more);
   const curve = modes[state.mode].curve;
   if (!curve || curve.over !== k) return track(from, to, colour("--soft"), {alpha: 0.7});
   for (let n = 1; n < curve.x.length; n++) {
     const holds = curve.values[n] && curve.values[n - 1];
     track(curve.x[n - 1], curve.x[n], holds ? colour("--soft") : colour("--warn"), holds ? {alpha: 0.8} : {dash: [3, 3]});
   }
+  for (const {from: a, to: b} of curve.beyond) track(a, b, colour("--limit"), {width: 3});
   const place = x => circle(axis, radius, turn(x), turn(x), far)[0];
   curve.ends.forEach(x => tick(place(x), axis, colour("--warn"), 3));
   curve.meets.forEach(x => tick(place(x), axis, colour("--fold"), 2.5));

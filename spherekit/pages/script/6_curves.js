@@ -26,9 +26,9 @@ function plotOf(figure) {
     legend: {show: false}, cursor: {show: false}, padding: [8, 16, 0, 0],
     scales: {x: {time: false}, y: {range: () => figure.range}},
     axes: [axis({size: 24, gap: 2}), axis({size: 46, gap: 3, space: 26})],
-    series: [{}, ...lines(), {stroke: () => modeColour(state.mode), width: 2.4, points: {show: false}}],
-    hooks: {draw: [plot => drawCursor(plot, figure)]},
-  }, [[0, 1], ...modes.map(() => [null, null]), [null, null]], figure.figure);
+    series: [{}, {stroke: () => modeColour(state.mode), width: 3, points: {show: false}}, ...lines()],
+    hooks: {drawClear: [drawLimits], draw: [plot => drawCursor(plot, figure)]},
+  }, [[0, 1], [null, null], ...modes.map(() => [null, null])], figure.figure);
   made.over.tabIndex = 0;
   made.over.setAttribute("role", "img");
   made.over.setAttribute("aria-label", `${figure.quantity.label} over the input, of every assembly mode`);
@@ -43,8 +43,8 @@ function plotOf(figure) {
   return made;
 }
 
-function lines() {                         // of every mode, and that of the chosen one above them
-  return modes.map((mode, k) => ({stroke: () => modeColour(k), width: 1.3, alpha: 0.65, points: {show: false}}));
+function lines() {                         // of every mode, above the thick one of the chosen mode
+  return modes.map((mode, k) => ({stroke: () => modeColour(k), width: 1.4, points: {show: false}}));
 }
 
 // The range of a plot: of all modes, without what runs away where a mode ends. Numbers that
@@ -70,7 +70,9 @@ function fillCurves() {
     const columns = modes.map(({curve}) => aligned(xs, curve, figure.place, figure.scale));
     figure.range = rangeOf(columns, figure.quantity.size / figure.scale);
     figure.plot ??= plotOf(figure);
-    figure.plot.setData([x, ...columns, columns[state.mode]]);
+    const [low, high] = figure.range;
+    dashesOfCurves(columns, state.mode, high - low).forEach((dash, k) => { figure.plot.series[k + 2].dash = dash; });
+    figure.plot.setData([x, columns[state.mode], ...columns]);
   }
 }
 
@@ -124,6 +126,15 @@ function drawCursor(plot, figure) {
   ctx.restore();
 }
 
+function drawLimits({ctx, bbox: {left, top, width, height}, valToPos}) {  // where the chosen mode is beyond joint limits
+  const {beyond} = modes[state.mode].curve, across = x => clamp(valToPos(x / UNIT, "x", true), left, left + width);
+  ctx.save();
+  ctx.fillStyle = colour("--limit");
+  ctx.globalAlpha = 0.18;
+  for (const {from, to} of beyond) ctx.fillRect(across(from), top, across(to) - across(from), height);
+  ctx.restore();
+}
+
 function resizeCurves() {
   for (const {plot, figure} of figures) plot?.setSize({width: figure.clientWidth - 16, height: plot.height});
 }
@@ -140,6 +151,14 @@ const shownRows = model.quantities.map(({name, label, unit}) => {
   return {value, scale, place: rows.place.get(name)};
 });
 
+const limitRows = limits.map(limit => {
+  const row = document.querySelector("#values tbody").insertRow(), value = row.cells;
+  row.append(Object.assign(document.createElement("th"), {scope: "row", textContent: limitText(limit)}));
+  row.insertCell();
+  row.insertCell().textContent = SIGN;
+  return {limit, row, value: value[1]};
+});
+
 function text(value, all = document.getElementById("digits").checked) {
   if (!Number.isFinite(value)) return "–";
   return all ? String(value) : String(+value.toPrecision(6));
@@ -152,6 +171,11 @@ function showNumbers() {
     value.textContent = text(number / scale);
     value.dataset.value = number;
   }
+  for (const {limit, row, value} of limitRows) {
+    const isKnown = here && !modes[state.mode].isMeeting;
+    value.textContent = text(isKnown ? limit.angle(here, state.q) / UNIT : NaN);
+    row.classList.toggle("beyond", Boolean(isKnown) && marginOf(limit, here, state.q) < 0);
+  }
   for (const {value, place, scale} of figures) value.textContent = text(here ? here[place] / scale : NaN);
   clearTimeout(showNumbers.later);
   showNumbers.later = setTimeout(sayNumbers, 700);
@@ -161,5 +185,6 @@ function sayNumbers() {
   if (playing) return;
   const said = figures.map(({quantity, value, unit}) => `${quantity.label} ${value.textContent} ${unit}`);
   const at = inputs.map(({pair}, k) => `${pair} at ${text(state.q[k] / UNIT, false)} ${SIGN}`);
-  document.getElementById("said").textContent = modes[state.mode].here ? [...at, ...said].join(", ") : `${at.join(", ")}: assembly lost`;
+  const mode = modes[state.mode], status = statusText(mode) ? [statusText(mode)] : [];
+  document.getElementById("said").textContent = [...at, ...status, ...(mode.here ? said : [])].join(", ");
 }

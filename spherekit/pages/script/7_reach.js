@@ -8,6 +8,7 @@ let reach = null;
 const KINDS = [
   {tint: "--fold", value: row => row[determinant]},
   {tint: "--stop", value: row => row[rows.place.get(model.stops)] * row[determinant]},
+  ...limits.map(limit => ({tint: "--limit", value: (row, q) => marginOf(limit, row, q)})),
 ];
 
 function surveyed(mode, sizes, count) {
@@ -58,7 +59,7 @@ function directionOf(row) {
 }
 
 function zeros(mode, outline, value, sizes) {  // segments between zeros on the sides of a cell
-  const numbers = outline.map(({row}) => (row ? value(row) : NaN)), found = [], segments = [];
+  const numbers = outline.map(({row, q}) => (row ? value(row, [...q, ...state.q.slice(2)]) : NaN)), found = [], segments = [];
   numbers.forEach((x, k) => {
     const next = (k + 1) % numbers.length, y = numbers[next];
     if (x * y < 0) found.push(placed(mode, between(outline[k].q, outline[next].q, x / (x - y)), sizes));

@@ -118,11 +118,12 @@ function showControls() {
   if (over) over.value = state.over;
   if (moving) moving.value = state.moving;
   element("lost").textContent = statusText(modes[state.mode]);
+  element("lost").classList.toggle("beyond", Boolean(modes[state.mode].here));
 }
 
 function statusText(mode) {
   if (!mode.here) return "assembly lost";
-  return mode.isMeeting ? "modes meet here" : "";
+  return mode.isMeeting ? "modes meet here" : beyondText(mode.here, state.q);
 }
 
 function setInput(k, value) {

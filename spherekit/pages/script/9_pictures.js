@@ -4,7 +4,7 @@ let playing = false, pending = 0, clock = 0, way = 1;
 const TURN = 9;                            // seconds to play through the range
 const system = matchMedia("(prefers-color-scheme: dark)");
 const timing = {pictures: 0, busy: 0};
-const NO_CURVE = {over: 0, x: [], values: [], ends: [], meets: [], rests: []};
+const NO_CURVE = {over: 0, x: [], values: [], ends: [], meets: [], rests: [], beyond: [], signs: []};
 
 function wake() {
   pending ||= requestAnimationFrame(next);
@@ -73,7 +73,7 @@ function renew() {
   if (all || does("theme")) showTheme();
   if (all || does("sizes") || (several && does("input"))) for (const mode of modes) mode.stale = true;
   const chosen = modes[state.mode], computed = modes.some(mode => mode.stale);
-  const moves = all || does("sizes", "input", "mode", "others");
+  const moves = all || computed || does("sizes", "input", "mode", "others");
   for (const mode of [chosen, ...modes])
     if (mode.stale && (mode === chosen || !mode.curve || performance.now() - began < BUDGET)) {
       attempt(`The curve of ${mode.name}`, () => { mode.curve = NO_CURVE; mode.curve = sampled(mode, state.over, state.q, now); });
@@ -83,7 +83,7 @@ function renew() {
     Object.assign(mode, {here: null, row: null, isMeeting: false});
     attempt(`The configuration of ${mode.name}`, () => locate(mode, now));
   }
-  if (all || does("sizes", "input", "mode", "theme")) { showControls(); showNumbers(); }
+  if (moves || does("theme")) { showControls(); showNumbers(); }
   const maps = several && (all || does("sizes", "mode", "theme", "reach") || inputs.length > 2);
   if (maps) attempt("The map of inputs", () => survey(chosen, now, does("reach")));
   attempt("The sphere", draw);
@@ -116,7 +116,7 @@ function survey(mode, now, fine) {         // quick while changes follow each ot
 function locate(mode, now) {               // where a mode is at the inputs, and what is drawn of it
   const closed = mode.state(state.q, now) ?? besideMeeting(mode, state.q, now);
   if (!closed) return;
-  mode.here = closed.row;
+  mode.here = signedAt(mode, closed.q ?? state.q, now, closed.row);
   mode.isMeeting = Boolean(closed.isMeeting);
   const drawn = state.others || modes[state.mode] === mode;
   mode.row = drawn ? evaluated(picture, closed.q ?? state.q, closed.places, now) : null;
@@ -203,5 +203,9 @@ function knobPlace(k) {                    // in the window, for who drives this
   return [box.left + x, box.top + y];
 }
 
-window.spherekit = {state, change, modes, timing, toml, link, knobPlace};
+window.spherekit = {
+  state, change, modes, timing, toml, link, knobPlace, figures, modeColour,
+  resultNames: [...rows.place.keys()],
+  modeNumbers: rows.about.modes.map(({number}) => number),
+};
 followLink();

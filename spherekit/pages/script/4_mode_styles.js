@@ -1,0 +1,47 @@
+// Colours and dashes of assembly modes. Every mode has a colour of its own; lines of modes that
+// coincide are dashed in turn, so that the colours of all of them are seen.
+
+// The first eight are those of Okabe and Ito. Each of the others is the one farthest from all
+// before it in Oklab, of medium lightness: no two are nearer than 0.1 there.
+const MODE_COLOURS = [
+  "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#5b4fa2", "#7a5a2f",
+  "#c300ff", "#0000ff", "#b40069", "#78c300", "#8778ff", "#ff00b4", "#004b5a", "#870000",
+  "#006900", "#7800f0", "#780078", "#968700", "#ff004b", "#3c0fb4", "#96b487", "#a54bb4",
+  "#e169ff", "#3c5aff", "#c30f00", "#7887b4", "#ff7869", "#a55a69", "#007869", "#693c5a",
+];
+const DASH = 6;                            // pixels of a dash of lines that coincide
+const EQUAL_CURVES = 4e-3;                 // part of a plot's height: half a pixel
+
+function modeColour(k) {
+  const round = Math.floor(k / MODE_COLOURS.length), colour = MODE_COLOURS[k % MODE_COLOURS.length];
+  const lightness = (dark() ? 0.32 : 0) + 0.3 * (1 - 0.5 ** round);  // the 33rd mode and on
+  return mixed(colour, 255, Math.min(lightness, 0.7));
+}
+
+function dashOf(place, count) {            // of the line `place` of `count` that coincide, drawn in this order
+  return place ? [DASH * (count - place), DASH * place] : [];
+}
+
+// Groups of modes whose curves (columns of numbers over the same inputs) coincide, the chosen
+// mode first in its group; a dash for each mode.
+
+function dashesOfCurves(columns, chosen, height) {
+  const order = [chosen, ...columns.keys()].filter((k, n) => n === 0 || k !== chosen), groups = [];
+  for (const k of order) {
+    const group = groups.find(([first]) => coincide(columns[first], columns[k], EQUAL_CURVES * height));
+    if (group) group.push(k); else groups.push([k]);
+  }
+  const dashes = [];
+  for (const group of groups) group.forEach((k, place) => { dashes[k] = dashOf(place, group.length); });
+  return dashes;
+}
+
+function coincide(one, other, tolerance) {
+  let both = 0;
+  for (let k = 0; k < one.length; k++) {
+    if (!Number.isFinite(one[k]) || !Number.isFinite(other[k])) continue;
+    if (Math.abs(one[k] - other[k]) > tolerance) return false;
+    both += 1;
+  }
+  return both > 1;
+}
