@@ -171,7 +171,7 @@ class Poles(AbstractAnalysis):
     """
 
     name = "poles"
-    version = "1"
+    version = "2"
     summary = "pole axes and velocity coefficients of all pairs of links"
     cites = (
         "R. Di Gregorio, Proc. IMechE C 225(9), 2011, 2062-2075",
@@ -243,6 +243,12 @@ class Poles(AbstractAnalysis):
                     "acceleration_coefficient_error_bound",
                     "1/rad",
                     "bound of the error of acceleration_coefficient, likewise",
+                    scale="none",
+                ),
+                Column(
+                    "direction_dq_error_bound",
+                    "1/rad",
+                    "bound of the error of du_dq, the length of the error vector, likewise",
                     scale="none",
                 ),
                 RESIDUAL,
@@ -329,6 +335,7 @@ class Poles(AbstractAnalysis):
             "conditioning",
             "error_bound",
             *(f"{c}_error_bound" for c in COEFFICIENTS),
+            "direction_dq_error_bound",
         )
         made |= {name: of(name, None) for name in numbers}
         (table,) = self.tables

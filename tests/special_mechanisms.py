@@ -39,6 +39,39 @@ def special_mechanism(seed):
     return f"{bars}, {kind}", made, np.radians(_inputs(random))[:, None]
 
 
+def straight_mechanism(seed):
+    """Return a mechanism of a seed with an arc near 0 or 180 degrees, and inputs (n, 1).
+
+    A four-bar, alone or with one or two dyads. The arc is off by 1e-2 to 1e-9 degrees; of
+    some seeds it is an arc of a dyad, and of others the four-bar is near a change point.
+    """
+    random = np.random.default_rng(seed + 10**6)
+    arcs = [float(np.round(random.uniform(20.0, 150.0), 3)) for _ in range(4)]
+    kind = random.integers(3)
+    if kind == 0:
+        arcs[random.integers(4)] = _nearly_straight(random)
+    elif kind == 1:
+        a, b, c, _ = arcs
+        total = abs(a + c - b) + 10.0 ** -random.integers(1, 10)
+        arcs[3] = float(f"{total if total < 180.0 else 60.0:.12f}")
+    sizes = sorted(float(np.round(random.uniform(10.0, 170.0), 3)) for _ in range(4))
+    if kind == 2:
+        sizes.append(_nearly_straight(random))
+    made = _four_bar(arcs)
+    for _ in range(int(random.integers(int(kind == 2), 3))):
+        made = _with_dyad(random, made, sizes)
+    driven = str(random.choice(["21", "41", "32"]))
+    near = [0.0, 90.0, 180.0] + 10.0 ** -random.integers(1, 9, 3)
+    path = np.unique([*random.uniform(0.0, 360.0, 6), *near])
+    drives = (Input(driven, 0.0, 2.0 * np.pi),)
+    return replace(made, inputs=drives), np.radians(path)[:, None]
+
+
+def _nearly_straight(random):
+    off = 10.0 ** -random.integers(2, 10)
+    return float(f"{abs(random.choice([0.0, 180.0]) - off):.12f}")
+
+
 def _arcs(random, kind):
     a, b, c = (float(5 * random.integers(4, 32)) for _ in range(3))
     if kind == "right angles":

@@ -20,7 +20,7 @@ from spherekit.sphere.rotation import Floats
 TINY = 1e-300
 
 
-KINDS = ("configurations", "directions", "rates", "derivatives")
+KINDS = ("configurations", "directions", "rates", "derivatives", "direction derivatives")
 """What errors are stated of."""
 
 
@@ -119,6 +119,8 @@ def _silent(field, good):
             count += int(np.sum(~np.isfinite(values[pole]) & known))
         count += int(np.sum(~np.isfinite(field.velocity_coefficient_error[pole]) & rest))
         count += int(np.sum(~np.isfinite(field.error[pole]) & known))
+        turned = np.isfinite(field.direction_dq[pole][:, 0])
+        count += int(np.sum(turned & ~np.isfinite(field.direction_dq_error[pole])))
     return count
 
 
@@ -181,6 +183,11 @@ def _compared(motion, field, wanted, rows, which, numbers):
         own, right = getattr(given, name), getattr(nearest, name)
         errors[kind] = [np.abs(own[pole] - right[pole]) for pole in poles]
         bounds[kind] = [getattr(given, f"{name}_error")[pole] for pole in poles]
+    own, right = given.direction_dq, nearest.direction_dq
+    errors["direction derivatives"] = [
+        np.linalg.norm(own[pole] - right[pole], axis=1) for pole in poles
+    ]
+    bounds["direction derivatives"] = [given.direction_dq_error[pole] for pole in poles]
     rounding = 10.0 * numbers.eps * exact.condition**2  # of the reference itself
     judged = {k: np.maximum(np.array(v) - rounding, 0.0) for k, v in errors.items()}
     stated = {kind: np.array(values) for kind, values in bounds.items()}

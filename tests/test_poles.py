@@ -98,4 +98,8 @@ def test_links_that_rest_for_a_moment_are_known_as_well_as_others():
     rows = result.frame()
     assert np.min(np.abs(rows["velocity_coefficient"])) < 1e-15
     assert np.all(rows["status"] == "OK") and not result.summary["warnings"]
-    assert rows.filter(like="error_bound").to_numpy().max() < 1e-9
+    bounds = rows.filter(like="error_bound")
+    turned = bounds.pop("direction_dq_error_bound")
+    assert bounds.to_numpy().max() < 1e-9
+    # A direction of links that rest follows from the plan, and has no derivative.
+    assert np.array_equal(np.isnan(turned), np.isnan(rows["dux_dq"]))

@@ -21,7 +21,8 @@ POLES = [
     "dux_dq", "duy_dq", "duz_dq",
     "velocity_coefficient", "acceleration_coefficient", "conditioning", "error_bound",
     "velocity_coefficient_error_bound",
-    "acceleration_coefficient_error_bound", "residual", "status", "moving",
+    "acceleration_coefficient_error_bound", "direction_dq_error_bound",
+    "residual", "status", "moving",
 ]  # fmt: skip
 
 

@@ -44,6 +44,7 @@ def test_columns_deviate_by_rounding_and_references_are_right():
     assert verdict["largest_distance_rad"] < 1e-14
     assert 1.0 < verdict["largest_condition"] < 100.0
     bounds = ("error", "velocity_coefficient_error", "acceleration_coefficient_error")
+    bounds = (*bounds, "direction_dq_error")
     left = {"poles.conditioning", *(f"poles.{name}_bound" for name in bounds)}
     assert set(verdict["not_recomputed"]) == left
     item = column(verdict, "poles", "acceleration_coefficient")

@@ -321,7 +321,7 @@ class Batch:
         return self._pole(i, j, "direction_dq", moved)
 
     def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
-        """Return (n,) a bound of the error of `rate`."""
+        """Return (n,) a bound of the error of `velocity_coefficient`."""
         return self._pole(i, j, "velocity_coefficient_error_bound", moved)
 
     def acceleration_coefficient_error_bound(
@@ -329,6 +329,13 @@ class Batch:
     ) -> Floats:
         """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
         return self._pole(i, j, "acceleration_coefficient_error_bound", moved)
+
+    def direction_dq_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of `direction_dq`, 1/rad.
+
+        It bounds the length of the error vector; NaN where `direction_dq` is.
+        """
+        return self._pole(i, j, "direction_dq_error_bound", moved)
 
     def rates_loss(self, moved: int = 0) -> Floats:
         """Return (n,) the part of the angular velocities or their derivatives in doubt.
@@ -441,7 +448,7 @@ class Batch:
         if quantity == "planes":
             allowed = needs.planes
             said = "planes=..."
-        elif quantity == "direction_dq":
+        elif quantity.startswith("direction_dq"):
             allowed = needs.turns if needs.derivatives else frozenset()
             said = "turns=..., derivatives=True"
         elif "coefficient" in quantity:
@@ -464,6 +471,7 @@ _QUANTITIES: Mapping[str, str] = {
     "error_bound": "error",
     "velocity_coefficient_error_bound": "velocity_coefficient_error",
     "acceleration_coefficient_error_bound": "acceleration_coefficient_error",
+    "direction_dq_error_bound": "direction_dq_error",
     "pole_status": "pole_status",
 }
 """What `PoleField` calls them."""

@@ -26,7 +26,14 @@ from spherekit.engine.algebra import Exprs, cross, vector_sum
 from spherekit.engine.elimination_order import Pivot
 from spherekit.engine.expression_graph import Expr, ExpressionNode, dot
 from spherekit.engine.kinematics import VelocityEquations
-from spherekit.engine.pose import along_ways, largest, place_by_variables, root, size_of
+from spherekit.engine.pose import (
+    UnitTwist,
+    along_ways,
+    largest,
+    place_by_variables,
+    root,
+    size_of,
+)
 from spherekit.engine.turns import turning_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.poles import Pole
@@ -79,7 +86,11 @@ PROFILE_ROUNDING = 4.0 * EPS
 
 ERRORS = ("error", "velocity_coefficient_error", "acceleration_coefficient_error")
 """What bounds its errors: of the direction, the rate and its derivative."""
-PARTS = (*SIGNED, "angle", *ERRORS, "w", "dw")
+DIRECTION_DQ_ERROR = "direction_dq_error"
+"""What bounds the error (1/rad) of the derivative of the direction."""
+BOUNDS = (*ERRORS, DIRECTION_DQ_ERROR)
+"""All bounds of errors of a pole. The last one decides about no row."""
+PARTS = (*SIGNED, "angle", *BOUNDS, "w", "dw")
 """Parts of a field that are columns, called as in `PoleField`."""
 
 
@@ -126,12 +137,9 @@ class RowTerms(VelocityEquations):
         self.numbers = 2.0 * EPS * (2.0 + tree.longest_path)
         self.axes, self.slides = [], []
         for carried, moved in zip(self.carried, self.moved, strict=True):
-            turn, slip = (
-                self.turns[carried.link] * self.open + self.numbers,
-                moved * self.open,
-            )
-            self.axes.append(carried.size * turn + carried.slid * slip)
-            self.slides.append(carried.slid * turn + carried.bent * slip)
+            axis_error, slide_error = self.position_errors(carried, moved)
+            self.axes.append(axis_error)
+            self.slides.append(slide_error)
         self.often = np.count_nonzero(tree.signs, axis=0).astype(float).tolist()
         sizes = [carried.size * carried.size for carried in self.carried]
         entries = sum((self.often[v] * sizes[v] for v in self.free), 0.0)
@@ -140,6 +148,17 @@ class RowTerms(VelocityEquations):
         self.bend = bent * (sensitivity * sensitivity) * gap
         left = root(1.0 - 2.0 * self.bend)
         self.moved_by = sensitivity * gap * 2.0 / (1.0 + left) + 2.0 * EPS
+
+    def position_errors(self, carried: UnitTwist, moved: Expr) -> tuple[Expr, Expr]:
+        """Return bounds of the errors of a carried vector and of its slide.
+
+        `moved` is how far the variable along which the vector slides moves as the loops
+        open by one unit.
+        """
+        turn = self.turns[carried.link] * self.open + self.numbers
+        slip = moved * self.open
+        axis_error = carried.size * turn + carried.slid * slip
+        return axis_error, carried.slid * turn + carried.bent * slip
 
     def paths(self, parts: Sequence[Expr]) -> list[Expr]:
         """Return for each link how far variables that move by so much turn it at most."""
@@ -200,16 +219,17 @@ class MovingTerms:
         """Set what links and variables are off by, in first and second derivatives."""
         rows = self._rows
         speeds, bends = ([size_of(x) for x in y] for y in (self._rates, self._change))
-        fast = rows.paths(speeds)
+        self._speeds, self._spins_at_most = speeds, rows.paths(speeds)
         slips = [speed * off for speed, off in zip(speeds, rows.axes, strict=True)]
         self._off_w, off_rates = self._off(slips, self.over)
         again, spread = list[Expr](), list[Expr]()
         of_variables = rows.carried, speeds, bends, off_rates, rows.axes, rows.slides
+        self._off_turned = list[Expr]()
         for carried, speed, bend, off_rate, off, slide in zip(*of_variables, strict=True):
-            spin = fast[carried.link]
-            turned = carried.size * spin + speed * carried.slid
-            off_turned = carried.size * self._off_w[carried.link] + spin * off
-            off_turned = off_turned + carried.slid * off_rate + speed * slide
+            turned = carried.size * self._spins_at_most[carried.link]
+            turned = turned + speed * carried.slid
+            off_turned = self._change_error(carried, speed, off_rate, off, slide)
+            self._off_turned.append(off_turned)
             again.append(bend * off + speed * off_turned + turned * off_rate)
             spread.append(bend * carried.size + speed * turned)
         self._off_dw, off_change = self._off(again, self.over_bent)
@@ -220,6 +240,19 @@ class MovingTerms:
         bent = sum((dot(rate, rate) for rate in self._dw), 0.0)
         self.part = sum(self._off_dw, 0.0) / root(1.0 + bent)
         self.worst = self.part * (LARGEST_ERROR / LARGEST_PART)
+
+    def _change_error(
+        self, carried: UnitTwist, speed: Expr, off_rate: Expr, off: Expr, slide: Expr
+    ) -> Expr:
+        """Return a bound of the error of the derivative of a carried vector.
+
+        The derivative is w x a + s r, where the link turns at w, and the vector a slides
+        by s per unit of a variable, which runs at r. `off_rate`, `off` and `slide` bound
+        the errors of r, a and s.
+        """
+        spin = self._spins_at_most[carried.link]
+        error = carried.size * self._off_w[carried.link] + spin * off
+        return error + carried.slid * off_rate + speed * slide
 
     def _off(self, slips: Sequence[Expr], over: Expr) -> tuple[list[Expr], list[Expr]]:
         """Return what links and variables are off by, in a derivative.
@@ -290,11 +323,13 @@ class MovingTerms:
         (variable,) = rows.owned[pair]
         first, second = rows.tree.ends[pair]
         carried = rows.carried[variable]
-        off = rows.axes[variable]
+        off, off_turned = rows.axes[variable], self._off_turned[variable]
         if pair in rows.lines:
             carried = rows.lines[pair]
-            moved = rows.turns[carried.link] + rows.moved[variable]
-            off = moved * rows.open + rows.numbers
+            off, slide = rows.position_errors(carried, rows.moved[variable])
+            off_turned = self._change_error(
+                carried, self._speeds[variable], self._off_rates[variable], off, slide
+            )
         unit = carried.vector
         turned = carried.change(self._w[carried.link], self._rates[variable])
         if {i, j} == {first, second} and pair not in rows.lines:
@@ -306,7 +341,7 @@ class MovingTerms:
             rate, change = dot(v, unit), dot(dv, unit)
             e_change = e_change + off * swing
         axis = dict(zip(SIGNED, ([*unit], [*turned], [rate], [change]), strict=True))
-        return {**axis, "angle": [1.0], **_errors(off, e_rate, e_change)}
+        return {**axis, "angle": [1.0], **_errors(off, e_rate, e_change, off_turned)}
 
     def _between(self, i: int, j: int) -> tuple[Exprs, Exprs, Expr, Expr, Expr]:
         """Return how links turn relative to each other, its change, and the errors of both.
@@ -323,7 +358,7 @@ class MovingTerms:
         v, dv, e_rate, e_change, swing = self._between(i, j)
         length = root(dot(v, v))
         if length == 0.0:
-            errors = _errors(1.0, e_rate, e_change)
+            errors = _errors(1.0, e_rate, e_change, np.nan)
             return [*[np.nan] * 6, 0.0, 0.0], {"angle": [0.0], **errors}
         share = 1.0 / length
         unit = v * share
@@ -332,10 +367,14 @@ class MovingTerms:
         sizes = [root(dot(w, w)) for w in (self._w[i], self._w[j])]
         angle = length / (sizes[0] + sizes[1]) if all(sizes) else 1.0
         direction = e_rate * share
-        e_change = e_change + direction * swing
+        # The derivative of the coefficient is dv . u. An error of u multiplies the part of
+        # dv across u, which need not be small where v is.
+        transverse = direction * swing
+        e_change = e_change + transverse
+        e_turn = (e_change + transverse) * share
         doubt = e_change * share * (2.0 * LARGEST_ERROR / TURN_KNOWN)
         self.worst = self.worst + direction + doubt
-        errors = _errors(direction, e_rate, e_change)
+        errors = _errors(direction, e_rate, e_change, e_turn)
         return [*unit, *turn, length, change], {"angle": [angle], **errors}
 
 
@@ -351,4 +390,4 @@ def curved(rows: RowTerms) -> list[Expr]:
 
 
 def _errors(*bounds: Expr) -> dict[str, Iterable[Expr]]:
-    return {name: [bound] for name, bound in zip(ERRORS, bounds, strict=True)}
+    return {name: [bound] for name, bound in zip(BOUNDS, bounds, strict=True)}

@@ -22,7 +22,7 @@ from spherekit.conventions import (
     nearest,
 )
 from spherekit.engine.columns import (
-    ERRORS,
+    BOUNDS,
     LARGEST_ERROR,
     LARGEST_PART,
     MovingTerms,
@@ -33,6 +33,7 @@ from spherekit.engine.elimination_order import (
     assign_elimination_orders,
     inverse_sizes,
 )
+from spherekit.engine.geometry_rounding import GeometryRounding
 from spherekit.engine.row_kernel import NEARLY_FLAT, RowKernel, row_kernel
 from spherekit.errors import SolveError
 from spherekit.model.gears import SAME_AXIS
@@ -145,7 +146,7 @@ class _Rows:
     """What the terms give at the rows of a motion.
 
     The kernel vouches for rows (n,) that are `sure`; `wide` ones are computed in quad
-    precision. `errors[pole]` (3, n) bound direction, rate and its derivative; `loss` (n,)
+    precision. `errors[pole]` (4, n) bound what `BOUNDS` names, in its order; `loss` (n,)
     is the part of the largest rate or derivative that may be off, infinite where they are
     lost. Rows that follow the sequence have the angular velocities `by_sequence` (3, n).
     The rows `reordered`, with the elimination order of each, are not computed here: that of
@@ -180,7 +181,7 @@ class _Rows:
         self._places = kernel.aside.places
         self._of, self._signed = kernel.moving[0].of, kernel.moving[0].signed
         for pole in self._of["error"]:
-            self.errors[pole] = np.concatenate([self.part(name, pole) for name in ERRORS])
+            self.errors[pole] = np.concatenate([self.part(name, pole) for name in BOUNDS])
         self.sure = self._vouched() & ~motion.failed & (engine != "extended")
         self.wide = ~self.sure & ~motion.failed
         if order is None:
@@ -197,7 +198,10 @@ class _Rows:
             if pole and wanted.plan.rounds[pole] and pairs.get(pole) in rounded:
                 slack = SAME_AXIS * self._aside[-2]
                 self.apart[links] = slack / norm(self.relative(links)[0])
-                errors[:2] += self.apart[links], slack
+                dv = norm(self.relative(links)[1])
+                bent = SAME_AXIS * self._aside[-1] + self.apart[links] * dv
+                turned = (bent + self.apart[links] * dv) / norm(self.relative(links)[0])
+                errors += self.apart[links], slack, bent, turned
         lost = np.isinf(self.loss) & (self.status == Status.OK)
         self.status[lost] = Status.AT_SINGULARITY
 
@@ -269,7 +273,7 @@ class _Rows:
         good = (flatness <= 1.0 / NEARLY_FLAT) & (curved <= 1.0)
         good &= self._aside[self._places["left"]][0] <= LARGEST_PART
         for pole in self._signed:
-            direction, rate, change = self.errors[pole]
+            direction, rate, change, _ = self.errors[pole]
             v, dv = map(norm, self.relative(pole))
             doubt = direction + 2.0 * LARGEST_ERROR / TURN_KNOWN * change / v
             none = (v <= rate) & (dv <= change) & (change <= NO_MOTION)
@@ -277,61 +281,73 @@ class _Rows:
         return good
 
     def _widen(self, kernel: RowKernel, rows: Indices) -> None:
-        """Compute rows again, and what they may be off by."""
+        """Compute rows again in quad precision, and what they may be off by.
+
+        The loops of these rows are closed to 33 digits. The error that remains is that of
+        the rounded numbers of the geometry (`GeometryRounding`).
+        """
         tree = self.motion.linearisation.tree
         columns, aside, spreads, closed = kernel.wide(self.motion.values[rows].T)
         self._columns[:, rows], self._aside[:, rows] = columns, aside
         flatness, bend, _ = aside[self._places["shape"]]
         _, over, over_bent, fast, swings = aside[self._places["left"]]
         gap = np.where(closed, EPS * (2.0 + tree.longest_loop), self.motion.gap[rows])
-        numbers = EPS * (2.0 + tree.longest_path)
-        turns = np.sqrt(3.0 * len(tree.chords)) * aside[self._places["turns"]]
+
+        ways = 3 * len(tree.chords)
+        inverse = aside[self._places["inverse"]].reshape(
+            len(self.motion.free), ways, len(rows)
+        )
+        has_contacts = self.motion.mechanism.has_contacts
 
         def spread(name: str, key: Any) -> Floats:
             return np.sum(spreads[self._of[name][key]], axis=0)
 
-        def of_links(name: str) -> tuple[Floats, Floats]:
-            sizes = [norm(columns[at]) for at in self._of[name].values()]
-            return np.array(sizes), np.array([spread(name, k) for k in self._of[name]])
-
-        (size, ways), (swing, bent) = of_links("w"), of_links("dw")
-        off_w = np.max(gap * ways + numbers * fast * turns, axis=0)
-        doubts = numbers * (3.0 * fast * ways + swings * turns)
-        off_dw = np.max(gap * bent + doubts, axis=0)
-        loss = np.maximum(
-            off_w / np.max(size, axis=0, initial=1.0),
-            off_dw / np.max(swing, axis=0, initial=1.0),
+        links = self._of["w"]
+        rounding = GeometryRounding(
+            gap=gap,
+            axis_error=EPS * (2.0 + tree.longest_path),
+            loop_error=EPS * (2.0 + tree.longest_loop),
+            w=np.array([columns[at] for at in links.values()]),
+            dw=np.array([columns[at] for at in self._of["dw"].values()]),
+            w_spread=np.array([spread("w", link) for link in links]),
+            dw_spread=np.array([spread("dw", link) for link in links]),
+            turns=self._turns_of_links(rows, inverse),
+            moved=np.max(np.sum(np.abs(inverse), axis=1), axis=0, initial=0.0),
+            profile_speed=fast if has_contacts else np.zeros_like(gap),
+            profile_bend=swings if has_contacts else np.zeros_like(gap),
         )
+        loss = rounding.loss
         left = np.maximum(over / np.maximum(fast, 1.0), over_bent / np.maximum(swings, 1.0))
         held = (loss <= TRUSTED_CHANGE) & (left < INCONSISTENT)
         held &= flatness * SINGULAR_RATIO <= 1.0
         self.loss[rows] = np.where(held, loss, np.inf)
         more = SECOND_ORDER * np.fmin(bend, 0.5)
-        for pole in self._signed:
-            # How a direction turns is left out where it may be off by too much.
-            at, off = np.array(self._of["direction_dq"][pole]), spread("direction_dq", pole)
-            turn = np.maximum(1.0, norm(columns[at]))
-            self._columns[np.ix_(at, rows[~(gap * off < TURN_KNOWN * turn)])] = np.nan
         for pole, errors in self.errors.items():
-            i, j = pole
-            v, dv = (norm(part[:, rows]) for part in self.relative(pole))
-            direction = (gap + numbers) * spread("direction", pole) + numbers
-            both, turned, whole = size[i] + size[j], turns[i] + turns[j], ways[i] + ways[j]
-            # Of links that rest there is no axis to go along: that of the plan is given.
-            rests = ~(direction < USABLE_DIRECTION)
-            axis, beyond = np.where(rests, 0.0, direction), np.where(rests, np.inf, 1.0)
-            along = np.fmin(beyond * spread("velocity_coefficient", pole), whole)
-            swung = beyond * spread("acceleration_coefficient", pole)
-            rate = gap * along + numbers * (fast * turned + both)
-            rate += axis**2 * v + more * off_w
-            change = gap * np.fmin(swung, bent[i] + bent[j]) + axis * (v + dv)
-            rounded = doubts[i] + doubts[j] + numbers * (both + swing[i] + swing[j])
-            change += rounded + more * off_dw
-            if pole in self._signed:
-                rests = (v <= rate) & (dv <= change)
-                # Numbers of the file are rounded before they become terms.
-                direction = np.where(rests, np.inf, direction + numbers * fast * turned / v)
-            errors[:, rows] = direction, rate, change
+            v, dv = (part[:, rows] for part in self.relative(pole))
+            errors[:, rows] = rounding.pole_errors(
+                pole,
+                v=v,
+                dv=dv,
+                direction_dq=columns[self._of["direction_dq"][pole]],
+                spreads={name: spread(name, pole) for name in SIGNED},
+                is_pair_axis=pole not in self._signed,
+                second_order=more,
+            )
+
+    def _turns_of_links(self, rows: Indices, inverse: Floats) -> Floats:
+        """Return how links turn (ways, links, 3, rows) as the loops open, rad per rad.
+
+        `inverse` (free variables, ways, rows) says how far variables move; three ways for
+        each loop.
+        """
+        linearisation = self.motion.linearisation
+        tree, vectors = linearisation.tree, linearisation.vectors[rows]
+        turns = np.zeros((inverse.shape[1], tree.count, 3, len(rows)))
+        for turn, moved in zip(turns, inverse.swapaxes(0, 1), strict=True):
+            rates = np.zeros((len(rows), vectors.shape[1]))
+            rates[:, list(self.motion.free)] = moved.T
+            turn[:] = np.moveaxis(tree.body_rates(vectors, rates), 0, -1)
+        return turns
 
 
 def _add_pole(
@@ -347,7 +363,7 @@ def _add_pole(
         at.part(name, pole)[0]
         for name in ("velocity_coefficient", "acceleration_coefficient", "angle")
     )
-    direction, e_rate, e_change = at.errors.get(pole, np.full((3, len(ok)), np.inf))
+    direction, e_rate, e_change, e_turn = at.errors.get(pole, np.full((4, len(ok)), np.inf))
     unknown, (v, dv) = ~(direction < USABLE_DIRECTION), at.relative(pole)
     open_ = ~at.motion.failed & (unknown | bool(at.by_sequence))
     # Where constraints repeat each other, great circles may be one but for rounding.
@@ -368,6 +384,9 @@ def _add_pole(
             turn[:, open_ & unknown] = np.nan
     bad = at.motion.failed | ~(direction < USABLE_DIRECTION)
     unit[:, bad] = np.nan
+    # How a direction turns is left out where it may be off by too much.
+    known = e_turn < TURN_KNOWN * np.maximum(1.0, norm(turn))
+    turn[:, bad | ~known] = np.nan
     codes = at.status.copy()
     codes[bad & ok] = Status.ILL_CONDITIONED
     w = norm(at.part("w", pole[1]))
@@ -384,6 +403,7 @@ def _add_pole(
     field.acceleration_coefficient_error[pole] = np.where(
         np.isnan(change), np.nan, e_change
     )
+    field.direction_dq_error[pole] = np.where(np.isnan(turn[0]), np.nan, e_turn)
 
 
 def vouched_field(
@@ -411,7 +431,7 @@ def add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that inputs at rest hold together: there is none."""
     good, n = field.status == Status.OK, len(motion)
     field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
-    for name in (*SIGNED, "angle", *ERRORS):
-        count = (3,) * name.startswith("direction")
+    for name in (*SIGNED, "angle", *BOUNDS):
+        count = (3,) * (SIGNED.get(name) == 3)
         rest = np.where(good, 0.0, np.nan) if "coefficient" in name else nans((n, *count))
         getattr(field, name)[pole] = rest

@@ -167,8 +167,15 @@ def carried_vectors(
         else:
             near = placed[ends[0]].depth > placed[ends[1]].depth
             tangent, _, point = _axes(sides[near], placed[ends[near]], variables)
-            lines[pair] = UnitTwist(point, ends[near], slide=tangent)
-            carried[owned[0]] = _rolling(sides, sides[near].curvature, lines[pair])
+            curvature = sides[near].curvature
+            lines[pair] = UnitTwist(
+                point,
+                ends[near],
+                slide=tangent,
+                slid=1.0,
+                bend=root(1.0 + curvature * curvature),
+            )
+            carried[owned[0]] = _rolling(sides, curvature, lines[pair])
     return [*carried.values()], lines
 
 

@@ -54,6 +54,25 @@ TABLE = Table(
         Column("uz", "", "pole axis, z in ground axes"),
         Column("velocity_coefficient", "", "its product with u is the angular velocity"),
         Column("acceleration_coefficient", "1/rad", "its derivative by the input"),
+        Column("error_bound", "rad", "bound of the error of u", scale="none"),
+        Column(
+            "velocity_coefficient_error_bound",
+            "",
+            "bound of the error of the velocity coefficient",
+            scale="none",
+        ),
+        Column(
+            "acceleration_coefficient_error_bound",
+            "1/rad",
+            "bound of the error of the acceleration coefficient",
+            scale="none",
+        ),
+        Column(
+            "direction_dq_error_bound",
+            "1/rad",
+            "bound of the error of the derivative of u, the length of the error vector",
+            scale="none",
+        ),
         RESIDUAL,
         STATUS,
     ),
@@ -70,6 +89,8 @@ class Kinematics:
     a pole axis, and with it the sign of its coefficient, goes on along the rows of a
     assembly mode; in the first it is the side that the mechanism's axes are on. Angles are
     in rad, vectors in ground axes; rows that failed hold NaN and say why in `status`.
+    The methods that end in `error_bound` say how far off numbers may be, as the columns of
+    these names do in the table `poles`.
     """
 
     mechanism: Mechanism
@@ -193,6 +214,49 @@ class Kinematics:
         return self._batch.acceleration_coefficient(*self._pole(pole), self._moving(moving))
 
     @checked(SolveError)
+    def direction_dq(self, pole: str, moving: str | None = None) -> Floats:
+        """Return (n, 3) the derivative of `direction` by the input, 1/rad.
+
+        NaN where the velocity coefficient is so small that less than six digits are known.
+        """
+        return self._batch.direction_dq(*self._pole(pole), self._moving(moving))
+
+    @property
+    def configuration_error(self) -> Floats:
+        """(n,) rad, a bound of the error of all pair variables; infinite where unknown."""
+        return self._motion.configuration_error
+
+    @checked(SolveError)
+    def error_bound(self, pole: str, moving: str | None = None) -> Floats:
+        """Return (n,) a bound of the error of `direction`, rad."""
+        return self._batch.error_bound(*self._pole(pole), self._moving(moving))
+
+    @checked(SolveError)
+    def velocity_coefficient_error_bound(
+        self, pole: str, moving: str | None = None
+    ) -> Floats:
+        """Return (n,) a bound of the error of `velocity_coefficient`."""
+        links, moved = self._pole(pole), self._moving(moving)
+        return self._batch.velocity_coefficient_error_bound(*links, moved)
+
+    @checked(SolveError)
+    def acceleration_coefficient_error_bound(
+        self, pole: str, moving: str | None = None
+    ) -> Floats:
+        """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
+        links, moved = self._pole(pole), self._moving(moving)
+        return self._batch.acceleration_coefficient_error_bound(*links, moved)
+
+    @checked(SolveError)
+    def direction_dq_error_bound(self, pole: str, moving: str | None = None) -> Floats:
+        """Return (n,) a bound of the error of `direction_dq`, 1/rad.
+
+        It bounds the length of the error vector.
+        """
+        links, moved = self._pole(pole), self._moving(moving)
+        return self._batch.direction_dq_error_bound(*links, moved)
+
+    @checked(SolveError)
     def frame(self, degrees: bool = False) -> Any:
         """Return a pandas frame with a row for each row here, input that moves, and pole.
 
@@ -203,6 +267,9 @@ class Kinematics:
         poles = [self._pole(pole) for pole in self.poles]
         wanted = [(*pole, k) for k in range(len(self.input_pairs)) for pole in poles]
         data: Facts = batch.pole_columns(wanted)
+        of = batch.of_poles(wanted)
+        bounds = [c.name for c in TABLE.columns if c.name.endswith("error_bound")]
+        data |= {name: of(name, None) for name in bounds}
         data |= {key: batch.interleaved([x] * len(wanted)) for key, x in inputs.items()}
         table = TABLE.of(self.mechanism)
         return to_frame(table, {c.name: data[c.name] for c in table.columns}, degrees)
@@ -315,6 +382,7 @@ def _ready(
         directions=frozenset(wanted),
         rates=frozenset(wanted),
         derivatives=True,
+        turns=frozenset(wanted),
         pair_values=pairs,
         pair_rates=pairs,
         rotations=frozenset(mechanism.links),

@@ -280,6 +280,7 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     unknown = (
         *("angle", "planes", "error"),
         *("velocity_coefficient_error", "acceleration_coefficient_error"),
+        "direction_dq_error",
     )
     made: dict[str, Any] = {
         name: dict.fromkeys(getattr(field, name), np.nan) for name in unknown

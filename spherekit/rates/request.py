@@ -153,8 +153,9 @@ class PoleField(ArrayRows):
     normals of those planes, for the poles asked for. `w[link]`, `dw[link]` (n, 3):
     rates of links relative to the ground, per unit rate of the input, and their
     derivatives. `direction_dq[pole]` (n, 3) is how directions
-    turn by the input, 1/rad. `loss` (n,): the part of the largest of them, or of 1, that
-    may be wrong. `status` (n,): the motion's, with AT_SINGULARITY where the rates are
+    turn by the input, 1/rad, and `direction_dq_error[pole]` (n,) a bound of its error.
+    `loss` (n,): the part of the largest of them, or of 1, that may be wrong.
+    `status` (n,): the motion's, with AT_SINGULARITY where the rates are
     not finite. `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED
     where only this pole cannot be given. `by_equations` (n,): samples solved from the
     velocity equations instead; `by_kernel` (n,): rows that a kernel vouches for.
@@ -178,6 +179,7 @@ class PoleField(ArrayRows):
     by_kernel: Bools
     loss: Floats
     direction_dq: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    direction_dq_error: MutableMapping[Pole, Floats] = field(default_factory=dict)
 
     @property
     def made(self) -> "PoleField":

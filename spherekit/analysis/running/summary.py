@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -504,10 +504,23 @@ def actual_cost(job: RunPlan, standing: RunState, ledger: Timer, recorder: Any) 
     }
 
 
+class Bounded(NamedTuple):
+    """A quantity of poles with an error bound, in words, and the name of the bound.
+
+    It is that of an attribute of `PoleField`.
+    """
+
+    words: str
+    bound: str
+
+
 BOUNDED = {
-    "directions": "pole directions",
-    "rates": "rates",
-    "rate_derivatives": "derivatives of rates",
+    "directions": Bounded("pole directions", "error"),
+    "rates": Bounded("rates", "velocity_coefficient_error"),
+    "rate_derivatives": Bounded("derivatives of rates", "acceleration_coefficient_error"),
+    "direction_derivatives": Bounded(
+        "derivatives of pole directions", "direction_dq_error"
+    ),
 }
 """What has an error bound, by its name in a verdict."""
 
@@ -534,12 +547,12 @@ def told(verdict: Facts) -> list[str]:
         for item in shown
         if item["deviation"]
     ]
-    for name, words in BOUNDED.items():
+    for name, quantity in BOUNDED.items():
         judged = verdict[name]
         if judged["count"]:
             lines.append(
-                f"  {judged['within_bound']} of {judged['count']} {words} lie within "
-                f"their error bound; nearest to it {judged['error']:.1e}, "
+                f"  {judged['within_bound']} of {judged['count']} {quantity.words} "
+                f"lie within their error bound; nearest to it {judged['error']:.1e}, "
                 f"{judged['over_bound']:.2g} of the bound, at {_place(judged)}"
             )
     lines += [
@@ -569,12 +582,12 @@ def faults(verdict: Facts) -> list[str]:
             f"verify: {listing(verdict['beyond'])} deviate by more than rounding from "
             f"their values in {verdict['digits']} digits"
         )
-    for name, words in BOUNDED.items():
+    for name, quantity in BOUNDED.items():
         judged = verdict.get(name)
         if judged and judged["within_bound"] < judged["count"]:
             sentences.append(
                 f"verify: {judged['count'] - judged['within_bound']} of "
-                f"{judged['count']} {words} are off by more than their error bound"
+                f"{judged['count']} {quantity.words} are off by more than their error bound"
             )
     if verdict.get("without_reference"):
         places = listing(

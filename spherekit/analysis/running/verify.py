@@ -18,7 +18,6 @@ import numpy as np
 from spherekit.analysis.batch import Angles, Fields, Needs, run_status
 from spherekit.analysis.contract import AbstractAnalysis
 from spherekit.analysis.result import MOTION
-from spherekit.analysis.running.run_state import BOUNDS
 from spherekit.analysis.running.summary import BOUNDED, RunPlan, motion_rows, motion_table
 from spherekit.analysis.tables import (
     ASSEMBLY_MODE,
@@ -292,9 +291,9 @@ class Verifier:
     def _within_bounds(
         self, compared: Iterable[tuple[ExactRows, Request, PoleField, PoleField]]
     ) -> dict[str, Facts]:
-        """Return how many directions, rates and derivatives lie within their bounds.
+        """Return how many numbers of each kind in `BOUNDED` lie within their bounds.
 
-        With the worst of each.
+        The worst number of each kind is there too.
         """
         told: dict[str, Facts] = {name: {"count": 0, "within_bound": 0} for name in BOUNDED}
         motion = self._motion
@@ -310,9 +309,15 @@ class Verifier:
                     np.abs(getattr(field, name)[pole] - getattr(nearest, name)[pole])
                     for name in ("velocity_coefficient", "acceleration_coefficient")
                 )
-                errors = np.linalg.norm(apart, axis=1), rate, change
-                for facts, error, name in zip(told.values(), errors, BOUNDS, strict=True):
-                    bound = getattr(field, name)[pole]
+                turned = field.direction_dq[pole] - nearest.direction_dq[pole]
+                errors = {
+                    "directions": np.linalg.norm(apart, axis=1),
+                    "rates": rate,
+                    "rate_derivatives": change,
+                    "direction_derivatives": np.linalg.norm(turned, axis=1),
+                }
+                for name, error in errors.items():
+                    facts, bound = told[name], getattr(field, BOUNDED[name].bound)[pole]
                     judged = self._has_reference & np.isfinite(error) & np.isfinite(bound)
                     over = np.where(judged, error / np.maximum(bound, EPS**2), -1.0)
                     facts["count"] += int(np.sum(judged))
