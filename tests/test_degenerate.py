@@ -26,6 +26,7 @@ def run(made, samples=7, search=False):
     rest = fine[fine[turns].isna().any(axis=1)]
     doubt = rest["velocity_coefficient_error_bound"].abs()
     doubt += rest["acceleration_coefficient_error_bound"]
+    doubt += rest["error_bound"] * rest["acceleration_coefficient"].abs()
     assert (doubt >= 1e-6 * rest["velocity_coefficient"].abs()).all()
     assert frame.loc[frame["status"] == "OUT_OF_REACH", "velocity_coefficient"].isna().all()
     return frame
