@@ -57,7 +57,7 @@ def straight_mechanism(seed):
     sizes = sorted(float(np.round(random.uniform(10.0, 170.0), 3)) for _ in range(4))
     if kind == 2:
         sizes.append(_nearly_straight(random))
-    made = _four_bar(arcs)
+    made = four_bar(arcs)
     for _ in range(int(random.integers(int(kind == 2), 3))):
         made = _with_dyad(random, made, sizes)
     driven = str(random.choice(["21", "41", "32"]))
