@@ -385,8 +385,8 @@ def _add_pole(
     bad = at.motion.failed | ~(direction < USABLE_DIRECTION)
     unit[:, bad] = np.nan
     # How a direction turns is left out where it may be off by too much.
-    known = e_turn < TURN_KNOWN * np.maximum(1.0, norm(turn))
-    turn[:, bad | ~known] = np.nan
+    has_six_digits = e_turn < TURN_KNOWN * np.maximum(1.0, norm(turn))
+    turn[:, bad | ~has_six_digits] = np.nan
     codes = at.status.copy()
     codes[bad & ok] = Status.ILL_CONDITIONED
     w = norm(at.part("w", pole[1]))
