@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from spherekit.escaping import c_comment
+from spherekit.exchange import identifiers
 from spherekit.exchange.printed import (
     CALLS,
     Function,
@@ -39,6 +40,7 @@ C = Language(
     _TABLE.format(scalar="double"),
     " * ",
     c_comment,
+    identifiers.C,
     HELPERS,
     "NAN",
 )
@@ -49,6 +51,7 @@ CPP = Language(
     _TABLE.format(scalar="Scalar"),
     "// ",
     c_comment,
+    identifiers.CPP,
     {
         name: _TEMPLATE + text.removeprefix("static inline ").replace("double", "Scalar")
         for name, text in HELPERS.items()
@@ -159,7 +162,7 @@ def c(source: Source) -> str:
 
 def cpp(source: Source) -> str:
     """Return a header of templates, for numbers that differentiate themselves too."""
-    guard = f"{source.name.upper()}_HPP"
+    guard = f"{source.name}_HPP"
     calls_of = "\n".join(f"using std::{x};" for x in ("atan2", "floor", "pow", *CALLS))
     parts = [
         f"{source.comment}#ifndef {guard}\n#define {guard}\n\n#include <cmath>\n",

@@ -19,6 +19,8 @@ from spherekit.conventions import AnyPath, Names, counted, listing
 from spherekit.dynamics.stored_model import read_archive, write_archive
 from spherekit.errors import FileError, SolveError
 from spherekit.escaping import c_comment
+from spherekit.exchange import identifiers
+from spherekit.exchange.identifiers import unique_names
 from spherekit.files.atomic import write_text
 
 KIND = ("spherekit coupling table", 1, "write one with `--to coupling`")
@@ -383,7 +385,11 @@ TURNING = """\
 
 def header(table: CouplingTable) -> str:
     """Return the text of a C header with a table and the function that reads it."""
-    name = re.sub(r"^(?=\d)", "m_", re.sub(r"\W", "_", table.mechanism))
+    name = identifiers.C.identifier(table.mechanism)
+    # POSIX defines X_OK and others as macros.
+    if identifiers.C.is_taken(f"{name.upper()}_OK"):
+        name = f"m_{name}"
+    variables = [re.sub(r"\W", "_", word, flags=re.ASCII) for word in table.variables]
     m, k, p = len(table.inputs), len(table.variables), len(table.poles)
     sizes = {"m": m, "k": k, "p": p, "name": name}
     arrays = {
@@ -408,8 +414,7 @@ def header(table: CouplingTable) -> str:
         guard=name.upper(),
         p1=max(p, 1),
         enums=",".join(
-            f"\n    {name}_{re.sub(r'[^A-Za-z0-9_]', '_', word)} = {k}"
-            for k, word in enumerate(table.variables)
+            f"\n    {name}_{word} = {k}" for k, word in enumerate(unique_names(variables))
         ),
         mode_numbers=_row(table.modes),
         start=_row(table.start),

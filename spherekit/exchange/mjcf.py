@@ -26,10 +26,10 @@ from spherekit.exchange.bodies import (
     LIGHT_CARRIER,
     LIGHT_END,
     BodyInertia,
-    Hinge,
     rigid_bodies,
     spokes,
 )
+from spherekit.exchange.mjcf_names import name_elements
 from spherekit.model.dynamics import (
     Damper,
     Friction,
@@ -52,14 +52,17 @@ _SUMS = ("stiffness", "damping", "frictionloss", "springref")
 
 
 def _constant(mechanism: Mechanism, load: PairTorque | PointForce | Moment) -> Attributes:
-    """Return a load as the attributes of an actuator; `EngineError` if it is none."""
+    """Return a load as the attributes of an actuator; `EngineError` if it is none.
+
+    Sites are given by the name of the load; `_actuators` puts in what the model calls them.
+    """
     pair = load.pair if isinstance(load, PairTorque) else ""
     biases = [_bias(part, pair) for part in load.components(mechanism)]
     if isinstance(load, PairTorque):
         return {"joint": pair, "biasprm": biases[0]}
     vector, none = [bias[0] for bias in biases], [0.0] * 3
     gear = [*vector, *none] if isinstance(load, PointForce) else [*none, *vector]
-    axes = {"refsite": f"{load.name}_axes"} if load.axes == "ground" else {}
+    axes = {"refsite": load.name} if load.axes == "ground" else {}
     return {"site": load.name, **axes, "gear": gear, "biasprm": (1.0, 0.0, 0.0)}
 
 
@@ -186,6 +189,11 @@ class MujocoModel:
             for cut in made.cuts
             if cut.pair in held
         ]
+        self.names = name_elements(
+            mechanism,
+            list(dict.fromkeys([*mechanism.links, *(x.child for x in made.hinges)])),
+            {twin.pair: twin.child for twin in self.twins},
+        )
         self.shapes = link_shapes(mechanism)
         self.notes = tuple(self._noted())
 
@@ -272,7 +280,7 @@ class MujocoModel:
         ):
             if told := listing(named):
                 notes.append(words.format(told))
-        return notes
+        return [*notes, *self.names.notes]
 
     @cached_property
     def text(self) -> str:
@@ -289,7 +297,7 @@ class MujocoModel:
             above=_drawn((far, -far, 2.0 * far)),
             beside=_drawn((-far, -far, far)),
             ball=_drawn(0.97 * radius),
-            ground=mechanism.ground,
+            ground=self.names.bodies[mechanism.ground],
         )
         root = ElementTree.fromstring("".join(frame.splitlines()))
         cited = (mechanism.source.citation,) if mechanism.source else ()
@@ -314,12 +322,17 @@ class MujocoModel:
         self._bodies(ground, mechanism.ground)
         for _, attributes in self.actuated:
             if axes := attributes.get("refsite"):
-                _add(part["worldbody"], "site", name=axes, size=_drawn(1e-3 * radius))
+                name = self.names.axes_sites[axes]
+                _add(part["worldbody"], "site", name=name, size=_drawn(1e-3 * radius))
         self._equalities(part["tendon"], part["equality"])
         self._actuators(part["actuator"])
         for output in mechanism.outputs:
             kinds = {"objtype": "body", "reftype": "body"}
-            ends = {"objname": output.link, "refname": output.relative_to}
+            bodies = self.names.bodies
+            ends = {
+                "objname": bodies[output.link],
+                "refname": bodies[output.relative_to],
+            }
             _add(part["sensor"], "framequat", name=output.name, **kinds, **ends)
         if made.made_up:  # servos hold the pose that the model is in
             values = {hinge.pair: hinge.value for hinge in made.hinges}
@@ -337,7 +350,9 @@ class MujocoModel:
             if hinge.parent != link:
                 continue
             twin = hinge in self.twins
-            body = _add(parent, "body", name=_twin(hinge) if twin else hinge.child)
+            names = self.names
+            name = names.twins[hinge.pair] if twin else names.bodies[hinge.child]
+            body = _add(parent, "body", name=name)
             turn, held = self._turn(hinge.child), self.hinges.get(hinge.pair, {})
             self._turned(body, self._turn(link).T @ turn)
             named = {"name": hinge.pair, "type": "hinge", "ref": hinge.value}
@@ -389,21 +404,24 @@ class MujocoModel:
             if output.link == link and output.direction is not None:
                 drawn = {"size": _drawn(PIN_RADIUS * radius), "rgba": "1 0.77 0 1"}
                 place = np.multiply(radius, output.direction)
-                _add(body, "site", name=output.name, pos=place, **drawn)
+                name = self.names.output_sites[output.name]
+                _add(body, "site", name=name, pos=place, **drawn)
         for load, _ in self.actuated:
             if getattr(load, "link", None) == link:
                 point = getattr(load, "point", np.zeros(3))
-                _add(body, "site", name=load.name, pos=point, size=_drawn(1e-3 * radius))
+                name = self.names.load_sites[load.name]
+                _add(body, "site", name=name, pos=point, size=_drawn(1e-3 * radius))
 
     def _equalities(self, tendons: Element, equal: Element) -> None:
         rate = STIFF / self.timestep
         hold = {"solref": (-(rate**2), -2.0 * rate), "solimp": IMPEDANCE}
+        bodies = self.names.bodies
         for cut in self.connected:
             anchor = self.radius * (self._turn(cut.parent).T @ cut.axis)
-            ends = {"body1": cut.parent, "body2": cut.child}
+            ends = {"body1": bodies[cut.parent], "body2": bodies[cut.child]}
             _add(equal, "connect", name=cut.pair, anchor=anchor, **ends, **hold)
         for twin in self.twins:
-            ends = {"body1": twin.child, "body2": _twin(twin)}
+            ends = {"body1": bodies[twin.child], "body2": self.names.twins[twin.pair]}
             _add(equal, "weld", name=twin.pair, **ends, **hold)
         for name, factors in self.made.ratios.items():
             fixed = _add(tendons, "fixed", name=name)
@@ -423,11 +441,13 @@ class MujocoModel:
                 _add(actuators, "motor", **ends)
         affine = {"gainprm": "0", "biastype": "affine"}
         for load, attributes in () if made.made_up else self.actuated:
-            _add(actuators, "general", name=load.name, **affine, **attributes)
-
-
-def _twin(hinge: Hinge) -> str:
-    return f"{hinge.child}_at_{hinge.pair}"
+            named = dict(attributes)
+            if "site" in attributes:
+                named["site"] = self.names.load_sites[load.name]
+            if "refsite" in attributes:
+                named["refsite"] = self.names.axes_sites[load.name]
+            name = self.names.load_actuators[load.name]
+            _add(actuators, "general", name=name, **affine, **named)
 
 
 def _add(parent: Element, tag: str, **attributes: Any) -> Element:

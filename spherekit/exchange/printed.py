@@ -16,9 +16,9 @@ import numpy as np
 
 from spherekit.conventions import counted
 from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order
-from spherekit.errors import OutputError
 from spherekit.escaping import one_line
 from spherekit.exchange.formula_terms import Formulas
+from spherekit.exchange.identifiers import NameRules, unique_names
 from spherekit.version import __version__
 
 KINDS = ("motion", "mode", "size")
@@ -35,8 +35,9 @@ class Language:
 
     `operations` are formats by the name of an operation of terms, `helpers` what some of
     these need, `assignment` is that of a name, `table` that of what a table gives,
-    `comment` begins a line, `comment_text` escapes what follows there, `not_a_number` is
-    the constant NaN, and `index` is the number of the first place of an array.
+    `comment` begins a line, `comment_text` escapes what follows there, `names` are the
+    rules for names of functions, `not_a_number` is the constant NaN, and `index` is the
+    number of the first place of an array.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Language:
     table: str
     comment: str
     comment_text: Callable[[str], str]
+    names: NameRules
     helpers: Mapping[str, str]
     not_a_number: str
     index: int = 0
@@ -75,21 +77,19 @@ class Function(NamedTuple):
 class Source:
     """Formulas with their names and lines in a language.
 
-    Raises
-    ------
-    OutputError
-        If names of results are the same in it.
+    Attributes
+    ----------
+    name
+        The name of the function, which the language allows.
+    results
+        The names of the results, in their order, as they end in enumerators.
     """
 
     def __init__(self, formulas: Formulas, language: Language) -> None:
         self.of, self.language = formulas, language
-        self.name = identifier(formulas.mechanism.name)
-        self.results = [identifier(name) for name in formulas.results]
-        if len({*self.results}) < len(self.results):
-            raise OutputError(
-                f"{formulas.mechanism.name}: names of results differ only in signs that "
-                f"names in {language.name} cannot have; give links or pairs other names"
-            )
+        self.name = language.names.identifier(formulas.mechanism.name)
+        endings = [re.sub(r"\W", "_", name, flags=re.ASCII) for name in formulas.results]
+        self.results = unique_names(endings)
         self.mode = "variables" if formulas.step else "mode"
         self.given = ("motion", self.mode, "size")
 
@@ -153,6 +153,8 @@ class Source:
         yield from wrap(title, WIDTH)
         if of.mechanism.source:
             yield from wrap(one_line(of.mechanism.source.citation), WIDTH)
+        for renamed in self.renamed:
+            yield from wrap(renamed, WIDTH)
         yield ""
         yield from wrap(
             f"Loops are closed by steps of Newton's method, {self.name}_step, from the "
@@ -202,6 +204,19 @@ class Source:
         )
 
     @property
+    def renamed(self) -> Iterator[str]:
+        """The sentences on names that are other ones in the language."""
+        name, language = self.of.mechanism.name, self.language.name
+        if self.name != name:
+            yield (
+                f"The mechanism {name} is called {self.name} here, as names in {language} "
+                "cannot begin with a digit or be words that it or its libraries use."
+            )
+        for name, ending in zip(self.of.results, self.results, strict=True):
+            if ending != name:
+                yield f"The result {name} is called {ending} here."
+
+    @property
     def comment(self) -> str:
         """The head as a comment."""
         language = self.language
@@ -228,11 +243,6 @@ class Source:
                 "high": number(table.series.edges[-1]),
                 "closed": table.closed,
             }
-
-
-def identifier(text: str) -> str:
-    """Return a name that all languages allow."""
-    return re.sub(r"^(?=\d)", "m_", re.sub(r"\W", "_", text, flags=re.ASCII))
 
 
 def number(x: float) -> str:

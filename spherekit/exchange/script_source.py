@@ -10,6 +10,7 @@ from spherekit.escaping import (
     julia_string,
     python_comment,
 )
+from spherekit.exchange import identifiers
 from spherekit.exchange.printed import (
     WIDTH,
     Language,
@@ -29,6 +30,7 @@ JS = Language(
     "  const table_{k} = {name}_table_{k}({place});",
     "// ",
     javascript_comment,
+    identifiers.JAVASCRIPT,
     {},
     "NaN",
 )
@@ -48,6 +50,7 @@ JULIA = Language(
     "    table_{k} = {name}_table_{k}({place})",
     "# ",
     julia_comment,
+    identifiers.JULIA,
     {
         name: f"{name}_or_nan(x) = {where} ? oftype(float(x), NaN) : {name}(x)\n"
         for name, where in _RAISE.items()
@@ -71,6 +74,7 @@ PYTHON = Language(
     "        table_{k} = _table_{k}({place})",
     "# ",
     python_comment,
+    identifiers.PYTHON,
     {},
     "np.nan",
 )
@@ -88,6 +92,7 @@ CASADI = Language(
     "    table_{k} = _table_{k}({place})",
     "# ",
     python_comment,
+    identifiers.CASADI,
     {},
     'float("nan")',
 )

@@ -1,0 +1,111 @@
+"""Names of functions and enumerators that each language of a source allows.
+
+Names of mechanisms are letters, digits and underscores. Some are keywords, functions or
+macros of a language, begin with a digit, or are used by the source itself. Such a name gets
+``m_`` in front. The head of a source states each change.
+"""
+
+import builtins
+import keyword
+import re
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.resources import files
+
+_WORDS = {
+    language: frozenset(words.split())
+    for language, words in tomllib.loads(
+        files(__package__).joinpath("reserved_words.toml").read_text("utf-8")
+    ).items()
+}
+"""Names that a language uses itself."""
+
+_LOCAL = re.compile(
+    r"t\d+|_?table_\d+|motion|mode|variables|size|result|given|values|sign_of|larger_of"
+)
+"""Names of arguments, terms and helpers in the sources."""
+
+_C_MACROS = re.compile(
+    r"(E[A-Z0-9]|SIG|FE_|FP_|LC_|ATOMIC_|M_)[A-Z0-9_]*|(PRI|SCN)[diouxX]\w*"
+    r"|(CHAR|SCHAR|UCHAR|SHRT|USHRT|U?INT|U?LONG|U?LLONG|FLT|DBL|LDBL|SIZE|PTRDIFF|WCHAR)_\w*"
+    r"|U?INT(MAX|PTR|(_LEAST|_FAST)?\d+)_\w*|CLOCKS_PER_SEC|TIME_UTC|SIG_ATOMIC_\w*"
+    r"|(MB|MB_CUR|WINT|SCHAR|RAND|PATH|OPEN|IOV|NAME|ARG|MATH)_(MAX|MIN|LEN_MAX|ERR\w*)"
+)
+"""Families of macros that the headers of C define."""
+
+
+@dataclass(frozen=True)
+class NameRules:
+    """What a language asks of the name of a function.
+
+    Attributes
+    ----------
+    words
+        Names that cannot be used.
+    families
+        Names that cannot be used, as a pattern.
+    underscores
+        Whether a name may begin with an underscore and have two in a row.
+    """
+
+    words: frozenset[str]
+    families: re.Pattern[str] = re.compile("(?!)")
+    underscores: bool = True
+
+    def identifier(self, text: str) -> str:
+        """Return a name that the language allows: the text itself where it is one."""
+        name = re.sub(r"\W", "_", text, flags=re.ASCII)
+        if not self.underscores:
+            name = re.sub("__+", "_", name)
+        if self.is_taken(name):
+            name = "m_" + (name if self.underscores else name.lstrip("_"))
+        return name
+
+    def is_taken(self, name: str) -> bool:
+        """Return whether a name is none, or is used by the language or a source."""
+        return bool(
+            not name
+            or name[0].isdigit()
+            or (not self.underscores and name[0] == "_")
+            or name in self.words
+            or _LOCAL.fullmatch(name)
+            or self.families.fullmatch(name)
+        )
+
+
+_PYTHON = frozenset([*keyword.kwlist, *keyword.softkwlist, *dir(builtins)])
+_C = _WORDS["c_keywords"] | _WORDS["c_library"]
+
+C = NameRules(_C, _C_MACROS, underscores=False)
+CPP = NameRules(_C | _WORDS["cpp_keywords"], _C_MACROS, underscores=False)
+JAVASCRIPT = NameRules(_WORDS["javascript"])
+JULIA = NameRules(_WORDS["julia"])
+PYTHON = NameRules(_PYTHON | _WORDS["python_source"])
+CASADI = NameRules(_C | PYTHON.words | _WORDS["casadi"], _C_MACROS, underscores=False)
+"""CasADi writes functions of C of the same names."""
+
+
+def unique_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
+    """Return names in their order, where one that stood before gets a number.
+
+    The first of equal names stays. Others get ``_2``, ``_3`` and so on.
+
+    Parameters
+    ----------
+    names
+        Names, of which some may be equal.
+    taken
+        Names that none may have.
+    """
+    wanted = list(names)
+    used, unique = {*taken}, list[str]()
+    for name in wanted:
+        free, number = name, 1
+        # A number must not give the name of another one further on.
+        while free in used or (number > 1 and free in wanted):
+            number += 1
+            free = f"{name}_{number}"
+        used.add(free)
+        unique.append(free)
+    return unique

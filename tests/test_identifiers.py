@@ -1,0 +1,342 @@
+"""Names of functions in every language: whatever a mechanism is called, its source works.
+
+What a language reserves is asked of its own compiler or interpreter.
+"""
+
+import builtins
+import json
+import keyword
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.exchange import identifiers
+from spherekit.exchange.coupling import header
+from spherekit.exchange.formulas import formulas
+from spherekit.exchange.identifiers import unique_names
+from spherekit.exchange.mjcf import MujocoModel
+from spherekit.exchange.posed import posed
+from spherekit.exchange.source import source
+
+GCC, GPP, NODE = map(shutil.which, ("gcc", "g++", "node"))
+STRICT = ["-Wall", "-Wextra", "-Wshadow=local", "-Werror"]
+LISTS = """
+assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal
+stdalign stdarg stdatomic stdbool stddef stdint stdio stdlib stdnoreturn string threads
+time uchar wchar wctype
+
+unistd fcntl dirent poll pthread semaphore regex strings sys/stat sys/wait
+
+int main INFINITY I errno y0 j1 gamma index link select time NAN EOF SIGINT sin pow
+double bool restrict complex signal read write exit malloc linux x X t0 table_0 sign_of
+larger_of motion mode size result variables class template and xor std Scalar new delete
+operator concept co_await this lambda np ca math MOTION MODES SIZES RESULTS None True
+def print tuple range zip reversed Math NaN Array Float64Array undefined then await enum
+eval arguments let static yield default window document function end begin struct local
+zero map clamp jac hess null 4bar 4 _ __ _Bool __init__ __proto__ constructor a__b _x x_
+E1 INT_MAX case_ four_bar
+"""
+ISO, POSIX, NAMES = (part.split() for part in LISTS.split("\n\n"))
+"""What no mechanism would be called, and three names that are kept."""
+KEPT = {"x_", "case_", "four_bar"}
+
+
+@cache
+def angle():
+    """Return the formulas of one angle."""
+    return formulas("four_bar", ["theta_41"])
+
+
+def called(name, made=None):
+    made = made or angle()
+    return replace(made, mechanism=replace(made.mechanism, name=name))
+
+
+POINT = ([1.0], [1.0], [])
+
+
+def expected():
+    """Return the results at one input in the mode of sign +1, by `evaluate`."""
+    modes = {mode.values: mode.number for mode in angle().modes}
+    here = sk.evaluate("four_bar", 1.0, assembly_mode=modes[1.0,])
+    return np.ravel(here.variable("theta_41"))[0]
+
+
+def includes(*headers):
+    return "".join(f"#include <{header}.h>\n" for header in headers)
+
+
+def distinct(rules, names=NAMES):
+    """Return names by what they are in a language: one file can hold them all."""
+    return {rules.identifier(name): name for name in names}
+
+
+@pytest.mark.skipif(not GCC, reason="there is no gcc")
+def test_sources_of_c_compile_beside_every_header(tmp_path):
+    """ISO C and POSIX come first, in the GNU dialect, which knows the most functions."""
+    texts = []
+    for safe, name in distinct(identifiers.C).items():
+        texts.append(source(called(name), "c"))
+        assert f"\nvoid {safe}(const double motion[], " in texts[-1]
+        said = f"The mechanism {name} is called {safe} here" in words_of(texts[-1])
+        assert said == (safe != name), name
+        assert safe == name or name not in KEPT
+    path = tmp_path / "all.c"
+    path.write_text(includes(*ISO, *POSIX) + "\n".join(texts))
+    words = [GCC, "-std=gnu17", "-D_XOPEN_SOURCE=700", *STRICT, "-c", str(path)]
+    subprocess.run([*words, "-o", str(tmp_path / "all.o")], check=True)
+
+
+def words_of(comment):
+    """Return a comment of C on one line."""
+    return comment.replace("\n * ", " ")
+
+
+@pytest.mark.skipif(not GPP, reason="there is no g++")
+def test_sources_of_cpp_compile_with_each_name(tmp_path):
+    texts, calls = [], []
+    for safe, name in distinct(identifiers.CPP).items():
+        texts.append(source(called(name), "cpp"))
+        calls.append(f"    {safe}_formulas::{safe}(q, m, q, r);")
+        assert safe == name or name not in KEPT, name
+    path = tmp_path / "x.cpp"
+    body = "\n".join(calls)
+    path.write_text(
+        "#include <iostream>\n#include <complex>\n" + "\n".join(texts) + "\n"
+        f"int main() {{\n    double q[1] = {{1.0}}, m[1] = {{1.0}}, r[2];\n{body}\n"
+        "    return r[0] > 9;\n}\n"
+    )
+    words = [GPP, "-std=c++20", *STRICT, "-c", "-o", str(tmp_path / "x.o"), str(path)]
+    subprocess.run(words, check=True)
+
+
+@pytest.mark.skipif(not GCC, reason="there is no gcc")
+def test_every_function_and_macro_that_the_compiler_knows_is_renamed(tmp_path):
+    path, info = tmp_path / "all.c", tmp_path / "all.info"
+    path.write_text(includes(*ISO, *POSIX))
+    words = [GCC, "-std=c17", "-D_XOPEN_SOURCE=700"]
+    kept = ["-aux-info", str(info), "-c", str(path), "-o", str(tmp_path / "all.o")]
+    subprocess.run([*words, *kept], check=True)
+    known = set(re.findall(r"\b([A-Za-z]\w*)(?= \()", info.read_text()))
+    path.write_text(includes(*ISO))
+    words = [GCC, "-std=c17", "-dM", "-E", str(path)]
+    macros = subprocess.run(words, check=True, capture_output=True, text=True).stdout
+    known |= set(re.findall(r"^#define ([A-Za-z]\w*)", macros, re.M))
+    assert len(known) > 1200
+    left = {name for name in known if identifiers.C.identifier(name) == name}
+    assert not left, sorted(left)
+
+
+@pytest.mark.skipif(not NODE, reason="there is no node")
+def test_modules_of_javascript_run_with_each_name(tmp_path):
+    """All names of a list, and whatever the interpreter has of its own."""
+    asked = (
+        "const {runInNewContext} = require('vm');"
+        "const own = runInNewContext('Object.getOwnPropertyNames(globalThis)');"
+        "console.log(JSON.stringify(own))"
+    )
+    own = subprocess.run([NODE, "-e", asked], check=True, capture_output=True, text=True)
+    left = {x for x in json.loads(own.stdout) if not identifiers.JAVASCRIPT.is_taken(x)}
+    assert not left and len(own.stdout) > 500, left
+    names = [*NAMES[::3], "then", "Math", "NaN", "undefined", "await", "let", *KEPT]
+    functions = []
+    for k, name in enumerate(names):
+        text = source(called(name), "js")
+        functions += re.findall(r"^export function (\w+)\(", text, re.M)
+        (tmp_path / f"m{k}.mjs").write_text(text)
+    program = tmp_path / "run.mjs"
+    program.write_text(
+        f"const names = {json.dumps(functions)};\nconst all = [];\n"
+        "for (const [k, name] of names.entries()) {\n"
+        "  const made = await import(`./m${k}.mjs`);\n"
+        "  all.push(made[name]([1], [1], [])[0]);\n}\nconsole.log(JSON.stringify(all));\n"
+    )
+    done = subprocess.run([NODE, str(program)], check=True, capture_output=True, text=True)
+    np.testing.assert_allclose(json.loads(done.stdout), expected(), atol=1e-12)
+
+
+def test_modules_of_python_run_with_each_name():
+    for name in {*keyword.kwlist, *keyword.softkwlist, *dir(builtins)}:
+        assert identifiers.PYTHON.identifier(name) == f"m_{name}"
+    for name in ("None", "lambda", "np", "tuple", "zip", "MODES", "t0", "4bar", *KEPT):
+        space = {}
+        exec(compile(source(called(name), "python"), name, "exec"), space)
+        function = space[identifiers.PYTHON.identifier(name)]
+        np.testing.assert_allclose(function(*POINT)[0], expected(), atol=1e-12)
+        assert space["np"] is np and isinstance(space["MODES"], dict)
+
+
+def test_functions_of_casadi_have_names_that_casadi_allows(tmp_path):
+    """Its generated C compiles as well."""
+    ca = pytest.importorskip("casadi", reason="it reads the source")
+    for name in NAMES:
+        safe = identifiers.CASADI.identifier(name)
+        assert ca.Function.check_name(safe) and not identifiers.C.is_taken(safe)
+    for name in ("int", "jac", "ca", "a__b", "_x", "lambda", "t0", "4bar", *KEPT):
+        space = {}
+        exec(compile(source(called(name), "casadi"), name, "exec"), space)
+        safe = identifiers.CASADI.identifier(name)
+        function = space[safe]()
+        assert function.name() == safe
+        made = float(function(*POINT)[0])
+        np.testing.assert_allclose(made, expected(), atol=1e-12)
+
+
+@pytest.mark.parametrize("language", ["c", "js", "python"])
+@pytest.mark.parametrize(
+    "mechanism",
+    ["shaped_cam", pytest.param("double_butterfly", marks=pytest.mark.slow)],
+)
+def test_sources_of_newtons_method_and_tables_take_any_name(
+    mechanism, language, tmp_path
+):
+    """Three functions and the tables of a profile call each other by these names."""
+    quick = {"c": "int sign_of", "js": "Math t0", "python": "np range"}[language]
+    for name in quick.split():
+        text = source(called(name, tabled(mechanism)), language)
+        path = tmp_path / f"x.{language}"
+        path.write_text(text)
+        if language == "python":
+            space = {}
+            exec(compile(text, name, "exec"), space)
+            mode = tabled(mechanism).modes[0]
+            function = space[identifiers.PYTHON.identifier(name)]
+            assert np.all(np.isfinite(function(mode.at, mode.values)))
+        elif language == "c" and GCC:
+            words = [GCC, "-Wall", "-Wextra", "-Werror", "-c", str(path)]
+            subprocess.run([*words, "-o", str(tmp_path / "x.o")], check=True)
+        elif language == "js" and NODE:
+            path = path.rename(path.with_suffix(".mjs"))
+            subprocess.run([NODE, "--check", str(path)], check=True)
+
+
+@cache
+def tabled(name):
+    return formulas(name, [f"theta_{sk.load(name).pairs[1].name}"])
+
+
+def test_reserved_words_of_julia_are_renamed():
+    """Of the manual's list of keywords, and of the functions that a source calls."""
+    words = re.findall(r"\w+", JULIA)
+    text = source(called("four_bar", tabled("shaped_cam")), "julia")
+    functions = set(re.findall(r"\b([a-z]\w+)\(", text))
+    own = {x for x in functions if x.startswith("four_bar")}
+    for word in {*words, *functions} - own:
+        assert identifiers.JULIA.identifier(word) == f"m_{word}", word
+
+
+JULIA = """
+baremodule begin break catch const continue do else elseif end export false finally for
+function global if import let local macro module quote return struct true try using while
+abstract mutable primitive type where
+"""
+
+
+@pytest.mark.skipif(not GCC, reason="there is no gcc")
+def test_tables_of_controllers_compile_with_each_name(tmp_path):
+    table = sk.coupling_table("four_bar", assembly_mode=0, samples=9, tolerance=0.5)
+    path = tmp_path / "x.c"
+    names = distinct(identifiers.C, [*NAMES[::4], "X", "r", "W", "f", "2", "émile"])
+    texts = [header(replace(table, mechanism=name)) for name in names.values()]
+    path.write_text(includes(*ISO, *POSIX) + "\n".join([*texts, "int unused;\n"]))
+    words = [GCC, "-std=gnu17", "-D_XOPEN_SOURCE=700", "-Wall", "-Werror"]
+    words += ["-Wno-unused-function", "-Wno-unused-const-variable"]
+    words += ["-Wno-unused-variable", "-c", str(path), "-o", str(tmp_path / "x.o")]
+    subprocess.run(words, check=True)
+
+
+def test_equal_names_are_told_apart_in_their_order():
+    assert unique_names(["a", "b", "a"]) == ["a", "b", "a_2"]
+    assert unique_names(["a", "a", "a_2"]) == ["a", "a_3", "a_2"]
+    assert unique_names(["a_2", "a", "a", "a"]) == ["a_2", "a", "a_3", "a_4"]
+    assert unique_names(["world", "w"], ["world"]) == ["world_2", "w"]
+    assert unique_names([]) == []
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        names = [f"{'ab'[k % 2]}{'_2' * (k % 3)}" for k in rng.integers(0, 9, 12)]
+        made = unique_names(names)
+        assert len({*made}) == len(names) and made == unique_names(names)
+        assert all(x.startswith(name) for x, name in zip(made, names, strict=True))
+
+
+def test_results_whose_names_become_equal_are_told_apart():
+    """Two differ in a sign that C does not have."""
+    made = formulas("four_bar", ["theta_41", "theta_32"])
+    made = replace(made, results={"p_4/1": "rad", "p_4_1": "rad"})
+    text = source(made, "c")
+    assert "four_bar_p_4_1 = 0" in text and "four_bar_p_4_1_2 = 1" in text
+    said = text.replace("\n * ", " ")
+    assert "The result p_4/1 is called p_4_1 here." in said
+    assert "The result p_4_1 is called p_4_1_2 here." in said
+
+
+FILE = """
+format = 1
+name = "{name}"
+angle_unit = "deg"
+ground = "{ground}"
+[links]
+{ground} = {{ axes = ["crank", "out"], arcs = [70.0] }}
+crank = {{ axes = ["crank", "middle"], arcs = [30.0] }}
+{coupler} = {{ axes = ["middle", "last"], arcs = [60.0] }}
+out = {{ axes = ["out", "last"], arcs = [60.0] }}
+[pairs]
+crank = {{ type = "R", links = ["{ground}", "crank"] }}
+middle = {{ type = "R", links = ["crank", "{coupler}"] }}
+last = {{ type = "R", links = ["{coupler}", "out"] }}
+out = {{ type = "R", links = ["{ground}", "out"] }}
+[outputs]
+out = {{ link = "out", axis = "last" }}
+[mass]
+crank = {{ mass = 1, centre = [0.1, 0, 0.2], tensor = [[3,0,0],[0,3,0],[0,0,3]] }}
+{coupler} = {{ mass = 1, centre = [0.1, 0, 0.2], tensor = [[3,0,0],[0,3,0],[0,0,3]] }}
+out = {{ mass = 1, centre = [0.1, 0, 0.2], tensor = [[3,0,0],[0,3,0],[0,0,3]] }}
+[loads]
+crank = {{ pair = "crank", torque = "1" }}
+out = {{ kind = "force", link = "out", point = [0, 0, 1], force = ["1", "0", "0"] }}
+last = {{ kind = "spring", pair = "last", stiffness = 1.0 }}
+"""
+
+
+@pytest.mark.parametrize("ground, coupler", [("1", "world"), ("world", "3")])
+def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
+    """A link `world`, an output called as a load, loads called as an input."""
+    mujoco = pytest.importorskip("mujoco", reason="it reads the model")
+    file, path = tmp_path / "x.toml", tmp_path / "x.xml"
+    file.write_text(FILE.format(name="crank", ground=ground, coupler=coupler))
+    assert main(["export", str(file), "--to", "mjcf", "-o", str(path), "--quiet"]) == 0
+    model = mujoco.MjModel.from_xml_path(str(path))
+    mechanism = sk.load(file)
+    assert model.body("world_2").id and model.actuator("crank_2").id
+    assert model.site("out_2").id and model.site("out").id >= 0
+    notes = MujocoModel(*posed(mechanism, 0, None)).notes
+    assert "the body of link world is called world_2, as world is in use" in notes
+    again = sk.import_mechanism(path).mechanism
+    assert {x.replace("world_2", "world") for x in again.links} == {*mechanism.links}
+
+
+@pytest.mark.slow
+def test_pages_of_reserved_names_move(browser, tmp_path):
+    said = []
+    tab = browser.new_page()
+    tab.on("console", lambda message: said.append(message.text))
+    tab.on("pageerror", lambda error: said.append(str(error)))
+    for name in ("Math", "class", "Float64Array", "NaN", "document", "KERNELS", "4bar"):
+        file, page = tmp_path / f"{name}.toml", tmp_path / f"{name}.html"
+        file.write_text(FILE.format(name=name, ground="constructor", coupler="__proto__"))
+        assert main(["page", str(file), "-o", str(page), "--quiet"]) == 0
+        tab.goto("about:blank")
+        tab.goto(page.as_uri())
+        tab.wait_for_function("window.spherekit?.timing.pictures > 0", timeout=20_000)
+        tab.evaluate("spherekit.change('input', {q: [1.0]})")
+        tab.wait_for_function("spherekit.timing.pictures > 1")
+        assert tab.evaluate("spherekit.modes.every(mode => mode.here)")
+        assert not said, (name, said)
+    tab.close()
