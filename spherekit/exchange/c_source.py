@@ -26,8 +26,28 @@ HELPERS = {
 }
 """,
 }
-_OWN = {"sign": "sign_of({0})", "maximum": "larger_of({0}, {1})"}
 _TEMPLATE = "template <class Scalar>\n"
+CPP_HELPERS = {
+    "sign": f"""{_TEMPLATE}Scalar sign_of(const Scalar &x)
+{{
+    return x > Scalar(0) ? Scalar(1) : x < Scalar(0) ? Scalar(-1) : x;
+}}
+""",
+    "maximum": f"""{_TEMPLATE}Scalar larger_of(const Scalar &a, const Scalar &b)
+{{
+    return a >= b || a != a ? a : b;
+}}
+""",
+}
+# A literal in double would make every operation on a float one in double. Numbers that
+# differentiate themselves are better multiplied by a double than by one of their own.
+CONSTANT_OF = """template <class Scalar>
+struct constant_of {
+    typedef typename std::conditional<
+        std::is_floating_point<Scalar>::value, Scalar, double>::type type;
+};
+"""
+_REAL = "    typedef typename constant_of<Scalar>::type Real;\n"
 
 _TABLE = """\
     {scalar} table_{{k}}[{{columns}}];
@@ -35,7 +55,7 @@ _TABLE = """\
 
 C = Language(
     "C",
-    calls("", _OWN),
+    calls("", {"sign": "sign_of({0})", "maximum": "larger_of({0}, {1})"}),
     "    const double {0} = {1};",
     _TABLE.format(scalar="double"),
     " * ",
@@ -46,25 +66,23 @@ C = Language(
 )
 CPP = Language(
     "C++",
-    calls("", _OWN),
+    calls("", {"sign": "sign_of<Scalar>({0})", "maximum": "larger_of<Scalar>({0}, {1})"}),
     "    const Scalar {0} = {1};",
     _TABLE.format(scalar="Scalar"),
     "// ",
     c_comment,
     identifiers.CPP,
-    {
-        name: _TEMPLATE + text.removeprefix("static inline ").replace("double", "Scalar")
-        for name, text in HELPERS.items()
-    },
+    CPP_HELPERS,
     "Scalar(NAN)",
+    literal="Real({0})",
 )
 
 SERIES = """\
 static void {name}_table_{k}({scalar} s, {scalar} column[{columns}])
 {{
-    static const double edges[{cells} + 1] = {{
+{alias}    static const {constant} edges[{cells} + 1] = {{
     {edge_values}}};
-    static const double coefficients[{cells}][{columns}][{order}] = {{
+    static const {constant} coefficients[{cells}][{columns}][{order}] = {{
     {values}}};
     int cell = 0, beyond = {cells};
 {around}    while (beyond - cell > 1) {{
@@ -77,9 +95,9 @@ static void {name}_table_{k}({scalar} s, {scalar} column[{columns}])
     const {scalar} low = s - edges[cell], high = s - edges[cell + 1];
     const {scalar} x = (low + high) / (edges[cell + 1] - edges[cell]);
     for (int k = 0; k < {columns}; ++k) {{
-        {scalar} sum = 0.0, before = 0.0;
+        {scalar} sum = {zero}, before = {zero};
         for (int n = {order} - 1; n > 0; --n) {{
-            const {scalar} next = coefficients[cell][k][n] + 2.0 * x * sum - before;
+            const {scalar} next = coefficients[cell][k][n] + {two} * x * sum - before;
             before = sum;
             sum = next;
         }}
@@ -97,13 +115,18 @@ OPEN = """\
 """
 
 
-def _tables(source: Source, scalar: str) -> Iterator[str]:
+def _tables(source: Source, scalar: str, constant: str, alias: str) -> Iterator[str]:
+    literal = source.language.literal
     for table in source.series:
         yield SERIES.format(
             **table,
             scalar=scalar,
-            edge_values=wrapped(nested(table["edges"], "{}")[1:-1]),
-            values=wrapped(nested(table["coefficients"], "{}")[1:-1]),
+            constant=constant,
+            alias=alias,
+            zero=literal.format("0.0"),
+            two=literal.format("2.0"),
+            edge_values=wrapped(nested(table["edges"], "{}", literal)[1:-1]),
+            values=wrapped(nested(table["coefficients"], "{}", literal)[1:-1]),
             around=(CLOSED if table["closed"] else OPEN).format(**table),
         )
 
@@ -127,7 +150,8 @@ def _function(source: Source, function: Function, scalar: str) -> str:
         named = zip(source.results, function.results, strict=True)
         lines += [f"    result[{source.name}_{name}] = {x};" for name, x in named]
     body = "\n".join(lines)
-    return f"{_head(source, function, scalar)}\n{{\n{body}\n}}\n"
+    alias = _REAL if "Real(" in body else ""
+    return f"{_head(source, function, scalar)}\n{{\n{alias}{body}\n}}\n"
 
 
 def _data(source: Source, storage: str) -> Iterator[str]:
@@ -154,7 +178,7 @@ def c(source: Source) -> str:
         "",
         *_data(source, ""),
         *source.helpers,
-        *_tables(source, "double"),
+        *_tables(source, "double", "double", ""),
         *(_function(source, function, "double") for function in source.functions),
     ]
     return "\n".join(parts)
@@ -164,12 +188,15 @@ def cpp(source: Source) -> str:
     """Return a header of templates, for numbers that differentiate themselves too."""
     guard = f"{source.name}_HPP"
     calls_of = "\n".join(f"using std::{x};" for x in ("atan2", "floor", "pow", *CALLS))
+    tables = _tables(source, "Scalar", "Real", _REAL)
+    includes = "#include <cmath>\n#include <type_traits>\n"
     parts = [
-        f"{source.comment}#ifndef {guard}\n#define {guard}\n\n#include <cmath>\n",
+        f"{source.comment}#ifndef {guard}\n#define {guard}\n\n{includes}",
         f"namespace {source.name}_formulas {{\n\n{calls_of}\n",
+        CONSTANT_OF,
         *_data(source, "static "),
         *source.helpers,
-        *(_TEMPLATE + text.removeprefix("static ") for text in _tables(source, "Scalar")),
+        *(_TEMPLATE + text.removeprefix("static ") for text in tables),
         *(_TEMPLATE + _function(source, x, "Scalar") for x in source.functions),
         "}\n\n#endif\n",
     ]

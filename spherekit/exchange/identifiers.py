@@ -23,6 +23,7 @@ _WORDS = {
 
 _LOCAL = re.compile(
     r"t\d+|_?table_\d+|motion|mode|variables|size|result|given|values|sign_of|larger_of"
+    r"|Scalar|Real|constant_of"
 )
 """Names of arguments, terms and helpers in the sources."""
 

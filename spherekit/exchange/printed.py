@@ -50,6 +50,7 @@ class Language:
     helpers: Mapping[str, str]
     not_a_number: str
     index: int = 0
+    literal: str = "{0}"
 
 
 def calls(prefix: str, others: Mapping[str, str]) -> dict[str, str]:
@@ -121,7 +122,7 @@ class Source:
             if term in owners:
                 k = owners[term]
                 table, term = self.of.tables[k], self.of.tables[k].of
-                place = f"{called[term]} + {number(table.start)}"
+                place = f"{called[term]} + {self._literal(table.start)}"
                 tables[k] = self.language.table.format(
                     k=k, name=self.name, place=place, columns=len(table.terms)
                 )
@@ -135,8 +136,11 @@ class Source:
             return called[item]
         if np.isnan(item):
             return self.language.not_a_number
-        text = number(float(item))
+        text = self._literal(float(item))
         return f"({text})" if text[0] == "-" else text
+
+    def _literal(self, x: float) -> str:
+        return self.language.literal.format(number(x))
 
     @property
     def helpers(self) -> list[str]:
@@ -238,9 +242,9 @@ class Source:
                 **dict(zip(("cells", "columns", "order"), coefficients.shape, strict=True)),
                 "edges": table.series.edges,
                 "coefficients": coefficients,
-                "length": number(table.length),
-                "low": number(table.series.edges[0]),
-                "high": number(table.series.edges[-1]),
+                "length": self._literal(table.length),
+                "low": self._literal(table.series.edges[0]),
+                "high": self._literal(table.series.edges[-1]),
                 "closed": table.closed,
             }
 
@@ -250,12 +254,12 @@ def number(x: float) -> str:
     return repr(float(x))
 
 
-def nested(values: Any, brackets: str = "[]") -> str:
+def nested(values: Any, brackets: str = "[]", literal: str = "{0}") -> str:
     """Return numbers in brackets, arrays of arrays in those of their own."""
     if np.ndim(values):
-        items = (nested(item, brackets) for item in values)
+        items = (nested(item, brackets, literal) for item in values)
         return brackets[0] + ", ".join(items) + brackets[1]
-    return number(values)
+    return literal.format(number(values))
 
 
 def wrapped(text: str, indent: str = "    ") -> str:
