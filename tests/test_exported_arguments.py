@@ -200,3 +200,8 @@ def test_arguments_without_effect_are_refused(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {"sk": sk, "FILES": FILES}
     check_call(call, names, TABLES["exported_arguments"][call])
+
+
+def test_masses_along_axes_of_wheels_are_arguments():
+    """Their terms have numbers of the contacts in them, which are no arguments."""
+    assert check_argument("planetary_bevel", "mass.output.tensor.2.2")

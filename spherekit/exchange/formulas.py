@@ -268,8 +268,6 @@ def _numbers(
         terms.structure.pairs,
         {v.path: size for v, size in zip(variables, sizes, strict=True)},
     )
-    moved = copy(terms.mechanism)
-    object.__setattr__(moved, "masses", masses)  # terms: no mechanism could be checked
     contacts = varied.contacts.numbers if varied.contacts else []
     moved = copy(terms.mechanism)
     object.__setattr__(moved, "masses", masses)  # terms: no mechanism could be checked
@@ -281,8 +279,10 @@ def _numbers(
     for number, k, slope in zip(
         numbers, varied.differing, np.moveaxis(slopes, 2, 0), strict=True
     ):
-        stands[number] = every[k]
         if isinstance(every[k], ExpressionNode):
+            # Masses along the axes of pairs are terms of the numbers of contacts, which
+            # stand before them.
+            (stands[number],) = substituted([every[k]], stands)
             continue
         off = np.abs(slope - slope[:, :1])
         bent = ~np.all(off <= STEADY * np.abs(slope) + ROUNDING, axis=1)
