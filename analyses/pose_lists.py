@@ -293,7 +293,7 @@ INVERSE = Table(
         Column("sense", "", "sign of the determinant of the rates", "integer"),
         STATUS,
         SOLVED_BY,
-        *(Column(f"near_{axis}", "", "of a reachable pose near by") for axis in "xyzw"),
+        *(Column(f"near_{axis}", "", "of the nearest reachable pose") for axis in "xyzw"),
         Column("away", "rad", "how far that is"),
     ),
 )

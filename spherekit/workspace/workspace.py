@@ -11,19 +11,14 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.output.dyads import Signs
 from spherekit.region.orientations import Orientations, find_orientations
 from spherekit.region.refine import Region, find_region
-from spherekit.sphere.rotation import from_quaternion, nans, unit_rows
+from spherekit.sphere.rotation import from_quaternion, nans
+from spherekit.workspace.nearest_pose import Margins, NearestPoseSearch
 from spherekit.workspace.rows import AngleLimit, ClosedKinematics, left_of
 
 SAMPLES = 4000
-"""Orientations looked at."""
+"""Orientations or directions looked at."""
 PSI = 1.533751168755204288118041
 """The positive root of x^4 = x + 4."""
-NUDGES = (1e-12, 1e-11, 1e-10, 1e-9, 1e-8)
-"""Steps (rad) into a workspace from its border, which is known to rounding only."""
-WAY_ROUNDS, WAY_SAMPLES = 8, 65
-COARSE = 1e-2
-"""Relative error of the set of directions in which the nearest one is looked for; the
-places on its border do not depend on it."""
 
 
 @dataclass(frozen=True)
@@ -66,10 +61,6 @@ class OrientationWorkspace:
     signs: Signs
     orientations: Orientations
     same_as: Signs | None
-
-
-Margins = Callable[[Floats], Floats]
-"""Margins (n, bounds) at places (n, ...)."""
 
 
 def margins_of(
@@ -193,107 +184,88 @@ def orientation_samples(count: int = SAMPLES) -> Floats:
     return np.hstack(np.moveaxis(spirals, 0, 2))
 
 
+def direction_samples(count: int = SAMPLES) -> Floats:
+    """Return directions (count, 3) spread evenly over the sphere, along a spiral."""
+    number = np.arange(count)
+    z = 1.0 - (2.0 * number + 1.0) / count
+    turn = number * np.pi * (3.0 - np.sqrt(5.0))
+    width = np.sqrt(1.0 - z * z)
+    return np.column_stack([width * np.cos(turn), width * np.sin(turn), z])
+
+
 def nearest_reachable(
     kinematics: ClosedKinematics,
     bounds: Sequence[AngleLimit],
     workspace: DirectionWorkspace | OrientationWorkspace,
     place: Floats,
 ) -> tuple[Floats, float] | None:
-    """Return a reachable pose near one that is outside, and how far (rad) it is.
+    """Return the reachable pose nearest to one that is outside, and how far (rad) it is.
 
-    Of directions (3,) it is the nearest one, to 1e-8 rad. Of quaternions xyzw (4,) it is
-    where the way to the nearest of `SAMPLES` orientations spread evenly, or to the best
-    one known, enters the workspace for good. None if no pose is known to be inside.
+    A direction (3,) or quaternion xyzw (4,), see `nearest_in_mode`. Parts that the
+    workspace has are met whatever their size. None if no pose is known to be inside.
     """
     if isinstance(workspace, OrientationWorkspace):
-        samples = np.concatenate(
-            [orientation_samples(), workspace.orientations.place[None]]
-        )
-        (offer,) = nearest_orientations(
-            kinematics, bounds, workspace.signs, place[None], samples
-        )
-        return offer
-    if not workspace.region.components:
-        return None
-    border = workspace.region.nearest(place)
-    inward = [2.0 * border - place, *(part.place for part in workspace.region.components)]
-    aims = [border, *(_beyond(border, aim, step) for step in NUDGES for aim in inward)]
-    candidates = np.stack(aims)
-    good = np.flatnonzero(judge(kinematics, bounds, workspace.signs, candidates).inside)
-    there = candidates[good[0]] if len(good) else border
-    return there, _between(place, there)
+        known = workspace.orientations.place[None]
+    else:
+        region = workspace.region
+        if not region.components:
+            return None
+        known = np.stack([region.nearest(place), *(x.place for x in region.components)])
+    (offer,) = nearest_in_mode(kinematics, bounds, workspace.signs, place[None], known)
+    return offer
 
 
-def nearest_orientations(
+def nearest_in_mode(
     kinematics: ClosedKinematics,
     bounds: Sequence[AngleLimit],
     signs: Signs,
     places: Floats,
-    samples: Floats,
+    known: Floats | None = None,
 ) -> list[tuple[Floats, float] | None]:
-    """Return reachable orientations near ones that are outside, and how far (rad).
+    """Return the reachable poses nearest to some that are outside, in one mode.
 
-    Quaternions (n, 4); each is where the way to the nearest of the samples (k, 4) that are
-    inside enters the workspace for good; None if none of them is.
+    Parameters
+    ----------
+    kinematics, bounds, signs
+        The output, its limits, and the signs of the working mode.
+    places
+        (n, 3) directions or (n, 4) unit quaternions xyzw that are outside.
+    known
+        (k, 3 or 4) poses inside, besides those of `SAMPLES` spread evenly.
+
+    Returns
+    -------
+    For each place the pose and the angle (rad) to it, to 1e-8 rad; None if no pose inside
+    was met. `spherekit.workspace.nearest_pose` says what is compared.
     """
 
-    def inside(places: Floats) -> Bools:
-        return judge(kinematics, bounds, signs, places).inside
+    def is_inside(places: Floats) -> Bools:
+        # `judge` would compute inputs and measures too, which take most of its time.
+        with np.errstate(all="ignore"):
+            margin, _ = left_of(bounds, kinematics.at(_poses(kinematics, places), signs))
+        return margin >= 0.0
 
-    held = samples[inside(samples)]
-    if not len(held):
+    search = NearestPoseSearch(margins_of(kinematics, bounds, signs), is_inside)
+    samples = direction_samples() if kinematics.points else orientation_samples()
+    reachable = samples[is_inside(samples)]
+    if known is not None:
+        reachable = np.concatenate([reachable, known])
+    if not len(reachable):
         return [None] * len(places)
-    offers: list[tuple[Floats, float] | None] = []
-    for place in places:
-        near = held[np.argmax(np.abs(held @ place))]
-        there = _on_way(place, near if near @ place >= 0.0 else -near, inside)
-        offers.append((there, 2.0 * _between(place, there)))
-    return offers
+    return [search.find_nearest(place, reachable) for place in places]
 
 
 def nearest_poses(
     kinematics: ClosedKinematics, places: Floats, signs: Signs
 ) -> tuple[Floats, Floats]:
-    """Return reachable poses near ones that are outside, and how far (n,) rad.
+    """Return the reachable poses nearest to some that are outside, and how far (n,) rad.
 
-    Directions (n, 3) or quaternions xyzw (n, 4), see `nearest_reachable`, under the limits
+    Directions (n, 3) or quaternions xyzw (n, 4), see `nearest_in_mode`, under the limits
     of the mechanism alone; NaN where none is known.
     """
-    bounds = kinematics.bounds
-    if kinematics.points:
-        (workspace,) = direction_workspaces(kinematics, bounds, [signs], COARSE)
-        offers = [
-            nearest_reachable(kinematics, bounds, workspace, place) for place in places
-        ]
-    else:
-        samples = orientation_samples()
-        offers = nearest_orientations(kinematics, bounds, signs, places, samples)
+    offers = nearest_in_mode(kinematics, kinematics.bounds, signs, places)
     near, away = np.full_like(places, np.nan), nans(len(places))
     for k, offer in enumerate(offers):
         if offer is not None:
             near[k], away[k] = offer
     return near, away
-
-
-def _between(one: Floats, other: Floats) -> float:
-    """Return the angle (rad) between unit vectors of any dimension."""
-    apart, together = np.linalg.norm(one - other), np.linalg.norm(one + other)
-    return float(2.0 * np.arctan2(apart, together))
-
-
-def _beyond(start: Floats, aim: Floats, step: float) -> Floats:
-    """Return the direction (3,) a step (rad) from `start` towards another place."""
-    way = aim - (aim @ start) * start
-    return unit_rows(start + way * (step / max(float(np.linalg.norm(way)), 1e-300)))
-
-
-def _on_way(outside: Floats, held: Floats, inside: Callable[[Floats], Bools]) -> Floats:
-    """Return the quaternion on the way to `held` from which on all samples are inside."""
-    low, high = 0.0, 1.0
-    for _ in range(WAY_ROUNDS):
-        parts = np.linspace(low, high, WAY_SAMPLES)[:, None]
-        places = unit_rows((1.0 - parts) * outside + parts * held)
-        last = np.flatnonzero(~inside(places))[-1]
-        low, high = parts[last : last + 2, 0]
-        held_there = places[last + 1]
-    return held_there
