@@ -307,7 +307,7 @@ def _projection_step(v: Floats, values: Floats, slopes: Floats) -> tuple[Floats,
     if not np.isfinite(step).all():
         # No point keeps all linearised margins: reduce the violated ones at least.
         violated = values < 0.0
-        step = np.linalg.lstsq(slopes[violated], -values[violated])[0]
+        step = np.linalg.pinv(slopes[violated]) @ -values[violated]
     # The linearisation says little further away than a fraction of a right angle.
     step *= min(1.0, 0.5 / max(_length(step), 1e-300))
     return step, float(np.max(multipliers, initial=0.0))
