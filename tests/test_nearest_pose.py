@@ -96,7 +96,7 @@ def test_no_reachable_pose_is_nearer(name, mode, count):
     ],
 )
 def test_no_pose_within_limits_is_nearer(name, limits, near):
-    """With joint limits, whose margins have no value out of reach, or near singularities."""
+    """With joint limits, whose margins have no value out of reach, or off singularities."""
     kinematics = output_kinematics(sk.load(name))
     ranges = tuple(
         JointRange(pair, low * DEGREE, high * DEGREE)
