@@ -249,21 +249,21 @@ def _length(v: Floats) -> float:
     return float(np.linalg.norm(v))
 
 
-def _spread_starts(known: Floats) -> Floats:
-    """Return the shortest of known coordinates (n, d), and some others.
+def _spread_starts(reachable: Floats) -> Floats:
+    """Return the shortest of coordinates (n, d) of reachable poses, and some others.
 
     The others are as far from each other as possible, so that separate parts of the
     workspace have a start each.
     """
-    known = known[np.argsort(np.linalg.norm(known, axis=1))]
-    chosen = list(known[: START_COUNT // 2])
-    apart = np.full(len(known), np.inf)
+    reachable = reachable[np.argsort(np.linalg.norm(reachable, axis=1))]
+    chosen = list(reachable[: START_COUNT // 2])
+    apart = np.full(len(reachable), np.inf)
     for start in chosen:
-        apart = np.minimum(apart, np.linalg.norm(known - start, axis=1))
-    while len(chosen) < min(START_COUNT, len(known)):
-        chosen.append(known[np.argmax(apart)])
-        apart = np.minimum(apart, np.linalg.norm(known - chosen[-1], axis=1))
-    return np.reshape(chosen, (-1, known.shape[1]))
+        apart = np.minimum(apart, np.linalg.norm(reachable - start, axis=1))
+    while len(chosen) < min(START_COUNT, len(reachable)):
+        chosen.append(reachable[np.argmax(apart)])
+        apart = np.minimum(apart, np.linalg.norm(reachable - chosen[-1], axis=1))
+    return np.reshape(chosen, (-1, reachable.shape[1]))
 
 
 def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:

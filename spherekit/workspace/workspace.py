@@ -205,13 +205,17 @@ def nearest_reachable(
     workspace has are met whatever their size. None if no pose is known to be inside.
     """
     if isinstance(workspace, OrientationWorkspace):
-        known = workspace.orientations.place[None]
+        inside_poses = workspace.orientations.place[None]
     else:
         region = workspace.region
         if not region.components:
             return None
-        known = np.stack([region.nearest(place), *(x.place for x in region.components)])
-    (offer,) = nearest_in_mode(kinematics, bounds, workspace.signs, place[None], known)
+        inside_poses = np.stack(
+            [region.nearest(place), *(x.place for x in region.components)]
+        )
+    (offer,) = nearest_in_mode(
+        kinematics, bounds, workspace.signs, place[None], inside_poses
+    )
     return offer
 
 
@@ -220,7 +224,7 @@ def nearest_in_mode(
     bounds: Sequence[AngleLimit],
     signs: Signs,
     places: Floats,
-    known: Floats | None = None,
+    inside_poses: Floats | None = None,
 ) -> list[tuple[Floats, float] | None]:
     """Return the reachable poses nearest to some that are outside, in one mode.
 
@@ -230,7 +234,7 @@ def nearest_in_mode(
         The output, its limits, and the signs of the working mode.
     places
         (n, 3) directions or (n, 4) unit quaternions xyzw that are outside.
-    known
+    inside_poses
         (k, 3 or 4) poses inside, besides those of `SAMPLES` spread evenly.
 
     Returns
@@ -248,8 +252,8 @@ def nearest_in_mode(
     search = NearestPoseSearch(margins_of(kinematics, bounds, signs), is_inside)
     samples = direction_samples() if kinematics.points else orientation_samples()
     reachable = samples[is_inside(samples)]
-    if known is not None:
-        reachable = np.concatenate([reachable, known])
+    if inside_poses is not None:
+        reachable = np.concatenate([reachable, inside_poses])
     if not len(reachable):
         return [None] * len(places)
     return [search.find_nearest(place, reachable) for place in places]
