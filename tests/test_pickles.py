@@ -51,9 +51,7 @@ def test_runs_in_a_pool_are_those_of_this_process(tmp_path):
 RUNS = {
     "memory": lambda folder: sk.run("four_bar", "poles", samples=5),
     "folder": lambda folder: sk.run("four_bar", "poles", samples=5, folder=folder),
-    "simulation": lambda folder: sk.run(
-        "four_bar", "eksergian", start=START, duration=0.2
-    ),
+    "simulation": lambda folder: sk.run("four_bar", "eksergian", start=START, duration=0.2),
     "grid": lambda folder: sk.run("five_bar", "poles", samples=(3, 3)),
     "no tables": lambda folder: sk.run("four_bar", "poles", samples=3, tables=False),
     "degrees": lambda folder: sk.run(

@@ -76,7 +76,7 @@ def test_processes_of_a_sweep_end_with_it(number, tmp_path):
         start_new_session=True,
         preexec_fn=lambda: [signal.signal(x, signal.SIG_DFL) for x in (2, 15)],
     )
-    while len(children(running)) < 3:  # with the tracker of multiprocessing
+    while len(children(running)) < 2:
         assert running.poll() is None
         time.sleep(0.02)
     time.sleep(0.2)  # the last of them is told what it is for
@@ -88,8 +88,7 @@ def test_processes_of_a_sweep_end_with_it(number, tmp_path):
         time.sleep(0.02)
     assert files(tmp_path) == left
     if number == signal.SIGKILL:
-        # Python's tracker says that it has removed what a killed process could not.
-        assert running.returncode == -number and "Traceback" not in said
+        assert running.returncode == -number and not said
     else:
         assert running.returncode == 128 + number
         assert said.startswith("spherekit: stopped; 0 of") and said.count("\n") == 1

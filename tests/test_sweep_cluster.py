@@ -242,7 +242,7 @@ def test_a_lost_scheduler_is_one_sentence_and_the_sweep_goes_on(machines, tmp_pa
         text=True,
     )
     while not list(folder.glob("designs/part-*")):
-        assert running.poll() is None
+        assert running.poll() is None, running.stderr.read()
         time.sleep(0.02)
     os.killpg(scheduler.pid, signal.SIGKILL)
     said = running.communicate(timeout=120)[1]

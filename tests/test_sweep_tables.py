@@ -14,7 +14,7 @@ from spherekit.analysis import folder
 from spherekit.analysis.tables import SAMPLE, Column, Table
 from spherekit.cli.main import main
 from spherekit.design import sweep_identity
-from spherekit.design.cluster import _compute_part
+from spherekit.design.cluster import PartComputer
 from spherekit.design.sweep import DesignSpace, variation
 from spherekit.design.sweep_parts import run_sweep
 from spherekit.errors import DesignError, OutputError
@@ -189,7 +189,7 @@ def test_a_worker_with_other_versions_writes_nothing(tmp_path):
     sweep = swept({"links.2.arc": [20.0]}).sweep
     code = folder.code_identity() | {"numpy": "1.0"}
     with pytest.raises(DesignError, match=r"other versions \(numpy: .* there, 1\.0 now"):
-        _compute_part(0, sweep, str(tmp_path), code)
+        PartComputer(sweep, str(tmp_path), code)(0)
     assert not list(tmp_path.iterdir())
 
 

@@ -350,49 +350,6 @@ def test_a_sweep_that_was_killed_goes_on_to_the_same_data_set(whole, tmp_path):
         pd.testing.assert_frame_equal(one, other, check_exact=True)
 
 
-KILLED = """
-import os, pathlib, signal, sys
-import spherekit as sk
-from spherekit.design import evaluate, sweep
-from spherekit.errors import DesignError
-
-evaluate.PART = 2
-folder, mode = pathlib.Path(sys.argv[1]), sys.argv[2]
-write = sweep.Sweep.write
-
-
-def ending(self, place, number):
-    if mode == "always" or (number == 2 and not (folder / "mark").exists()):
-        (folder / "mark").touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return write(self, place, number)
-
-
-sweep.Sweep.write = ending
-if __name__ == "__main__":
-    vary = {"links.2.arc": [10.0, 20.0, 30.0, 15.0, 40.0, 25.0]}
-    try:
-        found = sk.sweep("four_bar", vary, "max(q)", samples=5, folder=folder, workers=2)
-        print(len(found.frame()["design"].unique()))
-    except DesignError as problem:
-        print(problem)
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("always", [False, True])
-def test_parts_of_a_process_that_is_killed_are_made_again(always, tmp_path):
-    """By another one; where none makes any, the sweep ends in words."""
-    script = tmp_path / "killed.py"
-    script.write_text(KILLED)
-    command = [sys.executable, script, tmp_path, "always" if always else "once"]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    if always:
-        assert "the system ended a process of the sweep" in ended.stdout
-    else:
-        assert ended.stdout.split() == ["6"], ended.stderr
-
-
 def test_a_folder_holds_one_sweep_that_is_known(tmp_path):
     sweep = partial(sk.sweep, "four_bar", {"links.2.arc": [10.0, 20.0]}, "max(q)")
     sweep(samples=5, folder=tmp_path)

@@ -106,7 +106,9 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
         "other_configurations": [
             analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
         ],
-        "predicted": expected(study, analyses, assembly),
+        "predicted": expected(
+            study, analyses, assembly, sum(len(wanted.poles) for wanted in requests)
+        ),
         "at_once": {
             "analyses": [analysis.name for analysis in analyses if analysis.at_once],
             "bytes_a_row": memory_at_once(mechanism, 1),

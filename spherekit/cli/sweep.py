@@ -98,6 +98,7 @@ def execute(options: Namespace) -> int:
     if not (options.json or options.quiet):
         _tell(result)
     sys.stdout.flush()
+    note(options, *result.remarks)
     if not (options.output or options.json):
         note(options, "nothing was written: use -o DIR for all rows")
     return 0

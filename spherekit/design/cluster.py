@@ -4,11 +4,14 @@ This is the only module that imports dask.
 """
 
 import logging
+import operator
 import os
+import pickle
 import time
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from socket import gethostname
@@ -25,7 +28,7 @@ from spherekit.progress import PATIENCE, tell
 if TYPE_CHECKING:
     from dask.distributed import Client, Future
 
-CONNECT_SECONDS = 10.0
+CONNECT_SECONDS = 20.0
 """How long a scheduler may take to answer."""
 
 POLL_SECONDS = 0.05
@@ -84,23 +87,22 @@ def compute_on_cluster(
     OutputError
         If a part cannot be written, or does not appear in the folder.
     """
+    import cloudpickle
     from dask.distributed import as_completed
 
     with _connected(address) as client:
         _await_workers(client, address)
-        # The sweep is the result of a task: the scheduler has it computed again when all
-        # workers that hold it are lost. Scattered data would then be lost for good.
-        shared = client.submit(_itself, sweep, pure=False)
-        parts = client.map(
-            _compute_part,
-            numbers,
-            sweep=shared,
-            folder=folder,
-            versions=code_identity(),
-            pure=False,
-        )
+        # The messages to workers have only functions of the standard library: a worker that
+        # cannot read a message ends, while a task that fails is answered. The computer of
+        # parts is the result of a task, so that it is made again when all workers that hold
+        # it are lost. Scattered data would then be lost for good.
+        parcel = cloudpickle.dumps(PartComputer(sweep, folder, code_identity()))
+        computer = client.submit(pickle.loads, parcel, pure=False)
+        computers = [computer] * len(numbers)
+        parts = client.map(operator.call, computers, numbers, pure=False)
         number_of_part = dict(zip(parts, numbers, strict=True))
-        shared.release()
+        computers.clear()
+        computer.release()
         waiting = as_completed(parts)
         parts.clear()
         next_check = time.monotonic() + CHECK_SECONDS
@@ -122,9 +124,10 @@ def _connected(address: str) -> "Iterator[Client]":
     """Give a client of a scheduler, whose own messages are not printed meanwhile."""
     from dask.distributed import Client
 
-    log = logging.getLogger("distributed")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
+    names = [x for x in logging.root.manager.loggerDict if x.startswith("distributed")]
+    levels = {name: logging.getLogger(name).level for name in names}
+    for name in names:  # each has a level of its own, by the configuration of dask
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         try:
             client = Client(address, timeout=CONNECT_SECONDS)
@@ -136,7 +139,8 @@ def _connected(address: str) -> "Iterator[Client]":
             with suppress(OSError, RuntimeError):  # it has lost its scheduler
                 client.close(timeout=CONNECT_SECONDS)
     finally:
-        log.setLevel(level)
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def _await_workers(client: "Client", address: str) -> None:
@@ -156,10 +160,13 @@ def _await_workers(client: "Client", address: str) -> None:
 
 
 def _has_workers(client: "Client", address: str) -> bool:
-    if client.status == "running":
-        with suppress(OSError, RuntimeError, TimeoutError):
-            return bool(client.nthreads())
-    raise _lost_scheduler(address)
+    if client.status != "running":
+        raise _lost_scheduler(address)
+    try:
+        return bool(client.nthreads())
+    except (OSError, RuntimeError):
+        # The scheduler did not answer. If it is lost, the client will say so in its status.
+        return True
 
 
 def _lost_scheduler(address: str) -> DesignError:
@@ -227,37 +234,46 @@ def _take_part(files: Files | None, folder: str, sweep: Sweep, number: int) -> N
         time.sleep(POLL_SECONDS)
 
 
-def _itself(sweep: Sweep) -> Sweep:
-    """Return a sweep: the task that carries it to the workers."""
-    return sweep
+@dataclass(frozen=True)
+class PartComputer:
+    """What computes parts of a sweep on a worker.
 
-
-def _compute_part(
-    number: int, sweep: Sweep, folder: str, versions: dict[str, str]
-) -> Files | None:
-    """Write a part; return its files unless the folder is seen by this worker.
-
-    The folder was made by the command with a random name, so that a folder of this name is
-    that of the command.
-
-    Raises
-    ------
-    DesignError
-        If this worker has other versions than the machine of the command.
+    Attributes
+    ----------
+    sweep
+        The sweep.
+    folder
+        The folder of the command. It was made with a random name, so that a folder of this
+        name is that of the command.
+    versions
+        The versions of the command.
     """
-    difference = differences(code_identity(), versions)
-    if difference:
-        raise DesignError(
-            f"{sweep.mechanism.name}: a worker of the cluster ({gethostname()}) has other "
-            f"versions ({difference}); a data set is made by one"
-        )
-    with _one_part_at_a_time:
-        if os.access(folder, os.W_OK | os.X_OK):
-            sweep.write(folder, number)
-            return None
-        with TemporaryDirectory(prefix="spherekit-part-") as scratch:
-            sweep.write(scratch, number)
-            return {
-                path.relative_to(scratch).as_posix(): path.read_bytes()
-                for path in sweep.files_of(scratch, number)
-            }
+
+    sweep: Sweep
+    folder: str
+    versions: dict[str, str]
+
+    def __call__(self, number: int) -> Files | None:
+        """Write a part; return its files unless the folder is seen by this worker.
+
+        Raises
+        ------
+        DesignError
+            If this worker has other versions than the machine of the command.
+        """
+        difference = differences(code_identity(), self.versions)
+        if difference:
+            raise DesignError(
+                f"{self.sweep.mechanism.name}: a worker of the cluster ({gethostname()}) "
+                f"has other versions ({difference}); a data set is made by one"
+            )
+        with _one_part_at_a_time:
+            if os.access(self.folder, os.W_OK | os.X_OK):
+                self.sweep.write(self.folder, number)
+                return None
+            with TemporaryDirectory(prefix="spherekit-part-") as scratch:
+                self.sweep.write(scratch, number)
+                return {
+                    path.relative_to(scratch).as_posix(): path.read_bytes()
+                    for path in self.sweep.files_of(scratch, number)
+                }

@@ -1,5 +1,6 @@
 """The parts of a sweep: computed by processes or elsewhere, and read again."""
 
+import bisect
 import shutil
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -285,7 +286,7 @@ class _Progress:
         self._done.add(number)
         processor = self.sweep.notes_of_part(self.store, number).get(PROCESSOR, {})
         words = ", ".join(f"{key} {value}" for key, value in processor.items())
-        self.processors.setdefault(words or "an unknown one", []).append(number)
+        bisect.insort(self.processors.setdefault(words or "an unknown one", []), number)
 
     def _need_disk(self) -> None:
         """Raise `OutputError` if the disk has no room for the parts that are missing."""

@@ -479,7 +479,8 @@ def _printed(
         else:
             lines.append(f"{result} = {name}({', '.join(parts)})")
 
-    free, rows = list[str](), list[str]()
+    free = list[str]()
+    rows = dict[str, None]()  # in order, and quick to look up: long chains have thousands
     for k, term in enumerate(order):
         parts = [called[item] for item in term.arguments]
         done = dict.fromkeys(called[x] for x in term.arguments if last[x] == k)
@@ -487,7 +488,7 @@ def _printed(
         if term not in called:
             if not free:
                 free.append(f"z{len(rows)}")
-                rows += free
+                rows[free[0]] = None
             called[term] = free.pop()
         write(term.operation, parts, called[term])
     for item, result in zip(outputs, results, strict=True):

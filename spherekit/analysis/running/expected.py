@@ -15,6 +15,7 @@ import numpy as np
 
 from spherekit.analysis.contract import Analyses
 from spherekit.analysis.execution import Execution
+from spherekit.analysis.result import MOTION
 from spherekit.analysis.run import executed, traced
 from spherekit.analysis.running.recording import MOST_LOGGED
 from spherekit.analysis.tables import FILE_SIZE
@@ -32,12 +33,35 @@ SHORT = 16
 """Samples of the shortest recording that is made."""
 
 
-def expected(study: Study, analyses: Analyses, assembly: Assembly) -> Facts:
+MANY_POLES = 400
+"""Poles of a row beyond which a run of `FEW_OF_MANY` samples in one mode is measured.
+
+Chains of 30 links have more, and the rates of all their links take seconds for some hundred
+rows. More: such runs are measured with all their modes, for minutes at 60 links. Fewer: the
+number of modes, and by how much they differ, are not known of smaller mechanisms.
+"""
+
+FEW_OF_MANY = 4
+"""Samples of a run with many poles. They have thousands of rows."""
+
+
+def expected(study: Study, analyses: Analyses, assembly: Assembly, poles: int) -> Facts:
     """Return what a run of the study will evaluate and write, ready for JSON.
 
-    Where all groups are dyads the assembly modes are found, as the run will; otherwise the
-    search may take long, `assembly_modes` is None, and the figures are those of each
-    assembly mode. `reason` says why there are none, where there are none.
+    Parameters
+    ----------
+    study, analyses, assembly
+        The run, and the groups of its mechanism.
+    poles
+        How many poles are asked for at each configuration.
+
+    Returns
+    -------
+    dict
+        Where all groups are dyads and poles are not many, the assembly modes are found, as
+        the run will find them. Otherwise that may take long: `assembly_modes` is None, and
+        the figures are those of each assembly mode. `reason` says why there are no figures,
+        if there are none.
 
     Raises
     ------
@@ -49,29 +73,40 @@ def expected(study: Study, analyses: Analyses, assembly: Assembly) -> Facts:
     samples = study.count
     if samples < LEAST:
         return {"reason": f"a run of {samples} samples is over before it is predicted"}
+    has_many_poles = poles > MANY_POLES
+    finds_modes = assembly.has_closed_form and not has_many_poles
+    few = study if finds_modes else replace(study, search=False)
     half = min(samples, FEW) // 2
-    few = study if assembly.has_closed_form else replace(study, search=False)
     able = [analysis for analysis in analyses if analysis.rowwise]
     follow = traced(study, analyses, Execution())
-    summaries: list[Facts] = []
-    for count in (half, 2 * half):
+
+    def measure(chosen: Analyses, count: int) -> Facts:
+        """Return the summary of a run of so many samples."""
         with TemporaryDirectory() as folder:
             execution = Execution(folder=folder, formats=tuple(FILE_SIZE))
-            made = executed(shortened(few, count), able, execution, follow)
-            summaries.append(made.summary)
-    shorter, longer = summaries
+            return executed(shortened(few, count), chosen, execution, follow).summary
+
+    # The positions alone are quick to find, whatever is asked of them.
+    cheap = [] if has_many_poles else able
+    shorter = measure(cheap, half)
+    longer = measure(cheap, 2 * half)
+    asked = measure(able, min(samples, FEW_OF_MANY)) if has_many_poles else longer
     modes = len(longer["assembly_modes"])
-    multiple = modes if assembly.has_closed_form else min(modes, 1)
+    multiple = modes if finds_modes else min(modes, 1)
 
     def grown(*keys: str) -> int:
-        one, two = (reduce(getitem, keys, x["cost"]) for x in (shorter, longer))
-        whole = one + (two - one) * (samples - half) / half
+        if has_many_poles and keys[1:2] != (MOTION,):
+            # What does not grow with the samples is little of such tables.
+            whole = reduce(getitem, keys, asked["cost"]) * samples / FEW_OF_MANY
+        else:
+            one, two = (reduce(getitem, keys, x["cost"]) for x in (shorter, longer))
+            whole = one + (two - one) * (samples - half) / half
         return round(whole * multiple / max(modes, 1))
 
-    failed = {item["name"] for item in longer["analyses"] if item["failed"]}
+    failed = {item["name"] for item in asked["analyses"] if item["failed"]}
     names = {analysis.name for analysis in able} - failed
     return {
-        "assembly_modes": modes if assembly.has_closed_form else None,
+        "assembly_modes": modes if finds_modes else None,
         "configurations": grown("configurations"),
         "tables": {
             stem: {
@@ -82,7 +117,7 @@ def expected(study: Study, analyses: Analyses, assembly: Assembly) -> Facts:
                     for kind in FILE_SIZE
                 },
             }
-            for stem, table in longer["cost"]["tables"].items()
+            for stem, table in asked["cost"]["tables"].items()
         },
         "velocity_equation_solves": grown("velocity_equation_solves"),
         "not_predicted": [a.name for a in analyses if a.name not in names],

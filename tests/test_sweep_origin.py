@@ -1,0 +1,166 @@
+"""What a sweep says of the processors and programs that have made its parts."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from test_processors import lesser
+
+import spherekit as sk
+from spherekit import processor
+from spherekit.analysis import folder
+from spherekit.cli.main import main
+from spherekit.errors import FileError, OutputError, SpherekitError
+
+VARY = {"links.2.arc": [float(x) for x in np.linspace(10.0, 40.0, 40)]}
+WORDS = ["sweep", "four_bar", "-a", "poles", "--tables", "--samples", "5", "--workers", "1"]
+WORDS += ["--vary", "links.2.arc=" + ",".join(map(repr, VARY["links.2.arc"])), "-o"]
+
+
+def swept(path, **options):
+    how = {"analyses": ["poles"], "tables": True, "samples": 5, "workers": 1} | options
+    return sk.sweep("four_bar", VARY, folder=path, **how)
+
+
+def part(path, number=1):
+    return path / "designs" / f"part-{number:06d}.parquet"
+
+
+def elsewhere(path, *environment):
+    """Let the command compute what is missing, by the least kernels of this processor."""
+    done = subprocess.run(
+        [sys.executable, "-m", "spherekit", *WORDS, str(path)],
+        env=lesser(),
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+def test_a_processor_is_known_by_what_it_computes():
+    code = "from spherekit.processor import processor_identity; print(processor_identity())"
+    here = processor.processor_identity()
+    told = [
+        subprocess.check_output([sys.executable, "-c", code], env=env, text=True).strip()
+        for env in (os.environ, os.environ, lesser())
+    ]
+    assert told[0] == told[1] == str(here) != told[2]
+    assert set(here) == {"instructions", "blas", "arithmetic"}
+
+
+@pytest.mark.slow
+def test_parts_of_other_processors_are_recorded_and_said(tmp_path):
+    """They agree to rounding; and the same processor says nothing."""
+    whole = swept(tmp_path / "whole")
+    assert len(whole.processors) == 1 and not whole.remarks
+    swept(tmp_path / "mixed")
+    part(tmp_path / "mixed").unlink()
+    said = elsewhere(tmp_path / "mixed")
+    assert "several kinds of processors have computed the parts (2 parts by" in said
+    assert "agree to rounding, not bit by bit" in said
+    mixed = swept(tmp_path / "mixed")
+    assert mixed.computed == 0
+    assert sorted(mixed.processors.values()) == [[0, 2], [1]]
+    assert len(mixed.remarks) == 1
+    for one, other in (
+        (whole.frame(), mixed.frame()),
+        *((whole.table(name), mixed.table(name)) for name in whole.table_names),
+    ):
+        pd.testing.assert_frame_equal(one, other, check_exact=False, rtol=1e-9, atol=1e-9)
+    notes = json.loads(pq.read_schema(part(tmp_path / "mixed")).metadata[b"spherekit"])
+    assert set(notes["processor"]) == {"instructions", "blas", "arithmetic"}
+
+
+@pytest.mark.parametrize("library", ["spherekit", "numpy", "scipy", "heyoka", "machine"])
+def test_parts_of_other_versions_are_refused(library, tmp_path, monkeypatch):
+    swept(tmp_path)
+    code = folder.code_identity() | {library: "1.2.3"}
+    monkeypatch.setattr("spherekit.design.sweep.code_identity", lambda: code)
+    with pytest.raises(OutputError, match=f"by other code .{library}: .* there, 1.2.3 now"):
+        swept(tmp_path)
+
+
+def rewritten(path, change):
+    table = pq.read_table(path)
+    pq.write_table(change(table), path)
+
+
+def by_pandas(path):
+    pd.read_parquet(path).to_parquet(path)
+
+
+def without_notes(path):
+    rewritten(path, lambda table: table.replace_schema_metadata({}))
+
+
+def of_other_columns(path):
+    rewritten(path, lambda table: table.select(table.column_names[1:]))
+
+
+def of_another_program(path):
+    pq.write_table(pa.table({"a": [1, 2]}), path)
+
+
+def of_another_part(path):
+    path.write_bytes(path.with_name("part-000000.parquet").read_bytes())
+
+
+def of_another_sweep(path):
+    other = path.parents[1] / "other"
+    swept(other, samples=7)
+    path.write_bytes(part(other).read_bytes())
+
+
+def no_parquet(path):
+    path.write_text("design,status\n")
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def empty(path):
+    path.write_bytes(b"")
+
+
+FAULTS = [
+    *(by_pandas, without_notes, of_other_columns, of_another_program, of_another_part),
+    *(of_another_sweep, no_parquet, cut, empty),
+]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_file_that_is_no_part_is_refused_in_a_sentence(fault, tmp_path, capsys):
+    """By the command; and the same command makes it when it is gone."""
+    wanted = swept(tmp_path).frame()
+    path = part(tmp_path)
+    fault(path)
+    assert main([*WORDS, str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and str(path) in said
+    assert (
+        "is not part 1 of this sweep" in said
+        or "is not a Parquet file" in said
+        or ("is not the file that was written there" in said)
+    )
+    path.unlink()
+    again = swept(tmp_path)
+    assert again.computed == 1
+    pd.testing.assert_frame_equal(again.frame(), wanted, check_exact=True)
+
+
+@pytest.mark.parametrize("fault", [by_pandas, of_another_part, of_another_program, cut])
+def test_a_table_that_is_no_part_is_refused_when_it_is_read(fault, tmp_path):
+    found = swept(tmp_path)
+    fault(tmp_path / "tables" / "poles" / "part-000001.parquet")
+    assert len(found.frame()) == 80
+    with pytest.raises(SpherekitError) as refused:
+        found.table("poles")
+    assert isinstance(refused.value, FileError) and "part-000001" in str(refused.value)
