@@ -4,12 +4,14 @@ import json
 from collections import Counter
 from dataclasses import replace
 
+import chains
 import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
 import spherekit as sk
 from spherekit.analysis.registry import create
+from spherekit.analysis.running import expected
 from spherekit.analysis.running.cost import counts_of
 from spherekit.analysis.study import needs_of, requests_for
 from spherekit.cli.main import main
@@ -240,3 +242,35 @@ def test_what_is_not_known_is_not_predicted(capsys):
     assert "not predicted: the number of assembly modes, analysis singularities" in out
     assert main(["explain", "four_bar", "--samples", "2"]) == 0
     assert "sizes: not predicted; a run of 2 samples" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("triads", [False, True])
+def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, monkeypatch):
+    """Of one mode; and what it says is what a run of one mode writes."""
+    made = chains.grown(np.random.default_rng(5), 30, triads)
+    path = tmp_path / "chain.toml"
+    sk.dump(made, path)
+    calls = []
+    run = expected.executed
+
+    def counting(study, analyses, *others):
+        calls.append((study.count, len(analyses), study.search))
+        return run(study, analyses, *others)
+
+    monkeypatch.setattr(expected, "executed", counting)
+    samples = 24
+    assert main(["explain", str(path), "--samples", str(samples), "--json"]) == 0
+    sizes = json.loads(capsys.readouterr().out)["predicted"]
+    assert calls == [(12, 0, False), (24, 0, False), (4, 1, False)]
+    assert sizes["assembly_modes"] is None
+    out = tmp_path / "out"
+    sk.run(path, samples=samples, search=False, folder=out, formats=("csv", "parquet"))
+    poles = sizes["tables"]["poles"]
+    assert poles["rows"] == samples * 30 * 29 // 2
+    assert len(sk.run(path, samples=2, search=False).frame()) == 2 * 30 * 29 // 2
+    for name, table in sizes["tables"].items():
+        size = (out / f"{name}.csv").stat().st_size
+        assert table["csv_bytes"] == pytest.approx(size, rel=0.05)
+        size = (out / f"{name}.parquet").stat().st_size
+        assert size / 2.5 < table["parquet_bytes"] < 2.5 * size
