@@ -268,7 +268,6 @@ def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, mon
     sk.run(path, samples=samples, search=False, folder=out, formats=("csv", "parquet"))
     poles = sizes["tables"]["poles"]
     assert poles["rows"] == samples * 30 * 29 // 2
-    assert len(sk.run(path, samples=2, search=False).frame()) == 2 * 30 * 29 // 2
     for name, table in sizes["tables"].items():
         size = (out / f"{name}.csv").stat().st_size
         assert table["csv_bytes"] == pytest.approx(size, rel=0.05)
