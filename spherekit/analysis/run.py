@@ -114,12 +114,8 @@ def executed(
 
     Its motion is traced where anything asks for it, or to `follow` it.
     """
-    said = {"engine": execution.engine != "auto", "crossings": study.crossings != "end"}
-    for name, is_said in said.items():
-        if study.start is None and is_said:
-            raise AnalysisError(
-                f"run: {name} does nothing without a simulation: give start"
-            )
+    if study.start is None and execution.engine != "auto":
+        raise AnalysisError("run: engine does nothing without a simulation: give start")
     ledger = Timer()
     whole = study.mechanism
     solving = SEARCH if study.start is None else SIMULATION

@@ -276,7 +276,6 @@ def _check_effect(study: "Study", options: Namespace) -> None:
         (options.format != "csv", options.prove, "--prove", "Parquet files to read"),
         (study.folder, options.figures, "--figures", folder),
         (study.start, options.engine != "auto", "--engine", simulation),
-        (study.start, options.crossings, "--crossings", simulation),
         (_records(options, study), options.log_every is not None, "--log-every", recording),
     ]
     for needed, given, flag, hint in without:

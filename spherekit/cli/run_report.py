@@ -27,6 +27,7 @@ def report(summary: Any) -> str:
     lines += by_equal_counts(summary["assembly_modes"])
     if summary["assembly_modes"]:
         lines.append(f"assembly modes: {summary['search']}")
+        lines += _meetings(summary)
     poles = summary["pole_status"]
     lacking = [f"{count} {name}" for name, count in poles.items() if name != "OK"]
     if lacking:
@@ -48,6 +49,20 @@ def report(summary: Any) -> str:
     if "accuracy" in summary:
         lines.append(accuracy_line(summary["accuracy"]))
     return "\n".join(lines)
+
+
+MOST_MEETINGS = 6
+"""Inputs at which modes meet that are printed one by one."""
+
+
+def _meetings(summary: Any) -> Lines:
+    """Return where modes meet; samples need not be there."""
+    sentences = [meeting["sentence"] for meeting in summary["mode_meetings"]]
+    lines = [f"  {sentence}" for sentence in sentences[:MOST_MEETINGS]]
+    if len(sentences) > MOST_MEETINGS:
+        left = len(sentences) - MOST_MEETINGS
+        lines.append(f"  and at {counted(left, 'other input')}: summary.json has all")
+    return lines
 
 
 def _asked(summary: Any) -> str:

@@ -47,7 +47,8 @@ TIMED = """
     time in s that the samples divide, for --law and --start; with neither the input turns
     at 1 rad/s
 --crossings {end,pass}
-    with --start: end where sets of configurations cross (default), or go straight on
+    where curves of configurations cross: keep the signs of dyads, and with --start end
+    there (end, the default); or follow the smooth curve through the crossing (pass)
 --assembly-mode N-or-NAME
     only this assembly mode, by number or name
 --no-search

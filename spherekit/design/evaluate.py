@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -253,7 +254,13 @@ class Evaluator:
         self.kernel = self._kernel()
 
     def _kernel(self) -> DesignKernel | None:
-        """Return the kernel of all designs, None where they have none."""
+        """Return the kernel of all designs, None where they have none.
+
+        Modes that follow smooth curves through crossings have none: their signs change at
+        inputs that differ from design to design.
+        """
+        if self.samples.crossings == "pass":
+            return None
         if self.mechanism.has_contacts:
             if self.varied.contacts is None or self.varied.points:
                 return None
@@ -427,10 +434,11 @@ class Evaluator:
         """
         lattice = self.samples.lattice
         points = self.figures.points
-        if lattice.is_path:
-            tracer = PositionAnalysis(mechanism, self.inputs, path=lattice.q)
-        else:
-            tracer = PositionAnalysis(mechanism, self.inputs, samples=lattice.shape)
+        given: dict[str, Any] = {"path": lattice.q}
+        if not lattice.is_path:
+            given = {"samples": lattice.shape}
+        given["crossings"] = self.samples.crossings
+        tracer = PositionAnalysis(mechanism, self.inputs, **given)
         motions = [tracer.motion()]
         if len(points) and len(self.inputs) == 1:
             motions.append(tracer.at(points[:, :1]))
@@ -549,7 +557,8 @@ class Evaluator:
         return Evaluated.in_order(parts, self.figures.names)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
-        if plan_assembly(mechanism.with_inputs(*self.inputs)).has_closed_form:
+        assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
+        if assembly.has_closed_form and self.samples.crossings == "end":
             terms = VariedTerms(mechanism, self.inputs)
             kernel = DesignKernel(terms, self.figures.columns, compiled=False)
             return self._modes(kernel, np.empty((0, 1)))
@@ -559,6 +568,7 @@ class Evaluator:
             mechanism,
             self.inputs,
             geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
+            closed_form=False,
             closed=next(iter(motion.values[~motion.failed]), None),
         )
         kernel = DesignKernel(terms, self.figures.columns, compiled=False)

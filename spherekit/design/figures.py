@@ -1,7 +1,7 @@
 """Figures of merit of designs in their assembly modes, from the samples of a kernel."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from spherekit.errors import (
 )
 from spherekit.model.joints import Track
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import ConstantSpeed, Study
+from spherekit.model.study import ConstantSpeed, Crossings, Study
 from spherekit.motion.input_grid import InputGrid, sampled
 from spherekit.motion.motion import by_laws
 from spherekit.numeric.crossings import SAME_ANGLE, return_by_turns, wrap
@@ -51,11 +51,13 @@ class DesignSamples:
 
     `rows` (samples, 3 inputs + 1): angles (rad) of the `inputs`, rates, accelerations, and
     the time. `shape` counts the samples along a path, or along each axis of a grid.
+    `crossings` says whether modes follow smooth curves where curves cross ("pass").
     """
 
     inputs: Names
     rows: Floats
     shape: tuple[int, ...]
+    crossings: Crossings = "end"
 
     @staticmethod
     def of(study: Study) -> "DesignSamples":
@@ -84,15 +86,15 @@ class DesignSamples:
                 for driven in mechanism.inputs
             }
             q, timing = by_laws(names, {**laws, **study.laws}, t)
-            return DesignSamples(
-                names, np.column_stack([q, timing.dq, timing.ddq, t]), (len(t),)
-            )
+            rows = np.column_stack([q, timing.dq, timing.ddq, t])
+            return DesignSamples(names, rows, (len(t),), study.crossings)
         lattice = sampled(mechanism, study.samples, study.grid, study.path)
         start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
         if study.path is not None:
             start = np.min(lattice.q, axis=0) if len(names) == 1 else lattice.q[0]
             sense = np.ones(len(names))
-        return DesignSamples.at(names, lattice.q, start, sense, lattice.shape)
+        samples = DesignSamples.at(names, lattice.q, start, sense, lattice.shape)
+        return replace(samples, crossings=study.crossings)
 
     @staticmethod
     def at(

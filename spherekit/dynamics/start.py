@@ -367,7 +367,14 @@ def reaching(
     path = np.array([np.min(places), np.max(places)])
     if tracer.solver.meshes is None or np.array_equal(path, tracer.range):
         return tracer
-    return PositionAnalysis(tracer.mechanism, None, assembly_mode, search, path=path)
+    return PositionAnalysis(
+        tracer.mechanism,
+        None,
+        assembly_mode,
+        search,
+        path=path,
+        crossings=tracer.crossings,
+    )
 
 
 def _check_stops(mechanism: Mechanism, values: Floats) -> None:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats
+from spherekit.arrays import Bools, Floats, Integers
 from spherekit.engine.algebra import Exprs, constants, cross
 from spherekit.engine.expression_graph import (
     Expr,
@@ -199,10 +199,10 @@ def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
     return [*inputs, *signs], variables, squares
 
 
-def given_by(q: Floats, signs: Sequence[int], out: Floats) -> Floats:
-    """Write inputs q (inputs, n) and the signs of dyads into what functions are given."""
+def given_by(q: Floats, signs: Integers, out: Floats) -> Floats:
+    """Write inputs q (inputs, n) and signs (dyads, n) into what functions are given."""
     out[: len(q)] = q
-    out[len(q) :] = np.array(signs)[:, None]
+    out[len(q) :] = signs
     return out
 
 

@@ -38,6 +38,7 @@ from spherekit.files.study import Subject, study_of
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import in_radians
+from spherekit.model.study import Crossings
 from spherekit.planning.inputs import driven_at
 from spherekit.resources import usable_cores
 from spherekit.sphere.rotation import from_quaternion, from_tilt_torsion, pointing
@@ -59,6 +60,7 @@ def sweep(
     tables: bool = False,
     where: str | Sequence[str] = (),
     samples: int | Sequence[int] | None = None,
+    crossings: Crossings | None = None,
     designs: int | None = None,
     scheme: Scheme | None = None,
     seed: int = 0,
@@ -90,6 +92,9 @@ def sweep(
     samples
         Samples of the inputs that each design goes through, on the straight way through
         their ranges, or a number for each input of a grid; by default the study's.
+    crossings
+        Whether modes keep the signs of their dyads where curves cross (``"end"``), or
+        follow the smooth curves (``"pass"``); by default the study's.
     designs, scheme, seed
         How many designs, by ``"sobol"``, ``"latin"`` or ``"random"``; without them the
         grid of all combinations.
@@ -135,6 +140,7 @@ def sweep(
         [create(name) for name in analyses],
         samples,
         tables=tables,
+        crossings=crossings,
     )
     conditions = (where,) if isinstance(where, str) else tuple(where)
     return perform(replace(made, where=conditions), folder, workers, dask)
@@ -148,12 +154,15 @@ def sweep_of(
     samples: int | Sequence[int] | None = None,
     source: AnyPath | None = None,
     tables: bool = False,
+    crossings: Crossings | None = None,
 ) -> Sweep:
     """Return the sweep that texts ask for; `source` is the file of a study, if known."""
     study = study_of(subject)
     study = replace(study, mechanism=driven_at(study.mechanism))
     if samples is not None:
         study = replace(study, samples=samples, path=None)
+    if crossings is not None:
+        study = replace(study, crossings=crossings)
     document = _document(study.mechanism, subject if source is None else source)
     unit = in_radians(1.0, document.data["angle_unit"])
     merits: dict[str, FigureOfMerit] = {}

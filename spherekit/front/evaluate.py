@@ -32,6 +32,7 @@ from spherekit.engine.row_kernel import REFERENCES, row_kernel
 from spherekit.errors import SolveError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Crossings
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
@@ -317,6 +318,7 @@ def evaluate(
     poles: Sequence[str] | None = None,
     input_pair: str | Sequence[str] | None = None,
     assembly_mode: int | str | None = None,
+    crossings: Crossings = "end",
 ) -> Kinematics:
     """Return a mechanism's configurations, pole axes and coefficients at given inputs.
 
@@ -333,6 +335,9 @@ def evaluate(
     assembly_mode
         The only assembly mode wanted, by the number that `run` gives it or its name in the
         file; by default all.
+    crossings
+        Whether modes keep the signs of their dyads where curves cross (``"end"``), or
+        follow the smooth curves through the range of the only input (``"pass"``).
 
     Raises
     ------
@@ -358,6 +363,7 @@ def evaluate(
         None if poles is None else tuple(poles),
         input_pair if input_pair is None or isinstance(input_pair, str) else (*input_pair,),
         assembly_mode,
+        crossings,
     )
     return at(np.asarray(inputs, dtype=float))
 
@@ -368,6 +374,7 @@ def _ready(
     poles: Sequence[str] | None,
     input_pair: str | Sequence[str] | None,
     assembly_mode: int | str | None,
+    crossings: Crossings,
 ) -> Callable[[Floats], Kinematics]:
     """Return what gives a mechanism at inputs."""
     mechanism = driven_at(of.mechanism, input_pair)
@@ -390,6 +397,9 @@ def _ready(
         tracer=True,
     )
     first = traced(mechanism) if len(mechanism.inputs) == 1 else None
+    if crossings == "pass":
+        # With several inputs this says why it is not possible.
+        first = PositionAnalysis(mechanism, crossings=crossings)
     row = None
     if first is not None and assembly_mode is not None:
         row = _one_row(mechanism, first, first.place_of(assembly_mode), needs)
@@ -470,7 +480,7 @@ def _one_row(
     def at(q: float) -> Callable[[], Batch] | None:
         if not low <= q <= high and isfinite(q):
             q = into_range(tracer, np.array([q])).item()
-        given = [q, *map(float, mode.signs)]
+        given = [q, *mode.signs_along(np.array([[q]]))[:, 0].astype(float).tolist()]
         if not kernel.has_closed_form:
             assert mode.guide is not None
             predicted, _, why = mode.guide.at(np.array([[q]]), None)

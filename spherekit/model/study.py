@@ -297,7 +297,9 @@ class Study:
         input, or that of each of several inputs that has one, by its name; each step
         within the tolerance (rad), from the `assembly_mode` (default 0) of all there are.
     crossings
-        Whether a simulation ends where sets of configurations cross, or goes straight on.
+        What happens where curves of configurations cross: modes keep the signs of their
+        dyads and a simulation ends there ("end"), or both follow the smooth curves
+        ("pass").
     verify
         How many rows are computed once more in 50 digits.
     degrees

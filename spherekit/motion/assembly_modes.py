@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
+from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Names, Status, listing
 from spherekit.model.gears import joints_in_pose
 from spherekit.model.mechanism import Mechanism
@@ -67,6 +67,11 @@ def first_turns(angles: Floats) -> Floats:
     return np.ceil((angles - HALF) / TURN)
 
 
+SAME_INPUT = 1e-15
+"""An input that differs by less (rad, or relatively) from that of a configuration known
+exactly is the same but for rounding."""
+NEAR_EXACT = 1e-5
+"""A singular configuration nearer (rad) than this to one known exactly is that one."""
 FLAT_DYAD = 1e-6
 """A dyad straighter than this sine loses half its digits: its rates are not given."""
 FLAT_GROUP = 1e-6
@@ -84,6 +89,8 @@ class AssemblyMode(NamedTuple):
 
     `signs` has +1 or -1 for each dyad and 0 for each irreducible group; `guide` is
     None where all groups are dyads, or trains of wheels; `name` is the file's, if any.
+    A mode that follows its smooth curve through crossings has `pieces`: inputs (rad), the
+    first of them -inf, and the mode that lies on the curve from each of them on.
     """
 
     number: int
@@ -91,6 +98,19 @@ class AssemblyMode(NamedTuple):
     guide: ModeCurve | ModeOverGrid | None = None
     determinants: tuple[float, ...] = ()
     name: str = ""
+    pieces: tuple[tuple[float, "AssemblyMode"], ...] = ()
+
+    def pieces_at(self, q: Floats) -> Indices:
+        """Return the numbers (n,) of the pieces at values q (n,) rad of the only input."""
+        starts = np.array([start for start, _ in self.pieces[1:]])
+        return np.searchsorted(starts, q, side="right")
+
+    def signs_along(self, q: Floats) -> Integers:
+        """Return the signs (groups, n) at inputs q (inputs, n)."""
+        if not self.pieces:
+            return np.repeat(np.array(self.signs, dtype=int)[:, None], q.shape[1], axis=1)
+        of_pieces = np.array([mode.signs for _, mode in self.pieces])
+        return of_pieces[self.pieces_at(q[0])].T
 
     @property
     def title(self) -> str:
@@ -125,8 +145,13 @@ class Solver:
             number for pair in assembly.inputs for number in mechanism.variables_of(pair)
         )
         self.anchor = np.zeros(len(self.driven))
+        self.exact_configurations: list[Floats] = []
+        """Configurations (variables,) that are known to rounding: the reference pose, and
+        those at which curves cross. A closed form has half the digits where a dyad is in
+        line."""
         if self.reference is not None:
             self.anchor = self.reference[list(self.driven)]
+            self.exact_configurations.append(self.reference)
 
     @property
     def single(self) -> int:
@@ -235,6 +260,8 @@ class Solver:
         An assembly mode guided by a sheet is known at the samples of its input grid only;
         `rows` (n,) says which ones they are.
         """
+        if assembly_mode.pieces:
+            return self._evaluate_pieces(assembly_mode, q)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             state, status = self.start(q), np.zeros(len(q), dtype=np.int8)
             for number, sign in enumerate(assembly_mode.signs):
@@ -244,6 +271,7 @@ class Solver:
                     _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
                 else:
                     self._place(assembly_mode, number, q, rows, state, status)
+            self._restore_exact(q, state.values, status)
             at = self.closure.at(state.values)
             values, rotations, residual = at.values, at.placed, at.gap
             _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
@@ -253,6 +281,32 @@ class Solver:
             free = [v for v in self.angles if v not in self.driven]
             values[:, free] = wrap(values[:, free])
             return Evaluated(values, rotations, status, residual)
+
+    def _restore_exact(self, q: Floats, values: Floats, status: SmallIntegers) -> None:
+        """Set singular configurations (n, variables) at inputs q that are known exactly."""
+        singular = np.flatnonzero(status == Status.AT_SINGULARITY)
+        driven = list(self.driven)
+        for exact in self.exact_configurations if len(singular) else ():
+            away = max_abs(wrap(q[singular] - exact[driven]), axis=1)
+            rows = singular[
+                away <= SAME_INPUT * np.maximum(1.0, max_abs(q[singular], axis=1))
+            ]
+            offset = exact - values[rows]
+            angles = [v for v in self.angles if v not in driven]
+            offset[:, angles] = wrap(offset[:, angles])
+            offset[:, driven] = 0.0
+            is_near = max_abs(offset, axis=1) < NEAR_EXACT
+            values[rows[is_near]] += offset[is_near]
+
+    def _evaluate_pieces(self, assembly_mode: AssemblyMode, q: Floats) -> Evaluated:
+        """Return a mode that changes to other ones at inputs, at inputs q (n, 1)."""
+        owners = assembly_mode.pieces_at(q[:, 0])
+        order = np.argsort(owners, kind="stable")
+        parts = [
+            self.evaluate(mode, q[owners == number])
+            for number, (_, mode) in enumerate(assembly_mode.pieces)
+        ]
+        return Evaluated.joined(parts).rows(np.argsort(order))
 
     def _place(
         self,

@@ -25,13 +25,15 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.arrays import Complexes, Floats
-from spherekit.conventions import counted
+from spherekit.conventions import counted, listing
 from spherekit.errors import PlanError
 from spherekit.guarantee import Completeness, Guarantee
 from spherekit.model.joints import revolute
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.crossing import Crossing
 from spherekit.motion.elimination import Frames, Order, orders_of
 from spherekit.motion.groups import train_turns
+from spherekit.motion.mode_meetings import SAME_INPUT_RAD, degrees_text, find_crossings
 from spherekit.numeric.crossings import MOST_CELLS, crossings
 from spherekit.planning.inputs import plan_assembly
 from spherekit.progress import ProgressReporter
@@ -192,6 +194,8 @@ SMOOTH = 4.0 * np.pi
 """Width (rad), over the number of modes, of parts in which their function is smooth."""
 MOST_TIME = 40.0
 """Rough time (s) that the search for dead inputs may take."""
+MOST_NAMED = 6
+"""Inputs at which curves cross that a claim names."""
 CHEAP = 2e-3
 """A pair whose functions of meeting modes take less than this (s) is good enough."""
 
@@ -199,14 +203,27 @@ CHEAP = 2e-3
 class InputTurningPoints(NamedTuple):
     """The inputs from `low` to `high` (rad) at which two real modes meet.
 
-    `places` (k,) rise. In the parts `doubtful` (d, 2) some may be missing: in all of the
-    range if the modes have no analytic function here.
+    Attributes
+    ----------
+    low, high
+        Ends of the range (rad).
+    places
+        (k,) inputs at which two modes appear or vanish, rising.
+    doubtful
+        (d, 2) parts in which some may be missing: all of the range if the modes have no
+        analytic function here.
+    crossings
+        Configurations at which curves cross, so that modes meet and none of them ends.
+    crossing_inputs
+        (c,) the inputs there, each once, rising.
     """
 
     low: float
     high: float
     places: Floats
     doubtful: Floats
+    crossings: tuple[Crossing, ...] = ()
+    crossing_inputs: Floats = np.zeros(0)
 
     def gap(self, step: float) -> float:
         """Return the longest part (rad) without an input of `probes(step)`, 0 if none."""
@@ -219,7 +236,8 @@ class InputTurningPoints(NamedTuple):
 
         Those are at most `step` (rad) apart.
         """
-        ends = [self.low, *self.places, *self.doubtful.ravel(), self.high]
+        crossed = np.clip(self.crossing_inputs, self.low, self.high)
+        ends = [self.low, *self.places, *crossed, *self.doubtful.ravel(), self.high]
         probes: list[float] = []
         for start, stop in pairwise(np.unique(ends).tolist()):
             middle, width, count = 0.5 * (start + stop), stop - start, 1
@@ -234,16 +252,28 @@ class InputTurningPoints(NamedTuple):
         if self.low == self.high:
             return Completeness(Guarantee.COMPLETE, "all modes at the only input")
         gap = self.gap(step)
+        count = len(self.places) + len(self.crossing_inputs)
         if not gap:
-            count = len(self.places)
             words = f"between the {count} inputs of the range at which they meet"
             if count < 2:
                 words = f"which meet {('nowhere', 'at one input')[count]} in the range"
-            return Completeness(Guarantee.COMPLETE, f"all modes, {words}")
+            words = f"all modes, {words}{self._crossing_words}"
+            return Completeness(Guarantee.COMPLETE, words)
         words = f"all modes at {counted(len(self.probes(step)), 'input')}"
-        if len(self.places):
-            words += f", and between {len(self.places)} at which they are known to meet"
+        if count:
+            words += f", and between {count} at which they are known to meet"
+            words += self._crossing_words
         return Completeness(Guarantee.TO_BOX, words, gap)
+
+    @property
+    def _crossing_words(self) -> str:
+        """Which of the inputs at which modes meet are those where curves cross."""
+        if not len(self.crossing_inputs):
+            return ""
+        named = [degrees_text(q) for q in self.crossing_inputs[:MOST_NAMED].tolist()]
+        left = len(self.crossing_inputs) - len(named)
+        words = listing([*named, *([f"{left} more"] if left else [])])
+        return f" (curves cross at {words} deg)"
 
 
 def input_turning_points(
@@ -277,7 +307,33 @@ def input_turning_points(
         )
     places, doubtful = (np.concatenate(parts) for parts in zip(*per_group, strict=True))
     doubtful = doubtful[np.argsort(doubtful[:, 0])]
-    return InputTurningPoints(low, high, np.sort(places), doubtful)
+    return _with_crossings(solver, InputTurningPoints(low, high, np.sort(places), doubtful))
+
+
+def _with_crossings(
+    solver: Solver, turning_points: InputTurningPoints
+) -> InputTurningPoints:
+    """Return turning points where doubtful parts in which curves cross are crossings.
+
+    At a crossing the functions of meeting modes have a double zero, which is no change of
+    sign. To the error of the function it could as well be two zeros, or none.
+    """
+    crossings: list[Crossing] = []
+    still_doubtful = []
+    for start, stop in turning_points.doubtful.tolist():
+        crossings_there = find_crossings(
+            solver, start, stop, turning_points.low, turning_points.high
+        )
+        crossings += crossings_there
+        if not crossings_there:
+            still_doubtful.append([start, stop])
+    inputs = np.sort([crossing.values[solver.single] for crossing in crossings])
+    is_new = np.diff(inputs, prepend=-np.inf) > SAME_INPUT_RAD
+    return turning_points._replace(
+        doubtful=np.reshape(still_doubtful, (-1, 2)),
+        crossings=tuple(crossings),
+        crossing_inputs=inputs[is_new],
+    )
 
 
 def easiest_drive(solver: Solver) -> Solver:

@@ -21,6 +21,7 @@ from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import LONGEST, follow_arc
 from spherekit.motion.assembly_modes import AssemblyMode, Solver
 from spherekit.motion.configuration import monotone_pieces
+from spherekit.motion.crossing import Crossing
 from spherekit.motion.elimination import (
     CLOSED_FORM,
     MOST_ASSEMBLY_MODES,
@@ -97,6 +98,9 @@ class ModeSearch:
         None if at none.
     claim
         What holds of the number of modes.
+    crossings
+        Configurations at which curves cross, as far as the inputs at which modes meet are
+        known.
 
     Raises
     ------
@@ -114,6 +118,7 @@ class ModeSearch:
         self.families: list[int] = []
         self.methods: list[Method | None] = [None] * len(self.groups)
         self.probes = 0
+        self.crossings: tuple[Crossing, ...] = ()
         self._freedoms: list[int] = []
         self._tried = self._followed = 0
         self._curves: list[ArcCurve] = []
@@ -176,6 +181,7 @@ class ModeSearch:
             q = grid.q[spread_rows(len(grid), PROBED_INPUTS)]
             return q, Completeness(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
         dead = input_turning_points(self.solver, *grid.range, MOST_COST, MOST_TIME)
+        self.crossings = dead.crossings
         step = np.ptp(grid.q) / (PROBED_INPUTS - 1)
         return dead.probes(step)[:, None], dead.claim(step)
 
@@ -305,6 +311,7 @@ class ModeSearch:
             return claim if all_complete(self.methods) else None
         ends = self.input_grid.range
         dead = input_turning_points(self.solver, *ends, MOST_COST, MOST_TIME)
+        self.crossings = dead.crossings
         step = (ends[1] - ends[0]) / PARTS
         self._probe(dead.probes(step)[:, None])
         if not all_complete(self.methods):

@@ -30,7 +30,7 @@ from spherekit.errors import CountError, SolveError, SpherekitError
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.joints import Joint
 from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import TimeLaw
+from spherekit.model.study import Crossings, TimeLaw
 from spherekit.motion.assembly_modes import (
     AssemblyMode,
     Evaluated,
@@ -42,6 +42,11 @@ from spherekit.motion.configuration import Configurations, configuration_curves
 from spherekit.motion.guides import ModeOverGrid
 from spherekit.motion.input_grid import given_path, sampled, spread_rows
 from spherekit.motion.loops import Linearisation, LoopTree, condition, left_inverse
+from spherekit.motion.mode_meetings import (
+    ModeMeeting,
+    find_mode_meetings,
+    follow_smooth_curves,
+)
 from spherekit.motion.modes import ModeSearch
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
@@ -94,6 +99,8 @@ def by_laws(
     return q, Timing(t, dq, ddq)
 
 
+BESIDE_CROSSING = 1e-6
+"""An input nearer (rad) to one at which curves cross is not used to tell modes apart."""
 BLOCK = 16384
 """Rows evaluated at once by `PositionAnalysis.blocks`: enough to hide what calls take, few
 enough for the caches; with half or twice as many a run takes the same time."""
@@ -358,6 +365,9 @@ class PositionAnalysis:
     follow
         Whether assembly modes are found and followed over the samples; without there are
         none, and every motion is empty.
+    crossings
+        Whether an assembly mode keeps the signs of its dyads where curves cross ("end"), or
+        follows its smooth curve through the crossing ("pass"), for which the signs change.
 
     Raises
     ------
@@ -378,8 +388,10 @@ class PositionAnalysis:
         grid: bool = False,
         path: Floats | None = None,
         follow: bool = True,
+        crossings: Crossings = "end",
     ) -> None:
         self._follow = follow
+        self.crossings = crossings
         self.mechanism = driven_at(mechanism, input_pair)
         self.input_grid = sampled(self.mechanism, samples, grid, path)
         self.by_rank = False
@@ -391,6 +403,9 @@ class PositionAnalysis:
                 self.assembly_modes = self._assembled(search)
             except SpherekitError:
                 raise counted from None
+        self._every_mode = self.assembly_modes
+        if crossings == "pass" and follow:
+            self._pass_crossings()
         self.assembly_modes, self.unnamed = named(self.solver, self.assembly_modes)
         if assembly_mode is not None:
             self.assembly_modes = (self.assembly_modes[self.place_of(assembly_mode)],)
@@ -420,7 +435,64 @@ class PositionAnalysis:
             return ()
         there = ModeSearch(self.solver, self.input_grid, search)
         self.methods, self.claim, self._probes = there.methods, there.claim, there.probes
+        self._crossings = there.crossings
+        self.solver.exact_configurations += [item.values for item in there.crossings]
         return tuple(there.assembly_modes)
+
+    def _pass_crossings(self) -> None:
+        """Let assembly modes follow their smooth curves through crossings.
+
+        Each keeps its number around the reference pose, if its input is in the range and no
+        curves cross there, else at the low end of the range.
+
+        Raises
+        ------
+        SolveError
+            If there are several inputs, or modes meet and it is not known how they go on.
+        """
+        name = self.mechanism.name
+        if len(self.inputs) != 1:
+            raise SolveError(
+                f"{name}: crossings are passed with one input only: the inputs are "
+                f'{listing(self.inputs)}; lock all but one, or leave crossings at "end"'
+            )
+        for meeting in self.mode_meetings:
+            if not meeting.resolved:
+                raise SolveError(
+                    f"{name}: {meeting.describe(self.inputs[0], True)}; narrow the range "
+                    'to one side of that input, or leave crossings at "end"'
+                )
+        low, high = self.input_grid.range
+        start = low + BESIDE_CROSSING
+        anchor = float(self.solver.anchor[0])
+        away = [abs(meeting.input - anchor) for meeting in self.mode_meetings]
+        if (
+            self.solver.reference is not None
+            and low <= anchor <= high
+            and min(away, default=np.inf) > BESIDE_CROSSING
+        ):
+            start = anchor
+        self.assembly_modes = follow_smooth_curves(
+            self._every_mode, self.mode_meetings, start
+        )
+
+    @cached_property
+    def mode_meetings(self) -> tuple[ModeMeeting, ...]:
+        """Inputs in the range at which curves of assembly modes cross, rising.
+
+        They are known of one input whose groups are dyads, triads, trains of wheels, or
+        one group of seven bodies, and empty of others.
+        """
+        if not self._follow or len(self.inputs) != 1:
+            return ()
+        return find_mode_meetings(self.solver, self._every_mode, self._crossings)
+
+    @property
+    def meeting_sentences(self) -> Names:
+        """What is to be said of each input at which modes meet."""
+        (name,) = self.inputs if len(self.inputs) == 1 else ("",)
+        passed = self.crossings == "pass"
+        return tuple(meeting.describe(name, passed) for meeting in self.mode_meetings)
 
     @property
     def inputs(self) -> Names:
@@ -527,13 +599,21 @@ def trace(
     search: bool = True,
     grid: bool = False,
     path: Floats | None = None,
+    crossings: Crossings = "end",
 ) -> Motion:
     """Return the motion of a mechanism over the ranges of its inputs.
 
     Parameters and errors are those of `PositionAnalysis`.
     """
     return PositionAnalysis(
-        mechanism_of(mechanism), input_pair, assembly_mode, search, samples, grid, path
+        mechanism_of(mechanism),
+        input_pair,
+        assembly_mode,
+        search,
+        samples,
+        grid,
+        path,
+        crossings=crossings,
     ).motion()
 
 

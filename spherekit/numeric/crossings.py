@@ -11,6 +11,7 @@ Angles less whole turns.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -106,6 +107,11 @@ FITTED = 1e-8
 """Largest error of a polynomial, over the largest value in its cell."""
 CERTAIN = 4.0
 """An extremum is not zero if it is so many times larger than the error."""
+ROUNDING_ONLY = 1e-13
+"""A polynomial whose error, over the largest value in its cell, is smaller than this is off
+by rounding only. Halving its cell then does not tell more of an extremum near zero."""
+REACHES = 2.0 * np.logspace(-10.0, 0.0, 61)
+"""Half widths, in half cells, that a doubtful part about an extremum may have."""
 TAIL = 4
 """Last coefficients that show the error of the polynomial."""
 BEYOND = 1e-2
@@ -136,52 +142,96 @@ def crossings(
     roots: list[list[Floats]] = []
     doubtful: list[Floats] = []
     looked, barren = 0, np.zeros(len(cells), dtype=int)
+    # The error that was measured by chance at few places of a narrow cell may be too small.
+    # The extremum of a double zero then seems to differ from zero. So a cell inherits it.
+    inherited = np.zeros(len(cells))
     for depth in range(DEEPEST + 1):
         looked += len(cells)
         middle = cells.mean(axis=1)
         half = 0.5 * (cells[:, 1] - cells[:, 0])
         of_cells = sampled(lambda x: function(x[:, 0]), cells[..., None], DEGREE, _CHECKED)
-        contents = [*map(_in_cell, *of_cells)]
-        again = np.array([len(parts) > 0 for _, parts in contents]) & (barren < BARREN)
+        contents = [*map(_in_cell, *of_cells, inherited)]
+        again = np.array([x.halving_helps for x in contents]) & (barren < BARREN)
         again &= depth < DEEPEST and looked + 2 * len(cells) <= most
         for number in np.flatnonzero(~again):
-            (zeros, rates), parts = contents[number]
-            roots.append([middle[number] + half[number] * zeros, rates / half[number]])
-            doubtful.append(middle[number] + half[number] * parts)
+            content = contents[number]
+            zeros = middle[number] + half[number] * content.zeros
+            roots.append([zeros, content.slopes / half[number]])
+            doubtful.append(middle[number] + half[number] * content.doubtful)
         if not np.any(again):
             break
         if depth:  # cells are halves, two and two of one
             both = np.repeat(again.reshape(-1, 2).all(axis=1), 2) & (2.0 * half <= smooth)
             barren = (barren + 1) * both
         barren = np.repeat(barren[again], 2)
+        errors = np.array([content.rounding_error for content in contents])
+        inherited = np.repeat(np.maximum(inherited, errors)[again], 2)
         cells = np.insert(cells[again], [1, 1], middle[again, None], axis=1).reshape(-1, 2)
     places, slopes = np.concatenate(roots, axis=1)
+    parts = _merged(np.concatenate(doubtful))
+    # Changes of sign beside an extremum that is zero to the error are not known to be any.
+    within = (parts[:, :1] <= places) & (places <= parts[:, 1:])
+    is_known = ~np.any(within, axis=0)
+    places, slopes = places[is_known], slopes[is_known]
     for _ in range(POLISHING_STEPS if len(places) else 0):
         with np.errstate(all="ignore"):
             step = -function(places) / slopes
         places = places + np.where(np.abs(step) < MOVED, step, 0.0)
-    parts = _merged(np.concatenate(doubtful))
     return np.clip(np.sort(places), low, high), np.clip(parts, low, high)
 
 
-def _in_cell(series: Floats, gap: Floats, largest: float) -> tuple[Floats, Floats]:
-    """Return zeros with slopes (2, k), and doubtful parts (d, 2), of a cell on [-1, 1].
+class _CellContent(NamedTuple):
+    """What a function has in a cell, which is [-1, 1] here.
 
-    From its series (degree + 1, 1), how far that is from the function at some places, and
-    the largest value. All of it is doubtful where the series is not the function.
+    `zeros` (k,) with the `slopes` (k,) there, and `doubtful` parts (d, 2). `halving_helps`
+    says that halves of the cell may tell more of these. `rounding_error` is the error of
+    the polynomial where that is rounding only, else 0.
+    """
+
+    zeros: Floats
+    slopes: Floats
+    doubtful: Floats
+    halving_helps: bool
+    rounding_error: float
+
+
+NONE = np.zeros(0)
+NO_PARTS = np.zeros((0, 2))
+
+
+def _in_cell(series: Floats, gap: Floats, largest: float, inherited: float) -> _CellContent:
+    """Return what a function has in a cell.
+
+    Parameters
+    ----------
+    series
+        (degree + 1, 1) its Chebyshev series.
+    gap
+        How far the series is from the function at some places.
+    largest
+        The largest value in the cell.
+    inherited
+        The rounding error that was measured in wider cells.
     """
     series = series[:, 0]
     error = max(np.max(gap), np.max(np.abs(series[-TAIL:])))
     if not error <= FITTED * largest or not largest:
-        return np.zeros((2, 0)), np.array([[-1.0, 1.0]])
+        return _CellContent(NONE, NONE, np.array([[-1.0, 1.0]]), True, 0.0)
+    is_rounding = error <= ROUNDING_ONLY * largest
+    rounding_error = error if is_rounding else 0.0
+    error = max(error, inherited)
     series = trimmed(series, 1e-3 * error)
     if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
-        return np.zeros((2, 0)), np.zeros((0, 2))
+        return _CellContent(NONE, NONE, NO_PARTS, False, rounding_error)
     slope = np.asarray(chebyshev.chebder(series), dtype=float)
     extrema = real_zeros(slope, 1.0 + BEYOND)
     touching = extrema[np.abs(chebyshev.chebval(extrema, series)) <= CERTAIN * error]
-    bend = np.abs(chebyshev.chebval(touching, chebyshev.chebder(slope)))
-    reach = np.minimum(2.0, np.sqrt(4.0 * CERTAIN * error / np.maximum(bend, error)))
+    # A zero of higher order is flat, and doubtful the farther.
+    around = touching + np.multiply.outer([-1.0, 1.0], REACHES)[..., None]
+    is_zero = np.abs(chebyshev.chebval(around, series)) <= 4.0 * CERTAIN * error
+    ends_there = ~np.any(is_zero, axis=0)
+    ends_there[-1] = True
+    reach = REACHES[np.argmax(ends_there, axis=0)]
     cuts = np.unique([-1.0, *np.clip(extrema, -1.0, 1.0), 1.0])
     values = chebyshev.chebval(cuts, series)
     (part,) = np.nonzero((values[:-1] >= 0.0) != (values[1:] >= 0.0))
@@ -192,8 +242,13 @@ def _in_cell(series: Floats, gap: Floats, largest: float) -> tuple[Floats, Float
         values[part],
         values[part + 1],
     )
-    rates = np.asarray(chebyshev.chebval(places, slope), dtype=float)
-    return np.stack([places, rates]), np.stack([touching - reach, touching + reach], axis=1)
+    return _CellContent(
+        places,
+        np.asarray(chebyshev.chebval(places, slope), dtype=float),
+        np.stack([touching - reach, touching + reach], axis=1),
+        len(touching) > 0 and not is_rounding,
+        rounding_error,
+    )
 
 
 def _merged(parts: Floats) -> Floats:

@@ -240,6 +240,8 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> Facts:
         if study.start is None
         else study.assembly_mode or 0,
         "search": study.search,
+        # Trades of earlier versions have no such key.
+        **({"crossings": "pass"} if study.crossings == "pass" else {}),
         "laws": {pair: repr(law) for pair, law in study.laws.items()},
         "duration": study.duration,
         "start": None if study.start is None else [study.start.q, study.start.dq],

@@ -85,7 +85,9 @@ def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
     timing = course.timing
     return replace(
         course,
-        tracer=PositionAnalysis(tracer.mechanism, None, only, search, path=q),
+        tracer=PositionAnalysis(
+            tracer.mechanism, None, only, search, path=q, crossings=tracer.crossings
+        ),
         inputs=q,
         shape=(len(q),),
         timing=None if timing is None else timing.rows(rows),

@@ -122,7 +122,7 @@ class Rows:
         numbers = np.arange(rows.start, rows.stop)
         q = self._q[:, rows]
         by_form = self.kernel.has_closed_form
-        signs = self._tracer.assembly_modes[mode].signs
+        signs = self._tracer.assembly_modes[mode].signs_along(q)
         count = len(q) + len(signs) if by_form else len(self.values)
         room = np.empty((count + deciding.width, len(numbers)))
         given = room[:count]
@@ -145,8 +145,9 @@ class Rows:
         else:
             # Where nothing was predicted, beyond the end of the curve.
             lost = np.isnan(given[self.kernel.free[0]])
-            guide = self._tracer.assembly_modes[mode].guide
-            if isinstance(guide, ModeCurve):
+            assembly_mode = self._tracer.assembly_modes[mode]
+            guide = assembly_mode.guide
+            if isinstance(guide, ModeCurve) and not assembly_mode.pieces:
                 lost[lost] = guide.at(q[:, lost].T, None)[2] == Status.OUT_OF_REACH
             else:
                 lost[:] = False

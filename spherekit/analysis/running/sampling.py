@@ -239,6 +239,7 @@ def course_of(
             study.grid,
             study.path,
             follow,
+            study.crossings,
         )
         input_grid = tracer.input_grid
         straight = study.path is None and input_grid.is_path
@@ -273,7 +274,9 @@ def course_of(
         driven = mechanism.inputs[0]
         laws = {driven.pair: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)}
     q, timing = by_laws(inputs, laws, t)
-    tracer = PositionAnalysis(mechanism, None, assembly_mode, study.search, path=q)
+    tracer = PositionAnalysis(
+        mechanism, None, assembly_mode, study.search, path=q, crossings=study.crossings
+    )
     return Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
 
 

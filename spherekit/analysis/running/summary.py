@@ -189,6 +189,8 @@ class RunPlan:
             "inputs": course.tracer.inputs,
             "samples": "x".join(map(str, course.shape)),
             "assembly_modes": [[m.number, m.label] for m in course.tracer.assembly_modes],
+            # Work of earlier versions has no such key.
+            **({"crossings": "pass"} if course.tracer.crossings == "pass" else {}),
             "analyses": identities_of(self.analyses),
             "engine": None if simulation is None else simulation.engine.name,
             "tolerance": course.tolerance,
@@ -449,6 +451,8 @@ def summary_of(job: RunPlan, standing: RunState) -> Facts:
             for item in tracer.assembly_modes
         ],
         "search": tracer.search,
+        "crossings": tracer.crossings,
+        "mode_meetings": _mode_meetings(course),
         **standing.statuses(),
         "closure_tolerance_rad": CLOSURE_TOLERANCE,
         "errors_reached": standing.errors(),
@@ -467,6 +471,15 @@ def summary_of(job: RunPlan, standing: RunState) -> Facts:
         "remarks": told["remarks"],
         "warnings": [*course.warnings, *told["warnings"]],
     }
+
+
+def _mode_meetings(course: Sampling) -> list[Facts]:
+    """Return where curves of modes cross, ready for JSON; simulations have events."""
+    if course.simulation is not None:
+        return []
+    tracer = course.tracer
+    meetings = zip(tracer.mode_meetings, tracer.meeting_sentences, strict=True)
+    return [{**meeting.facts, "sentence": sentence} for meeting, sentence in meetings]
 
 
 def actual_cost(job: RunPlan, standing: RunState, ledger: Timer, recorder: Any) -> Facts:
