@@ -191,15 +191,17 @@ class StoredModel:
     def rate(self, name: str, x: Place) -> Place:
         """Return the velocity coefficient of a pole of a curve.
 
-        Times the pole's unit vector it is the angular velocity per unit rate of x of the
-        first link, as `heading.poles` names it, relative to the second.
+        `name` is LINK/RELATIVE_TO, as "3/1". Times the pole's unit vector the coefficient
+        is the angular velocity of the first link relative to the second, per unit rate of
+        x.
         """
-        return self.value(f"rate {self.heading.pole(name)[0]}", x)
+        stored, sense = self.heading.pole(name)
+        return sense * self.value(f"rate {stored}", x)
 
     def rate_derivative(self, name: str, x: Place) -> Place:
         """Return the acceleration coefficient of a pole, the derivative of `rate` by x."""
-        rate = f"rate {self.heading.pole(name)[0]}"
-        return self.value(self.heading.derivative(rate), x)
+        stored, sense = self.heading.pole(name)
+        return sense * self.value(self.heading.derivative(f"rate {stored}"), x)
 
     def velocity(self, pole: str, q: ArrayLike) -> Floats:
         """Return angular velocities (..., m, 3) per unit rate of each input, over a box.

@@ -36,7 +36,7 @@ from spherekit.model.study import Crossings
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
-from spherekit.planning.poles import Pole, all_poles, parse_pole
+from spherekit.planning.poles import Pole, all_poles, ordered_pole, parse_pole
 from spherekit.rates.request import ByIdentity, to_sides
 from spherekit.sphere.rotation import all_finite
 
@@ -205,14 +205,19 @@ class Kinematics:
     def velocity_coefficient(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n,) the velocity coefficient of two links.
 
-        Times `direction` it is their relative angular velocity per unit rate of the input.
+        Times `direction` it is the angular velocity of the first link relative to the
+        second, per unit rate of the input: that of ``"1/4"`` is the opposite of ``"4/1"``.
         """
-        return self._batch.velocity_coefficient(*self._pole(pole), self._moving(moving))
+        coefficient = self._batch.velocity_coefficient
+        values = coefficient(*self._pole(pole), self._moving(moving))
+        return self._of_first_link(pole, values)
 
     @checked(SolveError)
     def acceleration_coefficient(self, pole: str, moving: str | None = None) -> Floats:
         """Return (n,) the derivative of the velocity coefficient by the input, 1/rad."""
-        return self._batch.acceleration_coefficient(*self._pole(pole), self._moving(moving))
+        coefficient = self._batch.acceleration_coefficient
+        values = coefficient(*self._pole(pole), self._moving(moving))
+        return self._of_first_link(pole, values)
 
     @checked(SolveError)
     def direction_dq(self, pole: str, moving: str | None = None) -> Floats:
@@ -297,6 +302,17 @@ class Kinematics:
                 f"{listing(self.poles)}: name it in poles"
             )
         return pole
+
+    def _of_first_link(self, text: str, values: Floats) -> Floats:
+        """Return coefficients of the first link that a text names, relative to the second.
+
+        Di Gregorio (2024), eq. (1): both orders have one direction, and the signed
+        magnitude of the angular velocity changes its sign. Batches have those of the later
+        link relative to the earlier one.
+        """
+        first, second = ordered_pole(self.mechanism, text)
+        # A difference, as the opposite of 0 would be printed with a sign.
+        return values if first > second else 0.0 - values
 
     def _moving(self, name: str | None) -> int:
         inputs = self.input_pairs

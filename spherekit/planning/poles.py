@@ -282,6 +282,25 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     )
 
 
+def ordered_pole(
+    mechanism: Mechanism, pole: str | tuple[int | str, int | str]
+) -> tuple[int, int]:
+    """Return two links, the first relative to the second, by their numbers.
+
+    Raises
+    ------
+    PlanError
+        If a link is unknown or they are one.
+    """
+    names = mechanism.links
+    if isinstance(pole, str):
+        a, b = parse_pole(mechanism, pole)
+        ahead = names[a] + names[b], f"{names[a]}/{names[b]}"
+        return (a, b) if pole in ahead else (b, a)
+    words = [names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole]
+    return ordered_pole(mechanism, "/".join(map(str, words)))
+
+
 def _titled(plan: Plan) -> list[list[str]]:
     """Return the names of bodies, and the Table's rows, all after names."""
     names = ["", *map(plan.name, plan.bodies)]

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from spherekit.guarantee import TimeLimit as TimeLimit
     from spherekit.guidance.loci import mid_plane_loci as mid_plane_loci
     from spherekit.motion.elimination import group_signs as group_signs
+    from spherekit.planning.poles import ordered_pole as ordered_pole
     from spherekit.singular.aspects import Aspects as Aspects
     from spherekit.singular.aspects import aspects as aspects
     from spherekit.singular.curves import CurveSeen as CurveSeen
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from spherekit.singular.several import SingularPoints as SingularPoints
     from spherekit.singular.several import coefficients as coefficients
     from spherekit.singular.several import what_vanishes as what_vanishes
-    from spherekit.singular.single import ordered_pole as ordered_pole
     from spherekit.singular.starts import ranges_of as ranges_of
     from spherekit.singular.stationarity import output_of as output_of
     from spherekit.singular.surface import SingularSurface as SingularSurface

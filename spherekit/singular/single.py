@@ -17,13 +17,12 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import CLOSURE_TOLERANCE, Status
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Mechanism
 from spherekit.motion.arc_curve import ArcCurve
 from spherekit.motion.arc_length import SINGULAR
 from spherekit.motion.crossing import Crossing, crossing_near
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.plan import plan
-from spherekit.planning.poles import Plan, Pole, parse_pole, pole_of
+from spherekit.planning.poles import Plan, Pole, ordered_pole, pole_of
 from spherekit.singular.along import AT_REST, AlongCurve, LinkMotion
 from spherekit.singular.record import TOLD, RelationAt, SingularPoint, judged
 from spherekit.singular.relation import Form, FourLinks, Relation, Type, relation_of
@@ -324,25 +323,6 @@ class SingleFreedom:
             closed = np.concatenate([reference, closed])
         least = min((solver.freedoms(values, SINGULAR) for values in closed), default=0)
         return least if least > 1 else None
-
-
-def ordered_pole(
-    mechanism: Mechanism, pole: str | tuple[int | str, int | str]
-) -> tuple[int, int]:
-    """Return two links, the first relative to the second, by their numbers.
-
-    Raises
-    ------
-    PlanError
-        If a link is unknown or they are one.
-    """
-    names = mechanism.links
-    if isinstance(pole, str):
-        a, b = parse_pole(mechanism, pole)
-        ahead = names[a] + names[b], f"{names[a]}/{names[b]}"
-        return (a, b) if pole in ahead else (b, a)
-    words = [names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole]
-    return ordered_pole(mechanism, "/".join(map(str, words)))
 
 
 def common_zeros(along: AlongCurve, poles: Sequence[Pole]) -> Floats:
