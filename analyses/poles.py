@@ -389,14 +389,19 @@ class Poles(AbstractAnalysis):
                 continue
             name = f"ω{short}/ω{_short(mechanism, driven)}" if brief else f"{high}/{low}"
             kind = (" to ground" if to_ground else " between links") if many else ""
+            velocity = batch.velocity_coefficient(*pole, moved)
+            acceleration = batch.acceleration_coefficient(*pole, moved)
+            derived = f"({name})′" if brief else name
+            if not batch.has_continuous_sign(*pole, moved):
+                # Over a grid the axis may be turned round between neighbours. The size of
+                # the coefficient is not, nor is the derivative of that size.
+                acceleration = np.where(velocity < 0.0, -acceleration, acceleration)
+                velocity = np.abs(velocity)
+                name = f"|{name}|"
+                derived = f"{name}′" if brief else name
             for order, letter, values, unit in (
-                ("velocity", name, batch.velocity_coefficient(*pole, moved), ""),
-                (
-                    "acceleration",
-                    f"({name})′" if brief else name,
-                    batch.acceleration_coefficient(*pole, moved),
-                    "1/rad",
-                ),
+                ("velocity", name, velocity, ""),
+                ("acceleration", derived, acceleration, "1/rad"),
             ):
                 group = f"{title}{order} coefficients{kind}"
                 path, link = f"plots/{order}/{where}", pole[1] if to_ground else None

@@ -70,7 +70,7 @@ def test_stored_models_have_the_same_signs():
 
 
 def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
-    """Without a shared pair the axis is along the difference, and the coefficient its size."""
+    """Without a shared pair the axis is along the difference of angular velocities."""
     links = sk.load("four_bar").links
     pairs = [*permutations(links, 2)]
     names = [f"velocity_coefficient_{a}_{b}" for a, b in pairs]

@@ -32,7 +32,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Motion, PositionAnalysis, Timing, extents
 from spherekit.numeric.unread import Interleaved, LazyColumn
 from spherekit.planning.poles import Plan, Pole, pole_of
-from spherekit.rates.request import PoleField
+from spherekit.rates.request import PoleField, axis_pairs
 
 
 @dataclass(frozen=True)
@@ -286,6 +286,16 @@ class Batch:
     def direction(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return the pole axis of two links: unit vectors (n, 3) in ground axes."""
         return self._pole(i, j, "direction", moved)
+
+    def has_continuous_sign(self, i: int, j: int, moved: int = 0) -> bool:
+        """Return whether the direction of two links' pole is continuous over the rows.
+
+        That of a pair's axis always is, and others are along a path of samples. Over a
+        grid of several inputs others point to one side, so that the direction and the
+        coefficients may change their signs between neighbours.
+        """
+        plan = self.plans[moved]
+        return self._motion.is_path or plan.pole(i, j) in {None, *axis_pairs(plan)}
 
     def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n,) how far the links' angular velocities are from cancelling.

@@ -22,6 +22,7 @@ from spherekit.analysis.scene import (
     Axis,
     Diagram,
     InputMarks,
+    Page,
     Portrait,
     Scene,
     Series,
@@ -346,15 +347,21 @@ def _planes(of_source: Scenes, sheet: Sheet) -> Drawn:
 
 
 def _spheres(of_source: Scenes, sheet: Sheet) -> Drawn:
-    pages: dict[str, list[Any]] = {}
-    groups = _grouped(of_source, (SphereCurves, SphereMap), "path")
-    for (page, _), items in groups.items():
-        pages.setdefault(page, []).append(items[0][1])
-    for page, shown in pages.items():
-        maps = [item for item in shown if isinstance(item, SphereMap)]
-        curves = [item for item in shown if isinstance(item, SphereCurves)]
+    """Yield what is on the sphere: a figure for each page, those of modes too."""
+    pages: dict[Page, dict[str, Any]] = {}
+    for scene in of_source:
+        for item in scene.primitives:
+            if isinstance(item, SphereCurves | SphereMap):
+                pages.setdefault(scene.page, {}).setdefault(item.path, item)
+    for page, items in pages.items():
+        maps = [item for item in items.values() if isinstance(item, SphereMap)]
+        curves = [item for item in items.values() if isinstance(item, SphereCurves)]
         if len(focus_of(maps, curves)):
-            title = f"{page[:1].lower()}{page[1:]} on the sphere".strip()
+            title = "on the sphere"
+            if isinstance(page, int):
+                title = f"{title}, {sheet.title(page)}"
+            elif page:
+                title = f"{page[:1].lower()}{page[1:]} {title}"
             yield title, partial(draw_sphere, maps, curves, sheet)
 
 

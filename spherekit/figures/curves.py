@@ -212,6 +212,11 @@ BEYOND = np.radians(12.0)
 """So far beyond the rim triangles are drawn before they are cut off there."""
 MOST_WHOLE = 12
 """Most whole numbers that have colours of their own."""
+ON_RIM = 1e-9
+"""Sine of an angle to the rim of a map; larger: an axis is drawn on the far side by up to
+this angle; smaller: rounding decides between the two directions of an axis on the rim."""
+ABOVE_AXIS_NAME_PT = 16.0
+"""Points from the rim of a map to its title; less: it covers the name of an axis."""
 NET: Look = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4}
 """How the graticule is drawn."""
 POLAR: Look = {"projection": "polar", "axisbelow": "line"}
@@ -314,13 +319,45 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
         for scene, arrow in arrows:
             panel, look = by_label[arrow.label], style.page_look(scene.page)
             # The axis over the samples, with a gap where it goes round the rim.
-            near = np.sign(arrow.directions @ view.frame[2])[:, None] * arrow.directions
+            near = turn_to_side(arrow.directions, view.frame[2])
             near = parted(near, np.vecdot(near[1:], near[:-1]) < 0.0)
             name = sheet.title(scene.page) if several else ""
             panel.plot(*view.placed(near).T, label=name, **look)
             first = view.placed(near[all_finite(near, 1)][:1])
             panel.plot(*first.T, "o", color=look["color"], markersize=3.0)
         return sheet.name(figure)
+
+
+def turn_to_side(directions: Floats, out: Floats) -> Floats:
+    """Return an axis over samples by that of its two directions that is on one side.
+
+    On the rim, at right angles to `out`, both are. There the direction is the one nearer
+    to that of the sample before, or after where none is before, so that a path that
+    reaches the rim or runs along it has no jump.
+
+    Parameters
+    ----------
+    directions
+        (n, 3) unit vectors; NaN where there is none.
+    out
+        (3,) unit vector to the middle of the side.
+
+    Returns
+    -------
+    (n, 3) each direction or its opposite.
+    """
+    heights = directions @ out
+    turned = np.where(heights < 0.0, -1.0, 1.0)[:, None] * directions
+    on_rim = np.abs(heights) < ON_RIM
+    # Forwards from decided samples, then backwards to those before the first of them.
+    decided = np.flatnonzero(~on_rim & np.isfinite(heights))
+    first = decided[0] if len(decided) else 0
+    order = [(k, k - 1) for k in range(first + 1, len(turned))]
+    order += [(k, k + 1) for k in range(first - 1, -1, -1)]
+    for sample, neighbour in order:
+        if on_rim[sample] and turned[sample] @ turned[neighbour] < 0.0:
+            turned[sample] = -turned[sample]
+    return turned
 
 
 def _graticule(panel: Any, view: View, title: str) -> None:
@@ -339,7 +376,12 @@ def _graticule(panel: Any, view: View, title: str) -> None:
     panel.set_thetagrids(np.arange(0.0, 360.0, 30.0), [right, "", "", up, *[""] * 8])
     panel.tick_params(axis="x", pad=0.0)
     panel.grid(**NET)
-    panel.set(ylim=(0.0, view.radius(view.rim)), title=title)
+    panel.set(ylim=(0.0, view.radius(view.rim)))
+    # The layout measures how far the title reaches above the place of the panel. A round
+    # panel fills that place up to its top only if it is put there; in the middle of a
+    # place that is higher than wide, too little space would be reserved.
+    panel.set_anchor("N")
+    panel.set_title(title, y=1.0, pad=ABOVE_AXIS_NAME_PT)
 
 
 def _tint(values: Floats, unit: str) -> Normalize:
