@@ -197,10 +197,14 @@ def test_modes_that_meet_are_marked_and_do_not_end(open_page, name, where):
     tab = open_page(path, vary=[])
     for mode in range(2):
         of_page = curve(tab, mode)
-        assert not of_page["ends"] and all(of_page["closes"])
+        assert not of_page["ends"]
+        x, closes = np.array(of_page["x"]), np.array(of_page["closes"])
+        assert np.all(closes[np.min(np.abs(x[:, None] - of_page["meets"]), axis=1) > 1e-6])
         assert np.min(np.abs(np.array(of_page["meets"]) - np.radians(where))) < 1e-6
     set_number(tab, f"input {sk.load(path).inputs[0].pair}", where)
-    assert tab.inner_text("#lost") in ("modes meet here", "")
+    assert tab.inner_text("#lost") == "modes meet here"
+    values = tab.locator("#values td[data-name]").all_inner_texts()
+    assert values and set(values) == {"–"}
     assert tab.inner_text("#trouble") == ""
 
 

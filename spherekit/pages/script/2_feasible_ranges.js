@@ -9,6 +9,7 @@ const ROUNDING_OF_SQUARES = 1e-13;         // part of the largest square of a dy
 const GOLDEN_STEPS = 40;                   // the lowest point is then known to 4e-9 of a step
 const SURELY_POSITIVE = 0.3;               // part of the values around it that a lowest point has at least
 const SAME_INPUT = 1e-6;                   // rad; meetings that are nearer are one
+const BESIDE_MEETING = 1e-4;               // rad from a meeting to the samples beside it
 
 function lastThatCloses(rowAt, good, bad) {  // the farthest number before the first dyad fails
   let last = bad;
@@ -38,12 +39,14 @@ function lastNonNegative(square, good, bad) {
 function sampleFeasibleRanges(rowAt, inputsAlong) {
   const pointAt = x => ({x, row: rowAt(x)});
   const nodes = inputsAlong.map(pointAt), first = nodes[0], last = nodes.at(-1);
+  const largestSquares = [];
   let ranges = [[first, last]];
   let meets = [];
   for (const closure of closures) {
     let largest = 0;
     for (const {row} of nodes) largest = Math.max(largest, Math.abs(row[closure]) || 0);
     const tolerance = ROUNDING_OF_SQUARES * largest, found = [];
+    largestSquares.push(largest);
     for (const [low, high] of ranges) {
       // Where inner dyads are in line, rounding may leave the square NaN: the nodes beside say enough.
       const inside = nodes.filter(({x, row}) => x > low.x && x < high.x && !Number.isNaN(row[closure]));
@@ -59,12 +62,13 @@ function sampleFeasibleRanges(rowAt, inputsAlong) {
   const inRange = ({x}) => ranges.some(([low, high]) => x >= low.x && x <= high.x);
   const near = (point, others) => others.some(other => Math.abs(other.x - point.x) < SAME_INPUT);
   meets = meets.filter((point, k) => inRange(point) && !near(point, ends) && !near(point, meets.slice(0, k)));
-  const points = [...nodes, ...ends, ...gaps, ...middles].sort((a, b) => a.x - b.x).flatMap(point => {
-    if (!point.row || !inRange(point)) return [{x: point.x, row: null}];
-    // At a meeting of modes rounding may leave the square negative: the curve runs on past it.
-    return closes(point.row) ? [point] : [];
+  // At a meeting of modes rates are not defined and may jump: the curve breaks off there.
+  const besides = meets.flatMap(({x}) => [pointAt(x - BESIDE_MEETING), pointAt(x + BESIDE_MEETING)]).filter(inRange);
+  const points = [...nodes, ...ends, ...gaps, ...middles, ...besides].sort((a, b) => a.x - b.x).map(point => {
+    const isUsable = point.row && inRange(point) && closes(point.row) && !near(point, meets);
+    return isUsable ? point : {x: point.x, row: null};
   });
-  return {points, ends: ends.map(({x}) => x), meets: meets.map(({x}) => x)};
+  return {points, ends: ends.map(({x}) => x), meets: meets.map(({x}) => x), largestSquares};
 }
 
 // Squares may pass or touch zero between nodes: modes end and begin again there, or meet.

@@ -136,7 +136,7 @@ class FollowedMode {
       }
       points.push({x: inputs[k], row: state?.row ?? null});
     });
-    return {points, ends, meets: []};
+    return {points, ends, meets: [], largestSquares: []};
   }
   end(good, bad, sizes) {
     let last = this.state(good, sizes);
@@ -168,8 +168,8 @@ function grid({from, to}, count) {
 }
 
 function sampled(mode, over, q, sizes) {
-  const {points, ends, meets} = mode.sample(over, grid(inputs[over], SAMPLES), q, sizes);
-  const curve = {over, x: points.map(({x}) => x), values: points.map(({row}) => row), ends, meets};
+  const {points, ...marks} = mode.sample(over, grid(inputs[over], SAMPLES), q, sizes);
+  const curve = {over, x: points.map(({x}) => x), values: points.map(({row}) => row), ...marks};
   signCurve(mode, q, sizes, curve);
   mode.curve = curve;
   curve.rests = findRests(mode, q, sizes, curve);

@@ -9,7 +9,9 @@ const MODE_COLOURS = [
   "#006900", "#7800f0", "#780078", "#968700", "#ff004b", "#3c0fb4", "#96b487", "#a54bb4",
   "#e169ff", "#3c5aff", "#c30f00", "#7887b4", "#ff7869", "#a55a69", "#007869", "#693c5a",
 ];
-const DASH = 6;                            // pixels of a dash of lines that coincide
+const DASH = 10;                           // pixels of a dash of lines that coincide
+const CHOSEN_WIDTH = 3;
+const OTHER_WIDTH = 1.4;
 const EQUAL_CURVES = 4e-3;                 // part of a plot's height: half a pixel
 
 function modeColour(k) {
@@ -22,18 +24,21 @@ function dashOf(place, count) {            // of the line `place` of `count` tha
   return place ? [DASH * (count - place), DASH * place] : [];
 }
 
-// Groups of modes whose curves (columns of numbers over the same inputs) coincide, the chosen
-// mode first in its group; a dash for each mode.
+// The dash and width of the curve of each mode, from columns of numbers over the same inputs.
+// Curves that coincide form a group, the chosen mode first in its group.
 
-function dashesOfCurves(columns, chosen, height) {
+function curveStyles(columns, chosen, height) {
   const order = [chosen, ...columns.keys()].filter((k, n) => n === 0 || k !== chosen), groups = [];
   for (const k of order) {
     const group = groups.find(([first]) => coincide(columns[first], columns[k], EQUAL_CURVES * height));
     if (group) group.push(k); else groups.push([k]);
   }
-  const dashes = [];
-  for (const group of groups) group.forEach((k, place) => { dashes[k] = dashOf(place, group.length); });
-  return dashes;
+  const styles = [];
+  for (const group of groups) {
+    const width = group[0] === chosen ? CHOSEN_WIDTH : OTHER_WIDTH;
+    group.forEach((k, place) => { styles[k] = {dash: dashOf(place, group.length), width}; });
+  }
+  return styles;
 }
 
 function coincide(one, other, tolerance) {

@@ -26,7 +26,7 @@ function plotOf(figure) {
     legend: {show: false}, cursor: {show: false}, padding: [8, 16, 0, 0],
     scales: {x: {time: false}, y: {range: () => figure.range}},
     axes: [axis({size: 24, gap: 2}), axis({size: 46, gap: 3, space: 26})],
-    series: [{}, {stroke: () => modeColour(state.mode), width: 3, points: {show: false}}, ...lines()],
+    series: [{}, {stroke: () => modeColour(state.mode), width: CHOSEN_WIDTH, points: {show: false}}, ...lines()],
     hooks: {drawClear: [drawLimits], draw: [plot => drawCursor(plot, figure)]},
   }, [[0, 1], [null, null], ...modes.map(() => [null, null])], figure.figure);
   made.over.tabIndex = 0;
@@ -44,7 +44,7 @@ function plotOf(figure) {
 }
 
 function lines() {                         // of every mode, above the thick one of the chosen mode
-  return modes.map((mode, k) => ({stroke: () => modeColour(k), width: 1.4, points: {show: false}}));
+  return modes.map((mode, k) => ({stroke: () => modeColour(k), width: OTHER_WIDTH, points: {show: false}}));
 }
 
 // The range of a plot: of all modes, without what runs away where a mode ends. Numbers that
@@ -71,7 +71,7 @@ function fillCurves() {
     figure.range = rangeOf(columns, figure.quantity.size / figure.scale);
     figure.plot ??= plotOf(figure);
     const [low, high] = figure.range;
-    dashesOfCurves(columns, state.mode, high - low).forEach((dash, k) => { figure.plot.series[k + 2].dash = dash; });
+    curveStyles(columns, state.mode, high - low).forEach((style, k) => Object.assign(figure.plot.series[k + 2], style));
     figure.plot.setData([x, columns[state.mode], ...columns]);
   }
 }
@@ -172,7 +172,7 @@ function showNumbers() {
     value.dataset.value = number;
   }
   for (const {limit, row, value} of limitRows) {
-    const isKnown = here && !modes[state.mode].isMeeting;
+    const isKnown = here && !modes[state.mode].isSingular;
     value.textContent = text(isKnown ? limit.angle(here, state.q) / UNIT : NaN);
     row.classList.toggle("beyond", Boolean(isKnown) && marginOf(limit, here, state.q) < 0);
   }

@@ -119,11 +119,14 @@ function showControls() {
   if (moving) moving.value = state.moving;
   element("lost").textContent = statusText(modes[state.mode]);
   element("lost").classList.toggle("beyond", Boolean(modes[state.mode].here));
+  element("lost").classList.toggle("singular", modes[state.mode].isSingular);
 }
 
 function statusText(mode) {
   if (!mode.here) return "assembly lost";
-  return mode.isMeeting ? "modes meet here" : beyondText(mode.here, state.q);
+  const isNear = x => Math.abs(x - state.q[mode.curve.over]) < 1e-4;
+  if (mode.isSingular) return mode.curve.meets.some(isNear) ? "modes meet here" : "at a dead centre";
+  return beyondText(mode.here, state.q);
 }
 
 function setInput(k, value) {

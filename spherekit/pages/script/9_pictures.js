@@ -4,7 +4,7 @@ let playing = false, pending = 0, clock = 0, way = 1;
 const TURN = 9;                            // seconds to play through the range
 const system = matchMedia("(prefers-color-scheme: dark)");
 const timing = {pictures: 0, busy: 0};
-const NO_CURVE = {over: 0, x: [], values: [], ends: [], meets: [], rests: [], beyond: [], signs: []};
+const NO_CURVE = {over: 0, x: [], values: [], ends: [], meets: [], rests: [], beyond: [], signs: [], largestSquares: []};
 
 function wake() {
   pending ||= requestAnimationFrame(next);
@@ -80,7 +80,7 @@ function renew() {
       mode.stale = false;
     }
   if (moves) for (const mode of modes) {
-    Object.assign(mode, {here: null, row: null, isMeeting: false});
+    Object.assign(mode, {here: null, row: null, isSingular: false});
     attempt(`The configuration of ${mode.name}`, () => locate(mode, now));
   }
   if (moves || does("theme")) { showControls(); showNumbers(); }
@@ -116,23 +116,32 @@ function survey(mode, now, fine) {         // quick while changes follow each ot
 function locate(mode, now) {               // where a mode is at the inputs, and what is drawn of it
   const closed = mode.state(state.q, now) ?? besideMeeting(mode, state.q, now);
   if (!closed) return;
-  mode.here = signedAt(mode, closed.q ?? state.q, now, closed.row);
-  mode.isMeeting = Boolean(closed.isMeeting);
+  mode.isSingular = isSingular(mode, closed.row);
+  mode.here = mode.isSingular ? closed.row.map(() => NaN) : signedAt(mode, state.q, now, closed.row);
   const drawn = state.others || modes[state.mode] === mode;
   mode.row = drawn ? evaluated(picture, closed.q ?? state.q, closed.places, now) : null;
 }
 
-// Where modes meet, rounding decides whether a dyad in line closes, and rates are not defined.
-// The links are drawn a little farther on; there are no numbers.
+// Rates divide by the square of a dyad, or by the determinant of the loops. Near a dead centre,
+// or where modes meet, rounding is a large part of these, and the page has no numbers.
 
-const BESIDE = 3e-8;                       // rad: the links are then drawn within 1e-7 of their places
+const USABLE_SQUARE = 1e-10;               // part of the largest; rates are then right to 1e-6
+
+function isSingular({curve}, row) {
+  return closures.some((closure, k) => row[closure] < USABLE_SQUARE * curve.largestSquares[k]);
+}
+
+// Where modes meet, rounding decides whether a dyad in line closes. The links are drawn a little
+// farther on.
+
+const BESIDE_RAD = 3e-8;                   // links are then drawn within 1e-7 of their places
 
 function besideMeeting(mode, q, sizes) {
-  const {meets = [], over} = mode.curve ?? {};
-  if (!meets.some(x => Math.abs(x - q[over]) < BESIDE)) return null;
-  for (const aside of [BESIDE, -BESIDE]) {
+  const {meets, over} = mode.curve;
+  if (!meets.some(x => Math.abs(x - q[over]) < BESIDE_RAD)) return null;
+  for (const aside of [BESIDE_RAD, -BESIDE_RAD]) {
     const beside = q.with(over, q[over] + aside), closed = mode.state(beside, sizes);
-    if (closed) return {...closed, q: beside, row: closed.row.map(() => NaN), isMeeting: true};
+    if (closed) return {...closed, q: beside};
   }
   return null;
 }
