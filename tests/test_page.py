@@ -10,7 +10,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import EngineError
 from spherekit.files.read import loads
-from spherekit.model.dynamics import Spring
+from spherekit.model.dynamics import PairTorque, Spring
 from spherekit.pages.page import PageMaker
 from spherekit.planning.inputs import plan_assembly
 from spherekit.sphere.rotation import unit_rows
@@ -71,14 +71,18 @@ def test_the_saved_text_is_the_file(name):
 
 
 def test_loads_that_a_page_cannot_follow_are_left_out_and_named(tmp_path):
-    """A spring at a passive pair counts whole turns; sines of the same angle do not."""
+    """The time is not known, nor are whole turns where several inputs lead to a place."""
+    four_bar, five_bar = sk.load("four_bar"), sk.load("five_bar")
     made = sk.page("four_bar", tmp_path / "sines.html", vary=[])
     assert "3 curves" in made.holds and not made.notes
-    wound = replace(sk.load("four_bar"), loads=(Spring("wound", "41", 1.0),))
+    timed = replace(four_bar, loads=(PairTorque("timed", "41", "sin(t)"),))
+    made = sk.page(timed, tmp_path / "timed.html", vary=[])
+    assert "2 curves" in made.holds and "does not know of t" in made.notes[0]
+    with pytest.raises(EngineError, match="does not know of t"):
+        sk.page(timed, tmp_path / "asked.html", vary=[], quantities=["torque"])
+    wound = replace(five_bar, loads=(Spring("wound", "32", 1.0),))
     made = sk.page(wound, tmp_path / "wound.html", vary=[])
-    assert "2 curves" in made.holds and "turns_of_41" in made.notes[0]
-    with pytest.raises(EngineError, match="turns_of_41"):
-        sk.page(wound, tmp_path / "asked.html", vary=[], quantities=["torque"])
+    assert "turns_of_32" in made.notes[0]
 
 
 def dragged(tab, start, way):

@@ -8,7 +8,8 @@ import pytest
 
 import spherekit as sk
 from spherekit.files.read import loads
-from spherekit.model.dynamics import JointLimit
+from spherekit.model.dynamics import JointLimit, Spring
+from spherekit.model.parts import Input
 from spherekit.pages.page import PageMaker
 
 FILES = Path(__file__).parent / "files"
@@ -402,3 +403,57 @@ def test_every_mode_has_a_colour_of_its_own(open_page):
         first = np.array([[int(x[k : k + 2], 16) for k in (1, 3, 5)] for x in colours[:32]])
         apart = np.linalg.norm(first[:, None] - first[None], axis=2)
         assert np.min(apart + 1e3 * np.eye(32)) > 25.0
+
+
+def sprung(name, pair, first=0.0, last=360.0):
+    """Return a mechanism with a spring at a pair, driven through a range (deg)."""
+    mechanism = sk.load(name)
+    driven = Input(mechanism.inputs[0].pair, *np.radians([first, last]))
+    masses = mechanism.masses or sk.load(str(FILES / "massless_crank.toml")).masses[:0]
+    return replace(
+        mechanism, loads=(Spring("coil", pair, 0.7, 0.3),), inputs=(driven,), masses=masses
+    )
+
+
+SPRUNG = {
+    "swings": lambda: sprung("four_bar", "41"),
+    "turns fully": lambda: sprung("four_bar", "32"),
+    "below zero": lambda: sprung("four_bar", "32", -500.0, 90.0),
+    "range without zero": lambda: sprung("four_bar", "43", 60.0, 500.0),
+    "mode with gaps": lambda: replace(
+        sprung("four_bar", "32").with_sizes(angle_unit="deg", arcs={"2": 44.0}), modes={}
+    ),
+    "nearly a change point": lambda: replace(
+        sprung("four_bar", "32").with_sizes(
+            angle_unit="deg", arcs=dict(zip("1234", NARROW[0], strict=True))
+        ),
+        modes={},
+    ),
+    "Newton's steps": lambda: sprung("double_butterfly", "F"),
+    "wheels": lambda: sprung("planetary_bevel", "planet_axis", 0.0, 900.0),
+}
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("case", SPRUNG)
+def test_springs_count_turns_as_inverse_dynamics_does(open_page, case):
+    """A spring at a passive pair is in the driving torque, with all turns of the pair."""
+    mechanism = SPRUNG[case]()
+    tab = open_page(mechanism, vary=[], quantities=["torque"])
+    low, high = mechanism.inputs[0].range
+    compared = 0
+    for place, number in enumerate(tab.evaluate("spherekit.modeNumbers")):
+        for q in np.linspace(low, high, 9) + 0.0123:
+            q = float(min(q, high - 0.0077))
+            tab.evaluate(f"spherekit.change('mode', {{mode: {place}, q: [{q!r}]}})")
+            tab.wait_for_timeout(60)
+            shown = float(tab.get_attribute("td[data-name=torque]", "data-value") or "nan")
+            rows = sk.evaluate(mechanism, q, poles=[], assembly_mode=number)
+            if not np.isfinite(shown):
+                assert rows.status[0] != sk.Status.OK
+                continue
+            laws = {mechanism.inputs[0].pair: sk.ConstantSpeed(1.0, q)}
+            made = sk.inverse_dynamics(mechanism, laws, [0.0], assembly_mode=number)
+            assert shown == pytest.approx(made.torques[0, 0], rel=1e-9, abs=1e-9), (place, q)
+            compared += 1
+    assert compared > 4

@@ -22,13 +22,15 @@ from spherekit.exchange.size_arguments import check_arguments, idle_arguments
 from spherekit.exchange.source import source
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
+from spherekit.model.actions import wound_pairs
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.gears import joints_of, link_axes
 from spherekit.model.parts import Input
+from spherekit.motion.assembly_modes import Solver
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.pages.sliders import slider_range
 from spherekit.pages.toml_places import text_with_places
-from spherekit.planning.inputs import driven_at, driven_pairs
+from spherekit.planning.inputs import driven_at, driven_pairs, plan_assembly
 from spherekit.planning.plan import plans
 from spherekit.planning.poles import (
     BlockPoles,
@@ -51,6 +53,7 @@ SCRIPTS = (
     "script/4_mode_styles.js",
     "script/4_mechanism.js",
     "script/5_poles.js",
+    "script/6_turns.js",
     "script/6_signs.js",
     "script/6_joint_limits.js",
     "script/6_curves.js",
@@ -61,7 +64,7 @@ SCRIPTS = (
 AXES = "xyz"
 LIMIT_KEY = ' <i class="limit"></i> beyond a joint limit'
 MOTION = ("q", "dq", "ddq")
-"""What a page gives its kernels: no time, and no whole turns of passive pairs."""
+"""What a page gives its kernels, besides whole turns of passive pairs: no time."""
 
 
 class PageMaker:
@@ -110,12 +113,37 @@ class PageMaker:
 
     def _formulas(self, names: Sequence[str]) -> Formulas:
         made = formulas(self.given, names, self.keys, self.input_pair)
-        others = [x.name for x in made.motion if x.name.split("_")[0] not in MOTION]
+        known = {f"turns_of_{pair}" for pair in self._wound_pairs}
+        others = [
+            x.name
+            for x in made.motion
+            if x.name.split("_")[0] not in MOTION and x.name not in known
+        ]
         if others:
             raise EngineError(
                 f"a page does not know of {listing(others)}, which loads follow"
             )
         return made
+
+    @property
+    def _wound_pairs(self) -> list[str]:
+        """Return the passive pairs whose whole turns a page counts: those of one input."""
+        if len(self.inputs) > 1:
+            return []
+        return [x for x in wound_pairs(self.mechanism) if x not in self.inputs]
+
+    def _wound(self, pair: str) -> Facts:
+        """Return from which input (rad) the turns of a passive pair count.
+
+        After a `period` (rad) of the input all configurations return; None without one.
+        """
+        solver = Solver(self.mechanism, plan_assembly(self.mechanism))
+        (anchor,), (period,) = solver.anchor, solver.periods
+        return {
+            "pair": pair,
+            "anchor": float(anchor),
+            "period": float(period) if np.isfinite(period) else None,
+        }
 
     def _sizes(self) -> Names:
         """Return the keys of all arcs and angles, of those that can be varied."""
@@ -232,6 +260,7 @@ class PageMaker:
             for limit in self.mechanism.joint_limits
             if limit.pair not in self.inputs
         ]
+        needed += [f"theta_{pair}" for pair in self._wound_pairs]
         made = self._formulas_with_masses(needed)
         more = [x for x in self._velocities_of_signs(made.results) if x not in made.results]
         if not made.step:
@@ -349,6 +378,7 @@ class PageMaker:
                 {"pair": x.pair, "low": x.low, "high": x.high}
                 for x in mechanism.joint_limits
             ],
+            "wound": [*map(self._wound, self._wound_pairs)],
             "moving": any(name.startswith((*LOADED, "kinetic_energy")) for name in shown),
             "plans": [*map(self._plan, self._ends, self.plans)],
             "toml": text_with_places(self.document, [x.path for x in self._numbers]),

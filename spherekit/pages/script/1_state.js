@@ -38,8 +38,11 @@ function motionOf(kernel) {                // what a kernel's results follow fro
   const several = inputs.length > 1, places = new Map();
   for (const kind of LISTS) inputs.forEach(({pair}, k) => places.set(several ? `${kind}_${pair}` : kind, [kind, k]));
   const slots = kernel.about.motion.map(name => places.get(name)), given = slots.map(() => 0);
-  return q => {
-    slots.forEach((slot, k) => { if (slot) given[k] = slot[0] === "q" ? q[slot[1]] : state[slot[0]][slot[1]]; });
+  return (q, turns) => {                   // `turns` (rad) of passive pairs, by the names of the arguments
+    slots.forEach((slot, k) => {
+      if (slot) given[k] = slot[0] === "q" ? q[slot[1]] : state[slot[0]][slot[1]];
+      else given[k] = turns?.get(kernel.about.motion[k]) ?? 0;
+    });
     return given;
   };
 }

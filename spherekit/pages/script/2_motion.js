@@ -6,8 +6,8 @@ const FARTHEST = 0.35;                     // rad that a variable may go in a st
 const closures = [...rows.place.entries()].filter(([name]) => /^closure_\d+$/.test(name)).map(([, k]) => k);
 const determinant = rows.place.get("determinant");
 
-function evaluated(kernel, q, places, sizes, result = new Float64Array(kernel.count)) {
-  return kernel.at(kernel.motion(q), places, sizes, result);
+function evaluated(kernel, q, places, sizes, result = new Float64Array(kernel.count), turns = null) {
+  return kernel.at(kernel.motion(q, turns), places, sizes, result);
 }
 
 function refined(good, bad, holds, count = 40) {  // the last place that holds, between two numbers
@@ -170,6 +170,7 @@ function grid({from, to}, count) {
 function sampled(mode, over, q, sizes) {
   const {points, ...marks} = mode.sample(over, grid(inputs[over], SAMPLES), q, sizes);
   const curve = {over, x: points.map(({x}) => x), values: points.map(({row}) => row), ...marks};
+  countTurns(mode, q, sizes, curve);
   signCurve(mode, q, sizes, curve);
   mode.curve = curve;
   curve.rests = findRests(mode, q, sizes, curve);

@@ -117,7 +117,8 @@ function locate(mode, now) {               // where a mode is at the inputs, and
   const closed = mode.state(state.q, now) ?? besideMeeting(mode, state.q, now);
   if (!closed) return;
   mode.isSingular = isSingular(mode, closed.row);
-  mode.here = mode.isSingular ? closed.row.map(() => NaN) : signedAt(mode, state.q, now, closed.row);
+  const row = withTurns(mode, state.q, now, closed.row, mode.curve);
+  mode.here = mode.isSingular ? row.map(() => NaN) : signedAt(mode, state.q, now, row);
   const drawn = state.others || modes[state.mode] === mode;
   mode.row = drawn ? evaluated(picture, closed.q ?? state.q, closed.places, now) : null;
 }
