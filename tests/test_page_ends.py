@@ -460,6 +460,7 @@ def test_springs_count_turns_as_inverse_dynamics_does(open_page, case):
                 continue
             laws = {mechanism.inputs[0].pair: sk.ConstantSpeed(1.0, q)}
             made = sk.inverse_dynamics(mechanism, laws, [0.0], assembly_mode=number)
-            assert shown == pytest.approx(made.torques[0, 0], rel=1e-9, abs=1e-9), (place, q)
+            exact = made.torques[0, 0]
+            assert shown == pytest.approx(exact, rel=1e-9, abs=1e-9), (place, q)
             compared += 1
     assert compared > 4
