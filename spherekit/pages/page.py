@@ -113,11 +113,11 @@ class PageMaker:
 
     def _formulas(self, names: Sequence[str]) -> Formulas:
         made = formulas(self.given, names, self.keys, self.input_pair)
-        known = {f"turns_of_{pair}" for pair in self._wound_pairs}
+        turn_arguments = {f"turns_of_{pair}" for pair in self._wound_pairs}
         others = [
             x.name
             for x in made.motion
-            if x.name.split("_")[0] not in MOTION and x.name not in known
+            if x.name.split("_")[0] not in MOTION and x.name not in turn_arguments
         ]
         if others:
             raise EngineError(
