@@ -109,11 +109,14 @@ def test_tables_name_the_later_link_first_whatever_was_asked(tmp_path):
     np.testing.assert_allclose(of_mode, expected, atol=1e-12)
 
 
-def test_singularities_of_an_output_named_the_other_way_round_have_the_other_sign():
-    """Ratios of rates at type II places; the places are the same."""
+def test_singularities_of_an_output_named_the_other_way_round_are_seen_from_the_other():
+    """The places are the same; the orientation of link 1 from link 4 is the inverse one."""
     one, other = (
         sk.run("four_bar", f"singularities:output={pole}", samples=7).frame("singularities")
         for pole in ("4/1", "1/4")
     )
     assert len(one) == len(other) > 0
     np.testing.assert_allclose(one["q"], other["q"], atol=1e-12)
+    turned, back = (frame[[*"xyzw"]].to_numpy(dtype=float) for frame in (one, other))
+    back = back * np.sign(back[:, 3:]) * np.sign(turned[:, 3:])
+    np.testing.assert_allclose(back, turned * [-1.0, -1.0, -1.0, 1.0], atol=1e-9)

@@ -11,6 +11,7 @@ import numpy as np
 import spherekit as sk
 from site_pages import moving
 from site_pages.picture import save_pictures
+from spherekit.escaping import markdown_text
 from spherekit.files.library import shipped
 
 FOLDER = "generated/mechanisms"
@@ -188,6 +189,7 @@ def _pairs(mechanism: sk.Mechanism) -> str:
 
 def _page(mechanism: sk.Mechanism, file: str) -> str:
     source = mechanism.source
+    assumed = source.assumed if source else ""
     inputs = len(mechanism.inputs)
     asked = _kind(mechanism) == KINDS[0]  # a search of a second; of others up to twenty
     result = sk.run(
@@ -195,8 +197,8 @@ def _page(mechanism: sk.Mechanism, file: str) -> str:
     )
     return PAGE.format(
         name=mechanism.name,
-        citation=source.citation.rstrip(".") if source else "",
-        assumed=f"Assumed: {source.assumed}." if source and source.assumed else "",
+        citation=markdown_text(source.citation.rstrip(".")) if source else "",
+        assumed=f"Assumed: {markdown_text(assumed)}." if assumed else "",
         numbers=_numbers(mechanism, result.summary),
         table=sk.table(sk.plan(mechanism)),
         swings=_swings(mechanism, result) if inputs == 1 else "",
