@@ -23,7 +23,7 @@ from spherekit.files.read import read
 from spherekit.guarantee import Guarantee
 from spherekit.motion.arc_length import follow_arc
 from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.motion.motion import PositionAnalysis, continued
 from spherekit.numeric.crossings import crossings, wrap
 from spherekit.proof.curves import certified_curves
 
@@ -268,6 +268,30 @@ def test_reference_pose_is_exact_where_it_is_flat(capsys, tmp_path):
         assert np.any(singular)
         away = np.degrees(turned.values[singular]) / 90.0
         assert np.abs(away - np.round(away)).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("arcs", "zero"),
+    [
+        ((60, 30, 60, 30), "0"),
+        ((70, 40, 60, 30), "0"),
+        ((100, 60, 80, 120), "180"),
+        ((70, 50, 110, 130), "180"),
+        ((60, 80, 60, 80), "180"),
+    ],
+)
+def test_angles_go_on_through_crossings(arcs, zero):
+    """Loads that count turns see no jump by a turn where the mode is smooth."""
+    mechanism = loaded(file_text(arcs, 0, 360, zero))
+    position_analysis = PositionAnalysis(mechanism, samples=145, crossings="pass")
+    motion = position_analysis.motion()
+    names = [pair.name for pair in mechanism.pairs]
+    angles = continued(motion, names, position_analysis.solver, {})
+    for name, values in angles.items():
+        steps = np.abs(np.diff(values.reshape(2, 145), axis=1))
+        assert np.nanmax(steps) < 0.7, name
+        turned = np.abs(wrap(values - motion.values[:, mechanism.angles[name]]))
+        assert np.nanmax(turned) < 1e-12
 
 
 def test_evaluate_and_sweep_follow_smooth_curves():

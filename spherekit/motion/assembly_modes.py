@@ -72,6 +72,8 @@ SAME_INPUT = 1e-15
 exactly is the same but for rounding."""
 NEAR_EXACT = 1e-5
 """A singular configuration nearer (rad) than this to one known exactly is that one."""
+BESIDE_CROSSING = 1e-4
+"""Angles on both sides of a crossing are compared so far (rad) from it."""
 FLAT_DYAD = 1e-6
 """A dyad straighter than this sine loses half its digits: its rates are not given."""
 FLAT_GROUP = 1e-6
@@ -390,6 +392,67 @@ class Unwrapping:
         passive = self._by_pieces(mode, at) if single else self._in_order(at, last)
         turns[:, sought] = passive[:, np.isin(self._angles, sought)]
         return turns
+
+    def smooth_turns(
+        self, mode: AssemblyMode, values: Floats, q: Floats, wanted: Sequence[int]
+    ) -> Floats:
+        """Return turns that go on through the crossings that a mode passes.
+
+        Parameters
+        ----------
+        mode
+            A mode with `pieces`.
+        values, q
+            (n, variables) rad configurations of the mode and (n, 1) rad their inputs.
+        wanted
+            The variables whose turns are sought.
+
+        Returns
+        -------
+        (n, variables) array
+            Below the first crossing they are those of the mode that is there.
+        """
+        turns = np.zeros_like(values)
+        owners = mode.pieces_at(q[:, 0])
+        shift = np.zeros(values.shape[1])
+        for number, (crossing, piece) in enumerate(mode.pieces):
+            # Each piece is followed by itself: near a crossing other curves are as near.
+            key = -1 - mode.number * len(mode.pieces) - number
+            is_here = owners == number
+            # Right at crossings it is open which curve is followed.
+            ends = [start for start, _ in mode.pieces[number : number + 2]]
+            for end in ends:
+                is_here &= np.abs(q[:, 0] - end) > BESIDE_CROSSING
+            rows = np.flatnonzero(is_here)
+            turns[rows] = self.turns(key, values[rows], q[rows], wanted)
+            turns[rows] += shift
+            if number:
+                before = mode.pieces[number - 1][1]
+                below = self._angles_at(key + 1, before, crossing - BESIDE_CROSSING, wanted)
+                above = self._angles_at(key, piece, crossing + BESIDE_CROSSING, wanted)
+                if not (all_finite(below) and all_finite(above)):
+                    continue  # The curve ends at the crossing.
+                at_crossing = np.abs(q[:, 0] - crossing) <= BESIDE_CROSSING
+                turns[at_crossing] = shift + np.round((below - values[at_crossing]) / TURN)
+                change = np.round((below - above) / TURN)
+                shift = shift + change
+                turns[rows] += change
+        turns[:, self._driven] = 0.0
+        return turns
+
+    def _angles_at(
+        self, key: int, mode: AssemblyMode, q: float, wanted: Sequence[int]
+    ) -> Floats:
+        """Return the variables (variables,) of a mode with their turns at an input (rad).
+
+        Its turns are found under the `key` of `turns`.
+        """
+        inputs = np.array([[q]])
+        values = self.solver.evaluate(mode, inputs).values
+        if not all_finite(values):
+            return values[0]
+        whole: Floats = values + TURN * self.turns(key, values, inputs, wanted)
+        return whole[0]
 
     def _by_pieces(self, mode: int, at: Floats) -> Floats:
         (driven,), (period,) = self._driven, self.solver.periods

@@ -644,7 +644,11 @@ def continued(
             if not len(rows):
                 continue
             at = motion.values[rows], motion.inputs[rows]
-            turns[rows] = solver.unwrapping.turns(mode.number, *at, wanted, last.get(key))
+            unwrapping = solver.unwrapping
+            if mode.pieces:
+                turns[rows] = unwrapping.smooth_turns(mode, *at, wanted)
+            else:
+                turns[rows] = unwrapping.turns(mode.number, *at, wanted, last.get(key))
             if len(inputs) > 1:
                 whole = motion.values[rows[-1]] + TURN * turns[rows[-1]]
                 whole[list(solver.driven)] = motion.inputs[rows[-1]]
