@@ -555,3 +555,23 @@ def test_much_csv_is_written_when_asked_for(tmp_path, monkeypatch):
     for folder, result in ("two", asked), ("three", few):
         assert (tmp_path / folder / "poles.csv").exists()
         assert not any("--format both" in text for text in result.summary["remarks"])
+
+
+def sampled_at_once(analyses, samples):
+    """Return how many samples blocks have, each as it is done."""
+    done = [0]
+    sk.run(
+        "four_bar", analyses, samples=samples, tables=False,
+        progress=lambda count, total: done.append(count),
+    )  # fmt: skip
+    return np.diff(done)
+
+
+@pytest.mark.many
+@pytest.mark.parametrize(
+    ("analysis", "most"),
+    [("eksergian", 16384), ("reactions", 16384), ("dynamics", 16384), ("statics", 16384)],
+)
+def test_blocks_of_frames_stay_small(analysis, most):
+    """Frames of all links in all modes take some kB a row; blocks have 128 MB of them."""
+    assert max(sampled_at_once(analysis, 40000)) <= most

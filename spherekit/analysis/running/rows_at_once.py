@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from spherekit.analysis.folder import memory_at_once
 from spherekit.analysis.running.in_turn import each_at_once, in_turn
 from spherekit.analysis.running.kernel_columns import (
     SLICE,
@@ -60,7 +61,7 @@ FEW = 256
 REFERENCES = 64
 """Samples of which the kernel learns in which order variables are eliminated."""
 BYTES = 1 << 27
-"""Of columns in a block, at most."""
+"""Of columns in a block, or of frames where they are read, at most."""
 JUDGED = 1 << 19
 """Numbers that decide about the rows of a slice: they stay in the cache."""
 GROWTH = 8
@@ -304,6 +305,7 @@ class BatchRunner:
     recorded: bool
     looks_ahead: bool
     timed: bool
+    reads_frames: bool = False
     unread: dict[
         int, tuple[Bools, Bools, Indices, Sequence[Mapping[int, Stops]], Floats]
     ] = field(default_factory=dict, repr=False)
@@ -317,11 +319,13 @@ class BatchRunner:
         recorded: bool,
         looks_ahead: bool = False,
         timed: bool = True,
+        reads_frames: bool = False,
     ) -> "BatchRunner | None":
         """Return it, None where rows are few, no poles asked or the terms do not hold.
 
         Where it `looks_ahead`, a block is found while the one before is made use of; the
-        tracer is then for it alone. Motions are `timed` where that is asked.
+        tracer is then for it alone. Motions are `timed` where that is asked. Blocks are
+        smaller where an analysis `reads_frames` of links, which take more than columns.
         """
         tracer = course.tracer
         rows = len(course) * len(tracer.assembly_modes)
@@ -334,13 +338,18 @@ class BatchRunner:
         if made is None or not made.vouches:
             return None
         predicted = None if made.has_closed_form else predictor(tracer)
-        return cls(course, requests, made, predicted, recorded, looks_ahead, timed)
+        return cls(
+            course, requests, made, predicted, recorded, looks_ahead, timed, reads_frames
+        )
 
     @property
     def block(self) -> int:
         """Samples in a block; where they are recorded, as many as without a kernel."""
         tracer = self.course.tracer
-        many = BYTES // (8 * self.kernel.kept * len(tracer.assembly_modes))
+        bytes_a_row = 8 * self.kernel.kept
+        if self.reads_frames:
+            bytes_a_row = max(bytes_a_row, memory_at_once(tracer.mechanism, 1))
+        many = BYTES // (bytes_a_row * len(tracer.assembly_modes))
         return max(1, min(many, tracer.block * (1 if self.recorded else MORE)))
 
     def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
@@ -348,7 +357,8 @@ class BatchRunner:
 
         Of `size`, unless that is the ordinary one: then they grow while no column is read.
         """
-        most = GROWTH * size if size == self.block and not self.recorded else size
+        may_grow = size == self.block and not (self.recorded or self.reads_frames)
+        most = GROWTH * size if may_grow else size
 
         def samples() -> Iterator[Indices]:
             start = first

@@ -307,6 +307,7 @@ def job_of(
                 all_links,
                 ahead,
                 together.time or all_links or course.timed,
+                bool(together.rotations),
             )
             or course
         )
