@@ -15,13 +15,13 @@ from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.dynamics.start import PoseStart
-from spherekit.engine.dyads import Cache
 from spherekit.engine.equation import compiled_equation
 from spherekit.engine.expression_graph import BLOCK
 from spherekit.engine.fields import evaluate
 from spherekit.engine.kernels import kernel
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.read import load
+from spherekit.model.cache import Cache
 from spherekit.model.dynamics import JointLimit
 from spherekit.model.mechanism import Mass, Mechanism
 from spherekit.model.parts import Input, Pair, PoseGeometry, Profile

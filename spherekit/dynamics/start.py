@@ -17,7 +17,6 @@ from spherekit.conventions import (
 )
 from spherekit.dynamics.coordinates import need_inertia, need_moving_inertia
 from spherekit.dynamics.state import EquationOfMotion
-from spherekit.engine.dyads import Cache
 from spherekit.errors import ModelError, SolveError
 from spherekit.model.dynamics import DRIVE, PairTorque
 from spherekit.model.gears import joints_of
@@ -27,6 +26,7 @@ from spherekit.model.study import Start
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import rank_mobility
 from spherekit.motion.motion import Motion, PositionAnalysis
+from spherekit.motion.traced import bare, traced
 from spherekit.motion.turns import into_range as turned_into
 from spherekit.planning.inputs import driven_at
 from spherekit.sphere.rotation import all_finite, max_abs
@@ -45,11 +45,6 @@ Torque = float | str | TorqueFunction
 
 Torques = Torque | Mapping[str, Torque]
 """A driving torque of the only input, or those of inputs by their names."""
-
-KEPT = 8
-"""Geometries whose assembly modes are kept, for further simulations of the same."""
-
-_TRACERS = Cache(most=KEPT)
 
 
 @checked_class(SolveError)
@@ -265,17 +260,6 @@ def _need_digits(name: str, values: Floats) -> None:
             f"{np.spacing(largest):.2g} rad only; allowed is up to {FARTHEST:g} rad. Leave "
             "out whole turns"
         )
-
-
-def traced(mechanism: Mechanism) -> PositionAnalysis:
-    """Return the assembly modes of a mechanism, found once for the last few geometries."""
-    made = bare(mechanism)
-    return _TRACERS.get(made, "assembly_modes", lambda: PositionAnalysis(made))
-
-
-def bare(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism without what its configurations do not depend on."""
-    return replace(mechanism, masses=(), loads=(), joint_limits=())
 
 
 def at_inputs(

@@ -2,14 +2,10 @@
 
 The inputs' angles and one sign for each dyad give the directions of all axes; no angle of
 any other pair is formed.
-
-What has been made for a mechanism, for the life of the process.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from threading import RLock
-from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,40 +22,11 @@ from spherekit.engine.kinematics import Structure
 from spherekit.engine.pose import GROUND, LinkOrientation, place_by_variables
 from spherekit.engine.turns import Entries, turning_pairs
 from spherekit.errors import EngineError
+from spherekit.model.cache import Cache
 from spherekit.model.graph import spanning
 from spherekit.model.mechanism import Mechanism
 from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.dyad import HalfAngle, middle_axis, triple_square
-
-Made = TypeVar("Made")
-
-
-class Cache:
-    """What was made for a mechanism's content and a request; the last `most`, if given."""
-
-    def __init__(self, most: int | None = None) -> None:
-        self._most = most
-        self._kept: dict[tuple[str, str], Any] = {}
-        self._making = RLock()  # held meanwhile, so that two threads do not make it twice
-
-    def get(self, mechanism: Mechanism, request: str, make: Callable[[], Made]) -> Made:
-        """Return what was made before for this content and request, or make it now."""
-        key = mechanism.content, request
-        with self._making:
-            made: Made = self._kept.pop(key) if key in self._kept else make()
-            self._kept[key] = made
-            if self._most is not None and len(self._kept) > self._most:
-                del self._kept[next(iter(self._kept))]
-        return made
-
-    def known(self, mechanism: Mechanism, request: str) -> bool:
-        """Return whether something was made before for this content and request."""
-        return (mechanism.content, request) in self._kept
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._kept.clear()
-
 
 COMPILED = Cache()
 """Kernels and equations of motion that were compiled."""

@@ -54,8 +54,8 @@ from spherekit.model.gears import joints_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
+from spherekit.motion.traced import assembly_by_count_or_rank, traced
+from spherekit.planning.inputs import Assembly, driven_at
 
 COINCIDENT = 1e-9
 """Axes of one link whose angle has a smaller sine are one axis."""
@@ -122,12 +122,13 @@ class Structure:
         names = [input_pairs] if isinstance(input_pairs, str) else [*input_pairs]
         pairs = pairs or turning_pairs(mechanism)
         names += mechanism.names_of(pairs.followers)
-        assembly = plan_assembly(driven_at(mechanism, names))
+        driven = driven_at(mechanism, names)
+        assembly = assembly_by_count_or_rank(driven)
 
         def vectors() -> Floats:
             values = closed
             if values is None:
-                motion = PositionAnalysis(mechanism, input_pairs, search=False).sparse(9)
+                motion = traced(driven_at(mechanism, input_pairs)).sparse(9)
                 if np.all(motion.failed):
                     raise EngineError(
                         f"{mechanism.name}: no configuration was found at which to choose "

@@ -44,6 +44,9 @@ LARGEST = 6
 AXES = constants(np.eye(3))
 """Directions along which a loop has equations where none of its variables are private."""
 
+WITHOUT_PRIVATE = -1
+"""In place of a variable: the equation of a loop without its two private variables."""
+
 INDEPENDENT = 1e-6
 """Equations of unit size nearer than this to being combinations of others repeat them."""
 
@@ -106,8 +109,9 @@ class GroupEquations:
     `loops` lead through its pairs and those closed before; `private[loop]` are the two
     variables eliminated from its equations, or none; `unknowns` remain to be solved
     together. Where equations repeat, `chosen` are (loop, variable): the loop's equation
-    along the vector of a variable. `pose_vectors()` gives the variables' vectors
-    (variables, 3) at one configuration, at which they are chosen.
+    along the vector of a variable, or with `WITHOUT_PRIVATE` the one that is free of the
+    loop's private variables. `pose_vectors()` gives the variables' vectors (variables, 3)
+    at one configuration, at which they are chosen.
 
     Raises
     ------
@@ -127,14 +131,23 @@ class GroupEquations:
         closed = [*assembly.inputs, *(pair for other in before for pair in other.pairs)]
         self.loops = _loops(mechanism, group, closed)
         crossed = Counter(pair for loop in self.loops for pair, _ in loop)
-        self.private: list[list[int]] = []
-        for loop in self.loops:
-            once = [pair for pair, _ in reversed(loop) if crossed[pair] == 1]
-            columns = [v for pair in once if pair in self.pairs for v in self._owned(pair)]
-            alone = len(columns) > 1 and not group.redundant
-            self.private.append(columns[:2] if alone else [])
+        once = [
+            [
+                v
+                for pair, _ in reversed(loop)
+                if crossed[pair] == 1 and pair in self.pairs
+                for v in self._owned(pair)
+            ]
+            for loop in self.loops
+        ]
+        every = [v for pair in self.pairs for v in self._owned(pair)]
+        # Equations that repeat each other are chosen one by one where they are few. Only
+        # where they are many, two variables of each loop are eliminated first.
+        is_eliminating = not group.redundant or len(every) > LARGEST
+        self.private = [
+            columns[:2] if is_eliminating and len(columns) > 1 else [] for columns in once
+        ]
         gone = {v for both in self.private for v in both}
-        every = (v for pair in self.pairs for v in self._owned(pair))
         self.unknowns = [v for v in every if v not in gone]
         self.chosen = self._independent(pose_vectors()) if group.redundant else None
         if len(self.unknowns) > LARGEST:
@@ -152,13 +165,19 @@ class GroupEquations:
         from scipy.linalg import qr
 
         rows: dict[tuple[int, int], Floats] = {}
-        for number, loop in enumerate(self.loops):
+        for number, (loop, private) in enumerate(
+            zip(self.loops, self.private, strict=True)
+        ):
             weights = np.zeros(len(vectors))
             for pair, sense in loop:
                 weights[list(self._owned(pair))] += sense
             columns = weights[:, None] * vectors
-            for variable in np.flatnonzero(weights).tolist():
-                row = columns @ vectors[variable]
+            directions = {v: vectors[v] for v in np.flatnonzero(weights).tolist()}
+            if private:
+                one, other = private
+                directions = {WITHOUT_PRIVATE: np.cross(columns[one], columns[other])}
+            for variable, direction in directions.items():
+                row = columns @ direction
                 size = max(np.linalg.norm(row), 1e-300)
                 rows[number, variable] = row[self.unknowns] / size
         count, keys = len(self.unknowns), list(rows)
@@ -196,7 +215,13 @@ class GroupEquations:
             ways = [cross(*(columns[v] for v in private))] if private else AXES
             used += [(along, columns, rest) for along in ways]
         if self.chosen is not None:
-            used = [(vectors[v], *loops[number]) for number, v in self.chosen]
+            used = []
+            for number, v in self.chosen:
+                columns, rest = loops[number]
+                along = vectors[v]
+                if v == WITHOUT_PRIVATE:
+                    along = cross(*(columns[x] for x in self.private[number]))
+                used.append((along, columns, rest))
         matrix: list[list[Expr]] = [
             [dot(along, columns[v]) if v in columns else 0.0 for v in self.unknowns]
             for along, columns, _ in used

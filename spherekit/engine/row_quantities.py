@@ -45,7 +45,8 @@ from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.expression import Expression
 from spherekit.model.load import Component, LinkMoment, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.planning.inputs import Assembly, driven_pairs, plan_assembly
+from spherekit.motion.traced import assembly_by_count_or_rank
+from spherekit.planning.inputs import Assembly, driven_pairs
 
 LOADED = ("torque", "generalized_force", "free_acceleration", "A_q", "A_dq")
 """How quantities begin that loads and rates of the inputs enter."""
@@ -121,7 +122,7 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     ``free_acceleration_PAIR`` is that of an input while all are free.
     """
     inputs = mechanism.names_of(driven_pairs(mechanism))
-    table = _quantities(mechanism, inputs, plan_assembly(mechanism))
+    table = _quantities(mechanism, inputs, assembly_by_count_or_rank(mechanism))
     return {name: unit for name, (unit, *_) in table.items()}
 
 
@@ -626,7 +627,7 @@ class VariedTerms:
 
 def middle_pairs(mechanism: Mechanism) -> Names:
     """Return the pairs with a ``transmission_angle``: those in the middle of dyads."""
-    return _middles(mechanism, plan_assembly(mechanism))
+    return _middles(mechanism, assembly_by_count_or_rank(mechanism))
 
 
 def _middles(mechanism: Mechanism, assembly: Assembly) -> Names:

@@ -22,7 +22,7 @@ from spherekit.model.gears import link_axes, pair_frames, reference_frame
 from spherekit.model.locking import restated, sizes_by_frames
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import LinkSizes, PoseGeometry
-from spherekit.planning.inputs import plan_assembly
+from spherekit.motion.traced import assembly_by_count_or_rank
 from spherekit.planning.poles import as_text
 
 HEAD = r"""\documentclass[a4paper]{article}
@@ -85,7 +85,7 @@ def latex(
     FileError, DesignError
         If there is no number of a key.
     """
-    for group in plan_assembly(mechanism).groups:
+    for group in assembly_by_count_or_rank(mechanism).groups:
         if not group.is_dyad:
             links = (mechanism.links[x] for body in group.bodies[1:] for x in body)
             raise EngineError(

@@ -21,7 +21,6 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import Status, listing
 from spherekit.design.varied import VariedMechanism
-from spherekit.dynamics.start import traced
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.row_quantities import VariedTerms
 from spherekit.errors import EngineError
@@ -30,6 +29,7 @@ from spherekit.model.gears import joints_of
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.motion.closure import Closure
 from spherekit.motion.motion import Motion, PositionAnalysis
+from spherekit.motion.traced import traced
 from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import max_abs
 

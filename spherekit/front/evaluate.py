@@ -25,7 +25,7 @@ from spherekit.analysis.tables import (
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Integers, SmallIntegers
 from spherekit.conventions import Facts, Names, Status, counted, listing
-from spherekit.dynamics.start import into_range, reaching, traced
+from spherekit.dynamics.start import into_range, reaching
 from spherekit.engine.fields import evaluate as evaluate_poles
 from spherekit.engine.fields import vouched_field
 from spherekit.engine.row_kernel import REFERENCES, row_kernel
@@ -34,6 +34,7 @@ from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.study import Crossings
 from spherekit.motion.motion import Motion, PositionAnalysis
+from spherekit.motion.traced import traced
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import driven_at
 from spherekit.planning.poles import Pole, all_poles, ordered_pole, parse_pole

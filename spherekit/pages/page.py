@@ -14,7 +14,7 @@ from spherekit.analysis.link_scenes import PROFILE_POINTS
 from spherekit.conventions import Facts, Names, listing
 from spherekit.design.variables import DesignVariable, design_variable, sizes_of
 from spherekit.engine.row_quantities import LOADED, middle_pairs, row_quantities
-from spherekit.errors import CountError, EngineError, SpherekitError
+from spherekit.errors import EngineError, SpherekitError
 from spherekit.escaping import html_text, json_text
 from spherekit.exchange.formula_terms import Formulas
 from spherekit.exchange.formulas import CLOSURE, formulas
@@ -27,10 +27,10 @@ from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.gears import joints_of, link_axes
 from spherekit.model.parts import Input
 from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.motion.traced import assembly_by_count_or_rank, is_mobile_by_rank_only
 from spherekit.pages.sliders import slider_range
 from spherekit.pages.toml_places import text_with_places
-from spherekit.planning.inputs import driven_at, driven_pairs, plan_assembly
+from spherekit.planning.inputs import driven_at, driven_pairs
 from spherekit.planning.plan import plans
 from spherekit.planning.poles import (
     BlockPoles,
@@ -137,7 +137,7 @@ class PageMaker:
 
         After a `period` (rad) of the input all configurations return; None without one.
         """
-        solver = Solver(self.mechanism, plan_assembly(self.mechanism))
+        solver = Solver(self.mechanism, assembly_by_count_or_rank(self.mechanism))
         (anchor,), (period,) = solver.anchor, solver.periods
         return {
             "pair": pair,
@@ -306,12 +306,7 @@ class PageMaker:
         return names
 
     def _plans(self) -> tuple[Plan, ...]:
-        try:
-            return plans(self.mechanism)
-        except CountError:
-            if not PositionAnalysis(self.mechanism, samples=2).by_rank:
-                raise
-            return plans(self.mechanism, by_rank=True)
+        return plans(self.mechanism, is_mobile_by_rank_only(self.mechanism))
 
     # What the page is told.
 
