@@ -1,7 +1,7 @@
 """The assembly modes of mechanisms, found once, and what they say of the mobility.
 
 Counting on the graph leaves too few degrees of freedom where constraints repeat each
-other, as parallel branches of equal joints do. The rank of the velocity equations at
+other, as equal links side by side do. The rank of the velocity equations at
 configurations then decides, and the configurations have to be found first.
 """
 
