@@ -32,8 +32,8 @@ class Status(IntEnum):
 STATUS_MEANING = {
     Status.OK: "closed, on its assembly mode, with finite rates",
     Status.OUT_OF_REACH: "the arcs cannot close at this input, the assembly mode ends at a "
-    "dead centre before it, or with several inputs no verified way led here from a "
-    "neighbouring sample; narrow the range, sample more finely or change the arcs",
+    "dead centre before it, or with several inputs no configuration here is joined to it; "
+    "narrow the range, sample more finely or change the arcs",
     Status.AT_SINGULARITY: "the links close, but the input rate does not determine "
     "the motion here; choose another input pair or step around it",
     Status.MODE_LOST: "a solution was found, but not on this assembly mode; ask for more "

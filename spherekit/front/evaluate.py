@@ -93,11 +93,17 @@ class Kinematics:
     in rad, vectors in ground axes; rows that failed hold NaN and say why in `status`.
     The methods that end in `error_bound` say how far off numbers may be, as the columns of
     these names do in the table `poles`.
+
+    With several inputs and groups that are no dyads, successive rows of one mode are joined
+    by verified steps. After an input at which a mode has no configuration, its number may
+    stand for another one. `search` says how the modes were found, and whether there may be
+    others.
     """
 
     mechanism: Mechanism
     poles: Names
     _read: Callable[[], Batch] = field(repr=False)
+    search: str = ""
 
     @cached_property
     def _batch(self) -> Batch:
@@ -351,7 +357,8 @@ def evaluate(
         The driven pairs, if not those of the mechanism.
     assembly_mode
         The only assembly mode wanted, by the number that `run` gives it or its name in the
-        file; by default all.
+        file; by default all. With several inputs and groups that are no dyads the numbers
+        are those of this call: that of the first input, and so on.
     crossings
         Whether modes keep the signs of their dyads where curves cross (``"end"``), or
         follow the smooth curves through the range of the only input (``"pass"``).
@@ -422,16 +429,17 @@ def _ready(
         row = _one_row(mechanism, first, first.place_of(assembly_mode), needs)
 
     def at(q: Floats) -> Kinematics:
-        if row is not None and q.size == 1 and q.ndim < 2:
+        if first is not None and row is not None and q.size == 1 and q.ndim < 2:
             read = row(q.item())
             if read is not None:
-                return Kinematics(mechanism, names, read)
+                return Kinematics(mechanism, names, read, first.search)
         if first is not None:
             q = np.atleast_1d(q)
             tracer = reaching(first, q) if all_finite(q) else first
             motion = tracer.at(into_range(tracer, q))
         else:
-            tracer = PositionAnalysis(mechanism, path=q[None] if q.ndim == 1 else q)
+            path = q[None] if q.ndim == 1 else q
+            tracer = PositionAnalysis(mechanism, path=path, independent=True)
             motion = tracer.motion()
         if assembly_mode is not None:
             number = tracer.assembly_modes[tracer.place_of(assembly_mode)].number
@@ -445,7 +453,7 @@ def _ready(
             motion,
             tuple(evaluate_poles(motion, request) for request in requests),
         )
-        return Kinematics(mechanism, names, batch)
+        return Kinematics(mechanism, names, batch, tracer.search)
 
     return at
 

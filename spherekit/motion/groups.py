@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.conventions import REACH_SLACK
 from spherekit.model.graph import spanning
 from spherekit.model.joints import Joint, revolute
@@ -64,6 +64,31 @@ class State:
         """Return a state that can be assembled differently from here on."""
         return replace(
             self, within=dict(self.within), values=self.values.copy(), lost=self.lost.copy()
+        )
+
+    def rows(self, chosen: Indices) -> "State":
+        """Return the state of some samples, by their numbers (k,), which may repeat."""
+        return replace(
+            self,
+            within={link: turn[chosen] for link, turn in self.within.items()},
+            values=self.values[chosen],
+            lost=self.lost[chosen],
+            slack=self.slack[chosen],
+        )
+
+    @staticmethod
+    def joined(states: Sequence["State"]) -> "State":
+        """Return the samples of several states of one mechanism, state after state."""
+        first = states[0]
+        return replace(
+            first,
+            within={
+                link: np.concatenate([state.within[link] for state in states])
+                for link in first.within
+            },
+            values=np.concatenate([state.values for state in states]),
+            lost=np.concatenate([state.lost for state in states]),
+            slack=np.concatenate([state.slack for state in states]),
         )
 
     def merge(self, group: Group, placed: Floats) -> None:

@@ -7,7 +7,6 @@ by a search; each new one is followed as far as it goes, and beyond where its cu
 in the range.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,18 +37,23 @@ from spherekit.motion.elimination import (
     signs_at,
 )
 from spherekit.motion.groups import place_dyad
-from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each, sheets_through
+from spherekit.motion.guides import ModeCurve, ModeOverGrid, follow_each
 from spherekit.motion.input_grid import InputGrid, spread_rows
 from spherekit.motion.input_turning_points import input_turning_points
+from spherekit.motion.modes_over_samples import REFERENCE_ONLY, SampledModes
 from spherekit.motion.search import SAME_MODE, SearchStatistics
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
 from spherekit.planning.inputs import graph_mobility, inputs_to_declare
 from spherekit.progress import ProgressReporter
-from spherekit.sphere.rotation import max_abs
+from spherekit.sphere.rotation import max_abs, nans
 
 PROBED_INPUTS = 721
 """Inputs over the range at which the modes of dyads are looked for."""
+MOST_PROBED_SAMPLES = 2**16
+"""Samples of several inputs at which the modes of dyads are looked for."""
+PROBED_AT_ONCE = 2**13
+"""Inputs that are probed together. More of them need more memory."""
 RANKED = 5
 """Configurations at which the mobility by rank is asked for: some may be singular."""
 MOST_TRIED = 60000
@@ -72,7 +76,6 @@ AHEAD = 16
 """Configurations on different modes that are followed together."""
 GUESSED = 6
 """The same of random starts, some of which are on one mode."""
-REFERENCE_ONLY = Completeness(Guarantee.COMPONENT, "the mode of the reference pose")
 AS_ASSEMBLED = Completeness(
     Guarantee.COMPONENT,
     "the mode of the reference pose, and where it ends those that go on; wheels put "
@@ -102,6 +105,11 @@ class ModeSearch:
         Configurations at which curves cross, as far as the inputs at which modes meet are
         known.
 
+    Parameters
+    ----------
+    independent
+        As of `spherekit.motion.motion.PositionAnalysis`.
+
     Raises
     ------
     SolveError
@@ -111,7 +119,13 @@ class ModeSearch:
         freedoms than there are inputs.
     """
 
-    def __init__(self, solver: Solver, input_grid: InputGrid, search: bool = True) -> None:
+    def __init__(
+        self,
+        solver: Solver,
+        input_grid: InputGrid,
+        search: bool = True,
+        independent: bool = False,
+    ) -> None:
         self.solver, self.input_grid, self.claim = solver, input_grid, REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
@@ -125,20 +139,50 @@ class ModeSearch:
         self._working = ProgressReporter("searching the assembly modes")
         if solver.has_closed_form:
             self._enumerate(search)
+        elif len(solver.driven) > 1:
+            self._sample(search, independent)
         else:
-            self._add_reference()
-            if search or not self.assembly_modes:
-                self.claim = self._all_modes()
-            if not self.assembly_modes:
-                self._check_rank(min(self._freedoms, default=len(solver.driven)))
+            self._follow(search)
+        if not self.assembly_modes:
+            if not independent:
+                raise SolveError(_why_nothing_closes(solver, input_grid))
+            self.assembly_modes = [self._make_empty_mode()]
+
+    def _make_empty_mode(self) -> AssemblyMode:
+        """Return a mode that has no configuration at any sample."""
+        signs = tuple(int(group.is_dyad) for group in self.groups)
+        count = len(self.input_grid)
+        values = nans((count, len(self.solver.mechanism.variable_owners)))
+        status = np.full(count, Status.OUT_OF_REACH, dtype=np.int8)
+        return AssemblyMode(0, signs, ModeOverGrid(values, status))
+
+    def _sample(self, search: bool, independent: bool) -> None:
+        """Find the modes over the samples of several inputs."""
+        modes = SampledModes(self.solver, self.input_grid, search, independent)
+        self.assembly_modes = modes.assembly_modes
+        self.families = list(range(len(modes.assembly_modes)))
+        self.methods = modes.methods
+        self.claim = modes.claim
+        self.probes = modes.probes
+        mobilities = modes.mobilities
+        if mobilities and (
+            not modes.assembly_modes or mobilities[0] < len(self.solver.driven)
+        ):
+            self._check_rank(min(mobilities))
+
+    def _follow(self, search: bool) -> None:
+        """Find the modes over the range of one input."""
+        self._add_reference()
+        if search or not self.assembly_modes:
+            self.claim = self._all_modes()
+        if not self.assembly_modes:
+            self._check_rank(min(self._freedoms, default=1))
         if self._is_full:
             words = (
                 f"stopped at {counted(len(self.assembly_modes), 'mode')} after "
                 f"{self._tried} steps along them; there may be more"
             )
             self.claim = Completeness(Guarantee.SAMPLED, words)
-        if not self.assembly_modes:
-            raise SolveError(_why_nothing_closes(solver, input_grid))
 
     def _enumerate(self, search: bool) -> None:
         """Find the modes of dyads and trains of wheels.
@@ -152,14 +196,20 @@ class ModeSearch:
             q, self.claim = self._probed()
             self.probes = len(q)
             self.methods = [CLOSED_FORM] * len(self.groups)
-            for of_mode, state in chains(solver, q, MOST_ASSEMBLY_MODES):
-                signs.append(of_mode)
-                if any(group.redundant for group in self.groups):
-                    closed = state.values[~state.lost]
-                    some = closed[spread_rows(len(closed), RANKED)]
-                    self._check_rank(min(map(solver.freedoms, some)))
-        different = list(dict.fromkeys(signs))[:MOST_ASSEMBLY_MODES]
-        self.assembly_modes = [AssemblyMode(k, one) for k, one in enumerate(different)]
+            for first in range(0, len(q), PROBED_AT_ONCE):
+                some = q[first : first + PROBED_AT_ONCE]
+                for of_mode, state in chains(solver, some, MOST_ASSEMBLY_MODES + 1):
+                    signs.append(of_mode)
+                    if any(group.redundant for group in self.groups):
+                        closed = state.values[~state.lost]
+                        rows = spread_rows(len(closed), RANKED)
+                        self._check_rank(min(map(solver.freedoms, closed[rows])))
+        different = list(dict.fromkeys(signs))
+        if len(different) > MOST_ASSEMBLY_MODES:
+            words = f"the first {MOST_ASSEMBLY_MODES} modes are kept, and there are more"
+            self.claim = Completeness(Guarantee.SAMPLED, words)
+        kept = different[:MOST_ASSEMBLY_MODES]
+        self.assembly_modes = [AssemblyMode(k, one) for k, one in enumerate(kept)]
 
     def _check_rank(self, freedoms: int) -> None:
         """Raise an error unless a mechanism has an input for each freedom by rank."""
@@ -178,8 +228,11 @@ class ModeSearch:
             words = "wheels in mesh have one" if trains else "no loop has to close"
             return grid.q[:1], Completeness(Guarantee.COMPLETE, words)
         if grid.q.shape[1] > 1:
-            q = grid.q[spread_rows(len(grid), PROBED_INPUTS)]
-            return q, Completeness(Guarantee.SAMPLED, f"modes at {len(q)} of the samples")
+            q = grid.q[spread_rows(len(grid), MOST_PROBED_SAMPLES)]
+            words = f"modes at {len(q)} of the {len(grid)} samples"
+            if len(q) == len(grid):
+                words = f"modes at all {len(grid)} samples"
+            return q, Completeness(Guarantee.SAMPLED, words)
         dead = input_turning_points(self.solver, *grid.range, MOST_COST, MOST_TIME)
         self.crossings = dead.crossings
         step = np.ptp(grid.q) / (PROBED_INPUTS - 1)
@@ -209,9 +262,7 @@ class ModeSearch:
             # not what was asked.
             self._check_rank(self._freedoms[0])
 
-    def _guided(
-        self, values: Floats
-    ) -> list[tuple[Floats, ModeCurve | ModeOverGrid | None]]:
+    def _guided(self, values: Floats) -> list[tuple[Floats, ModeCurve | None]]:
         """Return nearly closed configurations (n, variables), closed, with their guides.
 
         None where the mode has another number of freedoms than there are inputs.
@@ -223,13 +274,8 @@ class ModeSearch:
             freedoms = [solver.freedoms(one) for one in values]
             self._freedoms += freedoms
             moving = np.array(freedoms) == len(driven)
-        made: Sequence[ModeCurve | ModeOverGrid | None]
-        if len(driven) == 1:
-            ends = self.input_grid.range
-            made = follow_each(solver.closure, driven[0], values[moving], *ends)
-        else:
-            made = sheets_through(solver.closure, driven, self.input_grid, values[moving])
-        guides = iter(made)
+        ends = self.input_grid.range
+        guides = iter(follow_each(solver.closure, driven[0], values[moving], *ends))
         return [
             (one, next(guides) if moves else None)
             for one, moves in zip(values, moving, strict=True)
@@ -238,7 +284,7 @@ class ModeSearch:
     def _add(
         self,
         values: Floats,
-        guide: ModeCurve | ModeOverGrid | None,
+        guide: ModeCurve | None,
         family: int | None = None,
     ) -> None:
         """Add the mode through a configuration, if it is in the range."""
@@ -280,8 +326,7 @@ class ModeSearch:
         if not self.assembly_modes:
             # Random starts leave out what is next to a dead centre.
             self._probe(q[len(q) // 2][None])
-        things = "components" if len(solver.driven) == 1 else "modes"
-        return Completeness(Guarantee.SAMPLED, census.words(things))
+        return Completeness(Guarantee.SAMPLED, census.words("components"))
 
     def _as_assembled(self) -> Completeness:
         """Find the curve of wheels whose lengths rolled do not follow from the inputs."""
@@ -303,12 +348,6 @@ class ModeSearch:
 
     def _eliminated(self) -> Completeness | None:
         """Find all modes at some inputs; return None if some may be missing there."""
-        if len(self.solver.driven) > 1:
-            self._probe(self._scattered())
-            claim = Completeness(
-                Guarantee.SAMPLED, f"modes at {self.probes} of the samples"
-            )
-            return claim if all_complete(self.methods) else None
         ends = self.input_grid.range
         dead = input_turning_points(self.solver, *ends, MOST_COST, MOST_TIME)
         self.crossings = dead.crossings
@@ -347,7 +386,7 @@ class ModeSearch:
         says, though one may turn out to be on the mode of another.
         """
         families = self._families_of(values, rows, 0)
-        followed: dict[int, tuple[Floats, ModeCurve | ModeOverGrid | None]] = {}
+        followed: dict[int, tuple[Floats, ModeCurve | None]] = {}
         for number in map(int, np.flatnonzero(families < 0)):
             before = len(self.assembly_modes)
             if families[number] >= 0 or self._is_full:
@@ -414,14 +453,13 @@ class ModeSearch:
 
     def _search(self) -> SearchStatistics:
         """Add what random starts over the range meet, and return how often they did."""
-        q, several = self.input_grid.q, len(self.solver.driven) > 1
-        low, high = np.min(q, axis=0), np.max(q, axis=0)
-        starts = random_starts(self.solver, low, high, q if several else None)
+        low, high = self.input_grid.range
+        starts = random_starts(self.solver, np.array([low]), np.array([high]))
         census = SearchStatistics(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
         self._go_beyond()
         while census.goes_on and not self._is_full:
             made, values, rows = next(starts)
-            met = self._add_new(values, rows, ahead=1 if several else GUESSED)
+            met = self._add_new(values, rows, ahead=GUESSED)
             census.add(made, met, max(self.families, default=-1) + 1)
             self.probes += made
             self._working.tell(lambda: census.words("components"))

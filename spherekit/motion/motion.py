@@ -117,7 +117,8 @@ class Motion(ArrayRows):
     assembly mode, inputs and status. `is_path` says that successive samples are neighbours.
     `timing` says when the rows happen, if that is known. `sense` (n,) is given where rows
     follow a mechanism through dead centres of its input: +1, or -1 where the input moves
-    back while the mechanism moves on.
+    back while the mechanism moves on. `search` says how the assembly modes were found, and
+    what that says of their number.
     """
 
     mechanism: Mechanism
@@ -135,6 +136,7 @@ class Motion(ArrayRows):
     is_path: bool = True
     timing: Timing | None = None
     sense: Floats | None = None
+    search: str = ""
 
     def __repr__(self) -> str:
         counts = Counter(Status(code).name for code in self.status.tolist())
@@ -368,6 +370,12 @@ class PositionAnalysis:
     crossings
         Whether an assembly mode keeps the signs of its dyads where curves cross ("end"), or
         follows its smooth curve through the crossing ("pass"), for which the signs change.
+    independent
+        Whether the samples of a path are given each for itself, and are no motion. Then
+        configurations of several inputs that no verified steps join may belong to one mode,
+        if it has none at a sample between them, so that inputs far apart from each other
+        have few modes; and where no sample can be reached there is one mode of failed rows
+        instead of an error.
 
     Raises
     ------
@@ -389,9 +397,11 @@ class PositionAnalysis:
         path: Floats | None = None,
         follow: bool = True,
         crossings: Crossings = "end",
+        independent: bool = False,
     ) -> None:
         self._follow = follow
         self.crossings = crossings
+        self._independent = independent
         self.mechanism = driven_at(mechanism, input_pair)
         self.input_grid = sampled(self.mechanism, samples, grid, path)
         self.by_rank = False
@@ -433,7 +443,7 @@ class PositionAnalysis:
         self.solver = Solver(self.mechanism, self.assembly)
         if not self._follow:
             return ()
-        there = ModeSearch(self.solver, self.input_grid, search)
+        there = ModeSearch(self.solver, self.input_grid, search, self._independent)
         self.methods, self.claim, self._probes = there.methods, there.claim, there.probes
         self._crossings = there.crossings
         self.solver.exact_configurations += [item.values for item in there.crossings]
@@ -560,7 +570,8 @@ class PositionAnalysis:
         )
         sample = np.arange(len(q)) if rows is None else rows
         is_path = self.input_grid.is_path
-        return _in_rows(self.solver, self.assembly_modes, q, sample, there, is_path)
+        motion = _in_rows(self.solver, self.assembly_modes, q, sample, there, is_path)
+        return replace(motion, search=self.search)
 
     def sparse(self, most: int) -> Motion:
         """Return the motion at about `most` of the samples, spread evenly."""

@@ -159,7 +159,7 @@ class Distinct:
     dead centre, a small gap is far from the solution: what is left of the gap and the
     smallest singular value say how far, and others within that distance are the same.
     So are configurations that differ by whole turns of rolling wheels. The first 64 are
-    kept.
+    kept; `is_truncated` says whether others were left out for that.
     """
 
     def __init__(self, closure: Closure) -> None:
@@ -167,6 +167,7 @@ class Distinct:
         self.values: list[Floats] = []
         self._poses, self._tolerances = list[Floats](), list[float]()
         self._loose = 0
+        self.is_truncated = False
         self._rolling = rolled_lengths(closure.joints)
         self._rolled = [variable for variable, _ in self._rolling]
 
@@ -200,6 +201,8 @@ class Distinct:
                 self.values.append(values[row])
                 self._poses.append(placed[row])
                 self._tolerances.append(tolerance[row])
+            else:
+                self.is_truncated = True
         return places
 
     def _away(self, values: Floats, placed: Floats) -> Floats:

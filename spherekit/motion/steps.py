@@ -428,12 +428,12 @@ def _advanced(
     return new, holds & (cosine > VERIFIED.turn), last
 
 
-def _longest(at: Nodes, step: Floats) -> Floats:
+def _longest(at: Nodes, step: Floats, smallest_step: float) -> Floats:
     """Return the steps (n,), at most as long as given, that bends allow."""
     bend = max_abs(at.bend, axis=1) + 1e-300
     step = np.minimum(np.minimum(step, LARGEST_STEP), np.sqrt(2 * BEND / bend))
     step = np.minimum(step, NEARER * max_abs(at.slope, axis=1) / bend)
-    return np.fmax(step, SMALLEST_STEP)
+    return np.fmax(step, smallest_step)
 
 
 def flat(at: Linearisation, driven: Sequence[int], least: float) -> Bools:
@@ -467,6 +467,7 @@ def follow_inputs(
     values: Floats,
     q: Floats,
     trail: Trail | None = None,
+    smallest_step: float = SMALLEST_STEP,
 ) -> tuple[Nodes, SmallIntegers, Indices]:
     """Follow straight ways of the inputs from configurations, by verified steps.
 
@@ -482,6 +483,8 @@ def follow_inputs(
         (n, inputs) inputs to arrive at.
     trail
         Gets what is reached on the way.
+    smallest_step
+        A way ends where not even such a step (rad) holds.
 
     Returns
     -------
@@ -500,7 +503,7 @@ def follow_inputs(
     while len(going):
         here = at.rows(going)
         tried[going] += 1
-        step[going] = _longest(here, step[going])
+        step[going] = _longest(here, step[going], smallest_step)
         new, holds, last = _advanced(closure, driven, here, step[going], q[going])
         moved = going[holds]
         new = new.rows(holds)
@@ -511,7 +514,7 @@ def follow_inputs(
         tired = ~there & (tried[going] == MOST_TRIED)
         status[going[tired]] = Status.MODE_LOST
         least = np.maximum(1.0, max_abs(here.values[:, driven], axis=1))
-        stuck = ~holds & (step[going] <= 2 * SMALLEST_STEP * least)
+        stuck = ~holds & (step[going] <= 2 * smallest_step * least)
         for row in going[stuck]:
             status[row] = _why_ended(closure, driven, at.values[row : row + 1])
         step[going] *= np.where(holds, 2.0, 0.5)

@@ -56,6 +56,12 @@ EMPTY = 1e-10
 """An equation with smaller coefficients is none; those of arcs are about 1."""
 UNDETERMINED = 1e-5
 """An equation whose part that holds an angle is smaller does not determine it."""
+ON_CIRCLE = 1e-6
+"""Roots that are nearer to the unit circle (rad) have a real first angle: rounding moves a
+simple one by less."""
+OFF_CIRCLE = 1e-3
+"""Least distance (rad) of a root that is clearly not on the circle. Rounding moves a double
+one by less."""
 NEWTON_STEPS = 10
 STILL = 1e-9
 """Newton's method ends when no angle changed by more than this (rad)."""
@@ -149,6 +155,48 @@ def all_angles(equations: Numbers, involves: Bools) -> Complexes:
             _put(angles, left, polished, residual < CLOSED)
         _eliminate(angles, equations, involves, rows[np.isnan(angles[:, 0, 0])], 4)
     return angles
+
+
+def real_angles(equations: Floats, involves: Bools) -> tuple[Floats, Bools]:
+    """Return starting values of the real solutions of systems, and where these are all.
+
+    This takes a third of the time of `all_angles`, but decides only systems whose roots
+    are clearly apart, and clearly on or off the unit circle.
+
+    Returns
+    -------
+    angles, is_clear
+        (n, m, t) real angles, NaN where a system has fewer than m, and (n,) whether there
+        is one for each real solution. Newton's method has to confirm them, as different
+        ones.
+    """
+    with np.errstate(all="ignore"):
+        roots, excess, problems = _roots(equations, involves)
+        away = np.abs(np.log(np.abs(roots)))
+        is_on = away < ON_CIRCLE
+        is_clear = np.all(is_on | (away > OFF_CIRCLE), axis=1) & (excess < EXCESS)
+        is_clear &= [not problem for problem in problems]
+        order = np.argsort(~is_on, axis=1, kind="stable")
+        order = order[:, : np.max(np.sum(is_on, axis=1), initial=0)]
+        first = np.angle(np.take_along_axis(roots, order, axis=1))
+        first[~np.take_along_axis(is_on, order, axis=1)] = np.nan
+        apart = np.abs(np.exp(1j * (first[:, :, None] - first[:, None])) - 1.0)
+        apart[:, *np.diag_indices(first.shape[1])] = np.inf
+        is_clear &= ~np.any(apart < CLUSTER, axis=(1, 2))
+        if equations.shape[1] == 3:
+            quadratics = _forms(equations, first)[2]
+            size = np.linalg.norm(quadratics, axis=2)
+            size /= np.linalg.norm(equations.reshape(len(size), -1), axis=1)[:, None]
+            is_clear &= ~np.any(size < UNDETERMINED, axis=1)
+        n, k = first.shape
+        if not k:
+            return np.empty((n, 0, len(involves))), is_clear
+        starts = _starts(equations, first.astype(complex))
+        count = starts.shape[1] // k
+        residual = np.nan_to_num(_residual(equations, starts), nan=np.inf)
+        best = np.argmin(residual.reshape(n, k, count), axis=2)[:, :, None, None]
+        starts = np.take_along_axis(starts.reshape(n, k, count, -1), best, axis=2)[:, :, 0]
+    return starts.real, is_clear
 
 
 def _eliminate(
