@@ -419,6 +419,7 @@ SPRUNG = {
     "swings": lambda: sprung("four_bar", "41"),
     "turns fully": lambda: sprung("four_bar", "32"),
     "below zero": lambda: sprung("four_bar", "32", -500.0, 90.0),
+    "falling range": lambda: sprung("four_bar", "32", 400.0, -20.0),
     "range without zero": lambda: sprung("four_bar", "43", 60.0, 500.0),
     "mode with gaps": lambda: replace(
         sprung("four_bar", "32").with_sizes(angle_unit="deg", arcs={"2": 44.0}), modes={}

@@ -173,7 +173,7 @@ function showNumbers() {
   }
   for (const {limit, row, value} of limitRows) {
     const isKnown = here && !modes[state.mode].isSingular;
-    value.textContent = text(isKnown ? limit.angle(here, state.q) / UNIT : NaN);
+    value.textContent = text(isKnown ? angleNearLimits(limit, here, state.q) / UNIT : NaN);
     row.classList.toggle("beyond", Boolean(isKnown) && marginOf(limit, here, state.q) < 0);
   }
   for (const {value, place, scale} of figures) value.textContent = text(here ? here[place] / scale : NaN);

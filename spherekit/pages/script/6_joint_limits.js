@@ -9,10 +9,14 @@ const limits = model.limits.map(({pair, low, high}) => {
   return {pair, low, high, driven, angle: (row, q) => (driven < 0 ? row[column] : q[driven])};
 });
 
-function marginOf({low, high, driven, angle}, row, q) {  // rad to the nearer limit, negative beyond it
+function angleNearLimits({low, high, driven, angle}, row, q) {  // rad, less whole turns of a passive pair
   const middle = 0.5 * (low + high), off = angle(row, q) - middle;
-  const reduced = driven < 0 ? Math.atan2(Math.sin(off), Math.cos(off)) : off;
-  return 0.5 * (high - low) - Math.abs(reduced);
+  return middle + (driven < 0 ? Math.atan2(Math.sin(off), Math.cos(off)) : off);
+}
+
+function marginOf(limit, row, q) {         // rad to the nearer limit, negative beyond it
+  const angle = angleNearLimits(limit, row, q);
+  return Math.min(angle - limit.low, limit.high - angle);
 }
 
 const leastMargin = (row, q) => limits.reduce((least, limit) => Math.min(least, marginOf(limit, row, q)), Infinity);

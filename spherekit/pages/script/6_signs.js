@@ -21,6 +21,7 @@ function relativeVelocity({w: [link, other]}, row) {
 function signCurve(mode, q, sizes, curve) {  // signs of all poles at the samples, put into their rows
   const {x, values, over} = curve;
   curve.signs = values.map(row => (row ? signedPoles.map(() => 1) : null));
+  if (!signedPoles.length) return;
   signedPoles.forEach((pole, j) => {
     let last = -1;
     values.forEach((row, n) => {
