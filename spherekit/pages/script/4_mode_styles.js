@@ -24,28 +24,29 @@ function dashOf(place, count) {            // of the line `place` of `count` tha
   return place ? [DASH * (count - place), DASH * place] : [];
 }
 
-// The dash and width of the curve of each mode, from columns of numbers over the same inputs.
-// Curves that coincide form a group, the chosen mode first in its group.
+// The curves in the order of drawing, each {mode, dash, width}, from columns of numbers over the same inputs: null
+// where a mode does not close, undefined where it has no sample. Curves that coincide form a group.
+// The first of a group is solid and closes wherever one of the others does, which are dashed on it.
+// The group of the chosen mode is drawn last and wider.
 
-function curveStyles(columns, chosen, height) {
-  const order = [chosen, ...columns.keys()].filter((k, n) => n === 0 || k !== chosen), groups = [];
+function orderCurves(columns, chosen, height) {
+  const samples = columns.map(column => column.filter(Number.isFinite).length);
+  const order = [...columns.keys()].sort((a, b) => samples[b] - samples[a] || (b === chosen) - (a === chosen)), groups = [];
   for (const k of order) {
-    const group = groups.find(([first]) => coincide(columns[first], columns[k], EQUAL_CURVES * height));
+    const group = groups.find(([first]) => liesOn(columns[first], columns[k], EQUAL_CURVES * height));
     if (group) group.push(k); else groups.push([k]);
   }
-  const styles = [];
-  for (const group of groups) {
-    const width = group[0] === chosen ? CHOSEN_WIDTH : OTHER_WIDTH;
-    group.forEach((k, place) => { styles[k] = {dash: dashOf(place, group.length), width}; });
-  }
-  return styles;
+  groups.sort((one, other) => one.includes(chosen) - other.includes(chosen));
+  return groups.flatMap(group => group.map((mode, place) => ({
+    mode, dash: dashOf(place, group.length), width: group.includes(chosen) ? CHOSEN_WIDTH : OTHER_WIDTH,
+  })));
 }
 
-function coincide(one, other, tolerance) {
+function liesOn(base, other, tolerance) {  // whether a curve coincides with another all along
   let both = 0;
-  for (let k = 0; k < one.length; k++) {
-    if (!Number.isFinite(one[k]) || !Number.isFinite(other[k])) continue;
-    if (Math.abs(one[k] - other[k]) > tolerance) return false;
+  for (let k = 0; k < base.length; k++) {
+    if (!Number.isFinite(other[k]) || base[k] === undefined) continue;
+    if (!(Math.abs(base[k] - other[k]) <= tolerance) || base[k] === null) return false;
     both += 1;
   }
   return both > 1;

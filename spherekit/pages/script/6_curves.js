@@ -26,9 +26,9 @@ function plotOf(figure) {
     legend: {show: false}, cursor: {show: false}, padding: [8, 16, 0, 0],
     scales: {x: {time: false}, y: {range: () => figure.range}},
     axes: [axis({size: 24, gap: 2}), axis({size: 46, gap: 3, space: 26})],
-    series: [{}, {stroke: () => modeColour(state.mode), width: CHOSEN_WIDTH, points: {show: false}}, ...lines()],
+    series: [{}, ...modes.map((_, k) => ({stroke: () => modeColour(figure.curves[k].mode), points: {show: false}}))],
     hooks: {drawClear: [drawLimits], draw: [plot => drawCursor(plot, figure)]},
-  }, [[0, 1], [null, null], ...modes.map(() => [null, null])], figure.figure);
+  }, [[0, 1], ...modes.map(() => [null, null])], figure.figure);
   made.over.tabIndex = 0;
   made.over.setAttribute("role", "img");
   made.over.setAttribute("aria-label", `${figure.quantity.label} over the input, of every assembly mode`);
@@ -41,10 +41,6 @@ function plotOf(figure) {
   made.over.onpointermove = event => { if (made.over.hasPointerCapture(event.pointerId)) toInput(event); };
   made.over.onkeydown = keyed;
   return made;
-}
-
-function lines() {                         // of every mode, above the thick one of the chosen mode
-  return modes.map((mode, k) => ({stroke: () => modeColour(k), width: OTHER_WIDTH, points: {show: false}}));
 }
 
 // The range of a plot: of all modes, without what runs away where a mode ends. Numbers that
@@ -69,10 +65,11 @@ function fillCurves() {
   for (const figure of figures) {
     const columns = modes.map(({curve}) => aligned(xs, curve, figure.place, figure.scale));
     figure.range = rangeOf(columns, figure.quantity.size / figure.scale);
-    figure.plot ??= plotOf(figure);
     const [low, high] = figure.range;
-    curveStyles(columns, state.mode, high - low).forEach((style, k) => Object.assign(figure.plot.series[k + 2], style));
-    figure.plot.setData([x, columns[state.mode], ...columns]);
+    figure.curves = orderCurves(columns, state.mode, high - low);
+    figure.plot ??= plotOf(figure);
+    figure.curves.forEach(({dash, width}, k) => Object.assign(figure.plot.series[k + 1], {dash, width}));
+    figure.plot.setData([x, ...figure.curves.map(({mode}) => columns[mode])]);
   }
 }
 
