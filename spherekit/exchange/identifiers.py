@@ -75,14 +75,22 @@ class NameRules:
         )
 
 
-_PYTHON = frozenset([*keyword.kwlist, *keyword.softkwlist, *dir(builtins)])
+# Libraries add names with underscores to `builtins` when they are imported. The name of a
+# function must not depend on that, so that all of them are left to the family below.
+_PYTHON = frozenset(
+    [
+        *keyword.kwlist,
+        *keyword.softkwlist,
+        *(name for name in dir(builtins) if not name.startswith("_")),
+    ]
+)
 _C = _WORDS["c_keywords"] | _WORDS["c_library"]
 
 C = NameRules(_C, _C_MACROS, underscores=False)
 CPP = NameRules(_C | _WORDS["cpp_keywords"], _C_MACROS, underscores=False)
 JAVASCRIPT = NameRules(_WORDS["javascript"])
 JULIA = NameRules(_WORDS["julia"])
-PYTHON = NameRules(_PYTHON | _WORDS["python_source"])
+PYTHON = NameRules(_PYTHON | _WORDS["python_source"], re.compile(r"__\w+"))
 CASADI = NameRules(_C | PYTHON.words | _WORDS["casadi"], _C_MACROS, underscores=False)
 """CasADi writes functions of C of the same names."""
 
