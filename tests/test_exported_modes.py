@@ -19,6 +19,7 @@ from spherekit.errors import EngineError
 from spherekit.exchange import mode_table
 from spherekit.exchange.formulas import formulas
 from spherekit.exchange.source import source
+from spherekit.model.dynamics import Spring
 from spherekit.model.parts import Input
 from spherekit.pages.page import PageMaker
 
@@ -249,3 +250,10 @@ def test_pages_name_the_same_modes(name):
     assert modes == 2
     for values in ("1.0", "-1.0"):
         assert f'"values": [\n    {values}\n' in text
+
+
+def test_the_argument_that_counts_turns_is_explained():
+    """A spring follows the angle itself, of which the formulas know the reduced one."""
+    wound = replace(sk.load("four_bar"), loads=(Spring("wound", "41", 1.0),))
+    text = source(formulas(wound, ["torque"]), "c")
+    assert "turns_of_41 (rad: whole turns of theta_41, 0 while it is in (-pi, pi])" in text

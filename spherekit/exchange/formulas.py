@@ -233,7 +233,8 @@ def _motion(
     inputs = terms.inputs
     units = [unit for unit in ("rad", "rad/s", "rad/s2") for _ in inputs] + ["s"]
     every = dict(zip(terms.sample, units, strict=True))
-    every |= dict.fromkeys(terms.turns.values(), "rad")
+    for pair, term in terms.turns.items():
+        every[term] = f"rad: whole turns of theta_{pair}, 0 while it is in (-pi, pi]"
     every |= dict.fromkeys(terms.tables.values(), "N m")
     used = {x for x in in_order(outputs) if x.operation == "variable"}
     used |= {*terms.sample[: len(inputs)]}
