@@ -133,9 +133,13 @@ class ModeMeeting:
 
     def describe(self, input_pair: str, passed: bool) -> str:
         """Return a sentence about it; `passed` says that modes follow the smooth curves."""
-        groups = [" and ".join(map(str, numbers)) for numbers in dict.fromkeys(self.modes)]
-        words = f"modes {', '.join(groups)} meet at {input_pair} = "
-        words += f"{degrees_text(self.input)} deg"
+        groups = [
+            " and ".join(map(str, numbers))
+            for numbers in dict.fromkeys(self.modes)
+            if len(numbers) > 1
+        ]
+        words = f"modes {', '.join(groups)} meet" if groups else "curves cross"
+        words += f" at {input_pair} = {degrees_text(self.input)} deg"
         if not self.resolved:
             return f"{words}; which of them continue each other is not known"
         if passed:
