@@ -22,7 +22,7 @@ TEXTS = {
     "what is put in": "${HACKED} $(id) $css #{x} {0} {name} %s %(x)s \\u0041 \\x41 \\n",
     "LaTeX": "\\input{x} $a_b^c$ 50 % & # ~ ^ \\end{document}",
     "XML": "]]> --> -- --- ---- <!DOCTYPE x> <?php x ?> &amp; &#0; - -",
-    "a comment of Julia": "#= a =# $hacked \"$(hacked)\" #=",
+    "a comment of Julia": '#= a =# $hacked "$(hacked)" #=',
     "a terminal": "\x1b[31mred\x1b]0;title\x07 \x9b2J \x08\x08 \x7f",
     "NUL": "one\0two",
     "from right to left": "a \u202etxet nedderrevo\u202c \u2066isolated b \u200f\u061c",

@@ -99,8 +99,12 @@ def stated(tracer, as_written=False, every=0):
             continue
         found.rows += int(np.sum(good))
         found.numbers += int(np.sum(good)) * len(poles)
-        for written in (False, True)[: 1 + as_written]:
-            _judge(found, motion, poled, wanted, good, (driven, written, every))
+        for written in (False, True):
+            # Rows by decimals are not those of the float64 numbers.
+            judged = good & poled.by_decimals if written else good & ~poled.by_decimals
+            judged = good if written and as_written else judged
+            if np.any(judged):
+                _judge(found, motion, poled, wanted, judged, (driven, written, every))
     return found
 
 

@@ -54,7 +54,7 @@ HOME_OF = {
     "distributed": {"design/cluster.py"},
     "dask": {"design/cluster.py"},
     "flint": {"proof/balls.py"},
-    "numpy_quaddtype": {"engine/row_kernel.py"},
+    "numpy_quaddtype": {"numeric/quad.py"},
     "matplotlib": {"figures/sdk.py"},
     "mujoco": {"exchange/mujoco_file.py"},
 }

@@ -27,6 +27,7 @@ from spherekit.engine.columns import (
     LARGEST_PART,
     MovingTerms,
 )
+from spherekit.engine.decimal_rates import DecimalRates
 from spherekit.engine.elimination_order import (
     MAX_AMPLIFICATION,
     EliminationOrder,
@@ -130,6 +131,7 @@ def found(
         status=at.status,
         by_equations=at.wide,
         by_kernel=at.sure,
+        by_decimals=at.by_decimals,
         loss=np.where(at.status == Status.OK, at.loss, np.nan),
     )
     for link in links:
@@ -148,7 +150,9 @@ class _Rows:
     The kernel vouches for rows (n,) that are `sure`; `wide` ones are computed in quad
     precision. `errors[pole]` (4, n) bound what `BOUNDS` names, in its order; `loss` (n,)
     is the part of the largest rate or derivative that may be off, infinite where they are
-    lost. Rows that follow the sequence have the angular velocities `by_sequence` (3, n).
+    lost. Rows `by_decimals` (n,) are those of the decimal sizes of the file, where the
+    rounding of these leaves nothing of the rates. Rows that follow the sequence have the
+    angular velocities `by_sequence` (3, n).
     The rows `reordered`, with the elimination order of each, are not computed here: that of
     the kernel is not regular there, though the velocity equations are.
     """
@@ -163,7 +167,7 @@ class _Rows:
         self.motion, self.wanted = motion, wanted
         self.status, n = motion.status.copy(), len(motion)
         self.loss = np.zeros(n)
-        self.sure, self.wide = np.zeros((2, n), dtype=bool)
+        self.sure, self.wide, self.by_decimals = np.zeros((3, n), dtype=bool)
         self.errors: dict[Pole, Floats] = {}
         self.apart: dict[Pole, Floats] = {}
         self.by_sequence: dict[int, Floats] = {}
@@ -191,6 +195,9 @@ class _Rows:
         if np.any(self.wide):
             kernel = row_kernel(motion, [wanted], "numpy", order) or kernel
             self._widen(kernel, np.flatnonzero(self.wide))
+            lost = self.wide & np.isinf(self.loss) & (self.status == Status.OK)
+            if np.any(lost):
+                self._compute_by_decimals(kernel, np.flatnonzero(lost))
         # Axes of pairs that are one but for rounding differ by that.
         pairs, rounded = axis_pairs(wanted.plan), wanted.plan.rounded_axes
         for links, errors in self.errors.items():
@@ -334,6 +341,34 @@ class _Rows:
                 second_order=more,
             )
 
+    def _compute_by_decimals(self, kernel: RowKernel, rows: Indices) -> None:
+        """Compute rows that are too near a singularity for rounded sizes."""
+        plan = self.wanted.plan
+        decimal_rates = DecimalRates.of(self.motion.rows(rows), plan.input)
+        if decimal_rates is None:
+            return
+        good = decimal_rates.known & (decimal_rates.loss <= TRUSTED_CHANGE)
+        rows = rows[good]
+        self.by_decimals[rows] = True
+        self.loss[rows] = decimal_rates.loss[good]
+
+        def put(name: str, key: Any, numbers: Floats) -> None:
+            for at, number in zip(self._of[name][key], numbers, strict=True):
+                if not kernel.is_constant[at]:  # which others may share
+                    self._columns[at, rows] = number[good]
+
+        for link in self._of["w"]:
+            put("w", link, decimal_rates.w[:, link].T.astype(float))
+            put("dw", link, decimal_rates.dw[:, link].T.astype(float))
+        pairs = axis_pairs(plan)
+        for pole, errors in self.errors.items():
+            body_pole = plan.pole(*pole)
+            assert body_pole is not None
+            numbers, bounds = decimal_rates.pole(pole, pairs.get(body_pole))
+            for name, part in numbers.items():
+                put(name, pole, part)
+            errors[:, rows] = bounds[:, good]
+
     def _turns_of_links(self, rows: Indices, inverse: Floats) -> Floats:
         """Return how links turn (ways, links, 3, rows) as the loops open, rad per rad.
 
@@ -416,6 +451,7 @@ def vouched_field(
         pole_status=dict.fromkeys(directions, motion.status),
         by_equations=np.zeros(n, dtype=bool),
         by_kernel=np.ones(n, dtype=bool),
+        by_decimals=np.zeros(n, dtype=bool),
         loss=np.zeros(n),
     )
     for name, places in moving.of.items():

@@ -9,7 +9,7 @@ which is measured: every way in which loops can stay open is gone by a small ste
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import cache, cached_property
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -37,6 +37,7 @@ from spherekit.engine.pose import largest
 from spherekit.engine.system import term_function
 from spherekit.engine.turns import ProfileSide, with_columns
 from spherekit.motion.motion import Motion
+from spherekit.numeric.quad import quad
 from spherekit.rates.request import Request
 from spherekit.sphere.rotation import max_abs
 
@@ -59,14 +60,6 @@ SMALL = 1e-30
 """How far loops are opened (rad)."""
 WIDE_PIECE = 256
 """Rows computed at once."""
-
-
-@cache
-def quad() -> Any:
-    """Return the number type; it is loaded with the first row that needs it."""
-    from numpy_quaddtype import QuadPrecDType
-
-    return QuadPrecDType()
 
 
 WideRows = tuple[Floats, Floats, Floats, Bools]
@@ -133,6 +126,11 @@ class RowKernel:
         self.has_closed_form = self._form is not None
         worst = [moving.worst / LARGEST_ERROR for moving in self.moving]
         self._doubts = [rows.flatness * NEARLY_FLAT, *worst, *curved(rows)]
+
+    @cached_property
+    def is_constant(self) -> Bools:
+        """(columns,) which columns are numbers for every configuration."""
+        return np.array([not isinstance(x, ExpressionNode) for x in self._columns], bool)
 
     @cached_property
     def of_floats(self) -> FloatFunction:

@@ -42,6 +42,7 @@ from spherekit.motion.loops import (
     rank_mobility,
 )
 from spherekit.motion.meshes import GearPhases, meshes_of
+from spherekit.motion.quad_positions import LARGEST_ANGLE_ERROR_RAD, QuadAssembly
 from spherekit.motion.steps import determinant_sign, follow_inputs
 from spherekit.motion.turns import whole_laps
 from spherekit.numeric.crossings import wrap
@@ -55,6 +56,8 @@ from spherekit.sphere.rotation import all_finite, max_abs, nans
 
 SAME = 0.3
 """Angles (rad) of a followed mode that are farther from a row's are another's."""
+LAST_STEP_RAD = 1e-9
+"""The last node of a curve is nearer than this to the dead centre where the curve ends."""
 BEYOND = 1e-4
 """An input beyond the end of a mode by less (rad) is at its end, a dead centre."""
 HALF = np.pi + 1e-3
@@ -273,19 +276,29 @@ class Solver:
                     _mark(status, sine < FLAT_DYAD, Status.AT_SINGULARITY)
                 else:
                     self._place(assembly_mode, number, q, rows, state, status)
-            self._restore_exact(q, state.values, status)
+            is_exact = self._restore_exact(q, state.values, status)
+            beyond = self._past_the_end(assembly_mode, q, state, status)
+            singular = ((status == Status.AT_SINGULARITY) & ~is_exact) | beyond
+            if np.any(singular):
+                rows = np.flatnonzero(singular)
+                self._place_singular(assembly_mode, q, rows, state, status)
             at = self.closure.at(state.values)
             values, rotations, residual = at.values, at.placed, at.gap
-            _mark(status, ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
-            failed = ~assembled(status)
+            known = all_finite(state.values, 1) | (status != Status.AT_SINGULARITY)
+            _mark(status, known & ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
+            failed = ~assembled(status) | ~known
             for part in (values, rotations, residual):
                 part[failed] = np.nan
             free = [v for v in self.angles if v not in self.driven]
             values[:, free] = wrap(values[:, free])
             return Evaluated(values, rotations, status, residual)
 
-    def _restore_exact(self, q: Floats, values: Floats, status: SmallIntegers) -> None:
-        """Set singular configurations (n, variables) at inputs q that are known exactly."""
+    def _restore_exact(self, q: Floats, values: Floats, status: SmallIntegers) -> Bools:
+        """Set singular configurations (n, variables) at inputs q that are known exactly.
+
+        Return which rows (n,) these are.
+        """
+        is_exact = np.zeros(len(q), dtype=bool)
         singular = np.flatnonzero(status == Status.AT_SINGULARITY)
         driven = list(self.driven)
         for exact in self.exact_configurations if len(singular) else ():
@@ -299,6 +312,8 @@ class Solver:
             offset[:, driven] = 0.0
             is_near = max_abs(offset, axis=1) < NEAR_EXACT
             values[rows[is_near]] += offset[is_near]
+            is_exact[rows[is_near]] = True
+        return is_exact
 
     def _evaluate_pieces(self, assembly_mode: AssemblyMode, q: Floats) -> Evaluated:
         """Return a mode that changes to other ones at inputs, at inputs q (n, 1)."""
@@ -309,6 +324,50 @@ class Solver:
             for number, (_, mode) in enumerate(assembly_mode.pieces)
         ]
         return Evaluated.joined(parts).rows(np.argsort(order))
+
+    @cached_property
+    def _quad_assembly(self) -> QuadAssembly:
+        return QuadAssembly(self.mechanism, self.assembly)
+
+    def _past_the_end(
+        self, assembly_mode: AssemblyMode, q: Floats, state: State, status: SmallIntegers
+    ) -> Bools:
+        """Return which rows (n,) lie past the last node of a curve, beside a dead centre.
+
+        The variables there are set to those of the last node.
+        """
+        past = np.zeros(len(q), dtype=bool)
+        guide = assembly_mode.guide
+        if isinstance(guide, ModeCurve) and np.any(status == Status.OUT_OF_REACH):
+            last = np.clip(q[:, 0], guide.inputs[0], guide.inputs[-1])
+            past = (status == Status.OUT_OF_REACH) & (
+                np.abs(q[:, 0] - last) < LAST_STEP_RAD
+            )
+            state.values[past] = guide.predict(last[past])[0]
+        return past
+
+    def _place_singular(
+        self,
+        assembly_mode: AssemblyMode,
+        q: Floats,
+        rows: Indices,
+        state: State,
+        status: SmallIntegers,
+    ) -> None:
+        """Place rows (k,) beside a dead centre again, in quad precision.
+
+        In float64 angles lose half their digits with each group that is at its dead
+        centre. Angles that quad precision does not know either are set to NaN.
+        """
+        if not self._quad_assembly.is_supported:
+            return
+        placed = self._quad_assembly.place(
+            assembly_mode.signs, assembly_mode.determinants, q[rows], state.values[rows]
+        )
+        known = placed.error <= LARGEST_ANGLE_ERROR_RAD
+        state.values[rows] = np.where(known[:, None], placed.values, np.nan)
+        was_out = status[rows] == Status.OUT_OF_REACH
+        status[rows] = np.where(was_out & ~known, Status.OUT_OF_REACH, placed.status)
 
     def _place(
         self,

@@ -298,8 +298,15 @@ class Motion(ArrayRows):
 
     @cached_property
     def failed(self) -> Bools:
-        """(n,) rows that hold no configuration."""
-        return ~assembled(self.status)
+        """(n,) rows that hold no configuration.
+
+        A row beside a dead centre whose angles are not known is one of them.
+        """
+        failed = ~assembled(self.status)
+        singular = self.status == Status.AT_SINGULARITY
+        if np.any(singular):
+            failed[singular] = ~all_finite(self.values[singular], 1)
+        return failed
 
 
 def motion_of(solver: Solver, values: Floats) -> Motion:

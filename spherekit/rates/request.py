@@ -158,7 +158,8 @@ class PoleField(ArrayRows):
     `status` (n,): the motion's, with AT_SINGULARITY where the rates are
     not finite. `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED
     where only this pole cannot be given. `by_equations` (n,): samples solved from the
-    velocity equations instead; `by_kernel` (n,): rows that a kernel vouches for.
+    velocity equations instead; `by_kernel` (n,): rows that a kernel vouches for;
+    `by_decimals` (n,): rows of the decimal sizes of the file, beside a dead centre.
     """
 
     direction: MutableMapping[Pole, Floats] = field(default_factory=dict)
@@ -177,6 +178,7 @@ class PoleField(ArrayRows):
     pole_status: MutableMapping[Pole, SmallIntegers] = field(default_factory=dict)
     by_equations: Bools
     by_kernel: Bools
+    by_decimals: Bools
     loss: Floats
     direction_dq: MutableMapping[Pole, Floats] = field(default_factory=dict)
     direction_dq_error: MutableMapping[Pole, Floats] = field(default_factory=dict)

@@ -147,7 +147,14 @@ class LazyField:
     directions, rates and changes, NaN where there are none, `largest` those of all rows.
     """
 
-    KNOWN = ("status", "pole_status", "by_equations", "by_kernel", "loss")
+    KNOWN = (
+        "status",
+        "pole_status",
+        "by_equations",
+        "by_kernel",
+        "by_decimals",
+        "loss",
+    )
 
     def __init__(
         self,
@@ -164,12 +171,13 @@ class LazyField:
         n = len(motion)
         self.largest = dict(zip(ERRORS, errors, strict=True))
         status = motion.status
-        by_equations = np.zeros(n, dtype=bool)
+        by_equations, by_decimals = np.zeros((2, n), dtype=bool)
         loss = np.where(motion.failed, np.nan, 0.0)
         pole_status = dict.fromkeys(self._places["direction"], status)
         for late in source.careful[number : number + 1]:
             status = _with(status, rows, late.status)
             loss[rows], by_equations[rows] = late.loss, late.by_equations
+            by_decimals[rows] = late.by_decimals
             for pole in pole_status:
                 pole_status[pole] = _with(status, rows, late.pole_status[pole])
             for name, error in largest_errors(late).items():
@@ -180,6 +188,7 @@ class LazyField:
             pole_status=pole_status,
             by_equations=by_equations,
             by_kernel=vouched,
+            by_decimals=by_decimals,
             loss=loss,
         )
         for pole in set(wanted.poles) - pole_status.keys():

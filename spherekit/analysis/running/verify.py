@@ -35,6 +35,7 @@ from spherekit.motion.motion import Motion
 from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.proof.balls import DIGITS, Digits, floats
+from spherekit.proof.gears import Written
 from spherekit.proof.rows import (
     ExactRows,
     exact_direction,
@@ -94,11 +95,19 @@ def in_many_digits(
     """Return reference values of a motion, and it and its fields with the nearest numbers.
 
     By each input that a request for poles moves, or by the first. See `exact_rows` for
-    `arithmetic` and `inputs`, and for errors.
+    `arithmetic` and `inputs`, and for errors. All reference values are those of the decimal
+    sizes of the file where some rows are.
     """
     every = np.ones(len(motion), dtype=bool)
     driven = [item.plan.input for item in wanted] or motion.assembly.inputs[:1]
-    exact = exact_rows_by_input(motion, every, driven, arithmetic, inputs=inputs)
+    frames = None
+    if any(np.any(field.by_decimals) for field in fields):
+        arithmetic = arithmetic or Digits()
+        with arithmetic.within():
+            frames = Written.of(motion.mechanism).r_frames()
+    exact = exact_rows_by_input(
+        motion, every, driven, arithmetic, inputs=inputs, frames=frames
+    )
     nearest = tuple(map(exact_field, exact, wanted, fields))
     return exact, exact_motion(motion, every, exact[0]), nearest
 
