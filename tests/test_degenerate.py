@@ -77,7 +77,7 @@ def test_bars_without_length_that_close_are_singular():
     """Crank and coupler cover each other at every input; the rocker can spin."""
     motion = sk.trace(four_bar(np.radians((0, 20, 20, 0))), samples=7)
     assert np.all(motion.status == sk.Status.AT_SINGULARITY)
-    assert np.max(motion.residual) < 1e-13
+    assert np.all(np.isnan(motion.values).any(axis=1))  # any angle closes the loop
 
 
 def test_a_link_of_a_triad_with_coincident_axes_is_no_traceback():

@@ -33,7 +33,7 @@ class DecimalRates:
 
     Attributes
     ----------
-    known
+    is_known
         (n,) where the configuration and the rates are known; numbers elsewhere are not.
     axes
         (n, pairs, 3) axes of the pairs in ground axes, in quad precision like all below.
@@ -47,7 +47,7 @@ class DecimalRates:
         First and second link of each pair.
     """
 
-    known: Bools
+    is_known: Bools
     axes: Array
     rates: Array
     changes: Array
@@ -72,7 +72,7 @@ class DecimalRates:
             return None
         n, tree = len(motion), motion.linearisation.tree
         values: Array | None = None
-        known = np.zeros(n, dtype=bool)
+        is_known = np.zeros(n, dtype=bool)
         for number in sorted(numbers):
             rows = np.flatnonzero(motion.assembly_mode == number)
             mode = modes[number]
@@ -82,7 +82,7 @@ class DecimalRates:
             if values is None:
                 values = np.zeros((n, tree.count, 3, 3)).astype(placed.rotations.dtype)
             values[rows] = placed.rotations
-            known[rows] = placed.status == Status.OK
+            is_known[rows] = placed.status == Status.OK
         assert values is not None
         axes = np.stack(
             [
@@ -91,7 +91,7 @@ class DecimalRates:
             ],
             axis=1,
         )
-        return _solved(motion, driven, known, axes)
+        return _solved(motion, driven, is_known, axes)
 
     @property
     def loss(self) -> Floats:
@@ -176,7 +176,7 @@ class DecimalRates:
         return np.max(np.sqrt(dot(self.w, self.w)).astype(float), axis=1)
 
 
-def _solved(motion: Motion, driven: int, known: Bools, axes: Array) -> DecimalRates:
+def _solved(motion: Motion, driven: int, is_known: Bools, axes: Array) -> DecimalRates:
     """Return the rates by the axes (n, pairs, 3) of all pairs, in quad precision."""
     tree, free = motion.linearisation.tree, list(motion.free)
     (moved,) = motion.mechanism.variables_of(driven)
@@ -205,7 +205,7 @@ def _solved(motion: Motion, driven: int, known: Bools, axes: Array) -> DecimalRa
 
     # Norms alone: 33 digits leave room. Each of `count` axes on a way may be off.
     sensitivity = np.linalg.norm(left_inverse(passive.astype(float)), axis=(1, 2))
-    known = known & (sensitivity < LARGEST_SENSITIVITY)
+    is_known = is_known & (sensitivity < LARGEST_SENSITIVITY)
     fast, bent = (np.max(np.abs(x.astype(float)), axis=1) for x in (rates, changes))
     axis_error = 2.0 * count**2 * sensitivity * PLACED_RAD + PLACED_RAD
     rate_error = 2.0 * count * sensitivity * fast * axis_error
@@ -213,7 +213,7 @@ def _solved(motion: Motion, driven: int, known: Bools, axes: Array) -> DecimalRa
     bias_error = count * (count * fast * rate_error + fast * turn_error)
     change_error = 2.0 * sensitivity * (count * bent * axis_error + bias_error)
     return DecimalRates(
-        known=known,
+        is_known=is_known,
         axes=axes,
         rates=rates,
         changes=changes,

@@ -347,7 +347,7 @@ class _Rows:
         decimal_rates = DecimalRates.of(self.motion.rows(rows), plan.input)
         if decimal_rates is None:
             return
-        good = decimal_rates.known & (decimal_rates.loss <= TRUSTED_CHANGE)
+        good = decimal_rates.is_known & (decimal_rates.loss <= TRUSTED_CHANGE)
         rows = rows[good]
         self.by_decimals[rows] = True
         self.loss[rows] = decimal_rates.loss[good]

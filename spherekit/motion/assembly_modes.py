@@ -284,9 +284,9 @@ class Solver:
                 self._place_singular(assembly_mode, q, rows, state, status)
             at = self.closure.at(state.values)
             values, rotations, residual = at.values, at.placed, at.gap
-            known = all_finite(state.values, 1) | (status != Status.AT_SINGULARITY)
-            _mark(status, known & ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
-            failed = ~assembled(status) | ~known
+            has_angles = all_finite(state.values, 1) | (status != Status.AT_SINGULARITY)
+            _mark(status, has_angles & ~(residual < CLOSURE_TOLERANCE), Status.NOT_CLOSED)
+            failed = ~assembled(status) | ~has_angles
             for part in (values, rotations, residual):
                 part[failed] = np.nan
             free = [v for v in self.angles if v not in self.driven]
@@ -364,10 +364,10 @@ class Solver:
         placed = self._quad_assembly.place(
             assembly_mode.signs, assembly_mode.determinants, q[rows], state.values[rows]
         )
-        known = placed.error <= LARGEST_ANGLE_ERROR_RAD
-        state.values[rows] = np.where(known[:, None], placed.values, np.nan)
+        has_angles = placed.error <= LARGEST_ANGLE_ERROR_RAD
+        state.values[rows] = np.where(has_angles[:, None], placed.values, np.nan)
         was_out = status[rows] == Status.OUT_OF_REACH
-        status[rows] = np.where(was_out & ~known, Status.OUT_OF_REACH, placed.status)
+        status[rows] = np.where(was_out & ~has_angles, Status.OUT_OF_REACH, placed.status)
 
     def _place(
         self,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
-from spherekit.conventions import Status
+from spherekit.conventions import EPS, Status
 from spherekit.files.document import Document, LiteralNumber, parse
 from spherekit.files.write import canonical_text
 from spherekit.model.gears import COLLINEAR, axes_from_sizes
@@ -31,14 +31,15 @@ from spherekit.sphere.dyad import HalfAngle, middle_axis
 
 ROUNDING_RAD = 1e3 * QUAD_EPS
 """What a body is off by that inputs place: some hundred roundings."""
-LARGEST_ANGLE_ERROR_RAD = 1e-6
+INPUT_ROUNDING = 2.0 * EPS
+"""An input nearer than this part of it, or of 1 rad, to a dead centre is taken to be at it:
+the float64 number may stand for a decimal number of degrees."""
+LARGEST_ANGLE_ERROR_RAD = 1e-5
 """Angles with a larger bound are not given."""
 MAX_NEWTON_STEPS = 150
 """Towards a double root each step halves the distance: 33 digits of it take 55."""
 CLOSED_STEP_RAD = 1e-27
 """A smaller last step of Newton's method has reached a simple root."""
-CLOSED_GAP_RAD = 1e-30
-"""Loops that are no more open than this at a double root are closed."""
 NEAREST_START_RAD = 1e-3
 """A solution farther from the float64 values than this is not the one meant."""
 
@@ -184,13 +185,15 @@ class _Bodies:
     """Bodies while groups are placed, at n inputs.
 
     `within[link]` (n, 3, 3) are rotations from link axes to those of the link's body,
-    `error` (n,) rad what these are off by at most; `out` (n,) says where arcs do not close,
-    `flat` where a group is at its dead centre.
+    `error` (n,) rad what these are off by at most, the inputs being exact; `rounding` (n,)
+    rad is that of the inputs. `out` (n,) says where arcs do not close for any input within
+    its rounding, `flat` where a group is at its dead centre for one of these.
     """
 
     within: dict[int, Array]
     values: Array
     error: Floats
+    rounding: Floats
     out: Bools
     flat: Bools
 
@@ -269,7 +272,9 @@ class QuadAssembly:
             ahead = mechanism.ends[pair][0] == parent
             within[child] = product(within[parent], turn if ahead else _transpose(turn))
         none = np.zeros((2, n), dtype=bool)
-        return _Bodies(within, values, np.full(n, ROUNDING_RAD), none[0], none[1])
+        rounding = INPUT_ROUNDING * np.maximum(1.0, np.max(np.abs(q), axis=1))
+        error = np.full(n, ROUNDING_RAD)
+        return _Bodies(within, values, error, rounding, none[0], none[1])
 
     def _axis(self, bodies: _Bodies, pair: int, side: int) -> Array:
         """Return the axis (n, 3) of a pair in the body of one of its links."""
@@ -294,18 +299,24 @@ class QuadAssembly:
         # The square of the triple product is a product of two differences of cosines: of
         # the sum, or difference, of the arcs, less that of the arc between the outer axes.
         outer_sine = 0.5 * np.sqrt((more * less).astype(float))
-        factors, doubts = [], []
-        for arc in (halves[0] - halves[1], halves[0] + halves[1]):
-            arc_sine = np.abs(2.0 * (arc.sine * arc.cosine).astype(float))
-            factors.append(_over(arc, more, less))
-            doubts.append(4.0 * bodies.error * (outer_sine + arc_sine + bodies.error))
+        arcs = halves[0] - halves[1], halves[0] + halves[1]
+        factors = [_over(arc, more, less) for arc in arcs]
+        sizes = [np.abs(factor.astype(float)) for factor in factors]
         square = -factors[0] * factors[1]
-        first, second = (np.abs(factor.astype(float)) for factor in factors)
-        doubt = first * doubts[1] + second * doubts[0] + doubts[0] * doubts[1]
         size = square.astype(float)
-        bodies.out |= size < -doubt
-        bodies.flat |= np.abs(size) <= doubt
-        root = np.sqrt(np.where(size > doubt, square, 0.0 * square))
+
+        def doubt(error: Floats) -> Floats:
+            """Return what the square is off by (n,) where axes are off by an error."""
+            first, second = (
+                4.0 * error * (outer_sine + error + np.abs(_sine(arc))) for arc in arcs
+            )
+            return sizes[0] * second + sizes[1] * first + first * second
+
+        wide_error = np.maximum(bodies.error, bodies.rounding)
+        bodies.out |= size < -doubt(wide_error)
+        flat = np.abs(size) <= doubt(wide_error)
+        bodies.flat |= flat
+        root = np.sqrt(np.where(size > doubt(bodies.error), square, 0.0 * square))
         root = root * (group.dyad_parity * sign)
         of_sum, of_rest, of_normal = middle_axis(halves[0], halves[1], more, less, root)
         b = of_sum[:, None] * (a + c) + of_rest[:, None] * (a - c)
@@ -317,9 +328,9 @@ class QuadAssembly:
             )
             for outer, (p, m) in zip((a, c), sides, strict=True)
         ]
-        sines = [2.0 * (half.sine * half.cosine).astype(float) for half in halves]
-        sines.append(outer_sine)
-        bodies.error = _dyad_error(bodies.error, np.sqrt(np.maximum(size, 0.0)), sines)
+        sines = [*map(_sine, halves), outer_sine]
+        error = np.where(flat, wide_error, bodies.error)
+        bodies.error = _dyad_error(error, np.sqrt(np.where(flat, 0.0, size)), sines)
         self._merge(bodies, group, turns)
         for pair in group.pairs:
             one, other = (
@@ -347,28 +358,42 @@ class QuadAssembly:
         loops = _GroupLoops(self, bodies, group)
         float_values = starts[:, columns]
         x, size, gap = loops.closed(float_values.astype(quad()))
-        jacobian = loops.at(x)[2]
-        wrong = np.linalg.slogdet(jacobian)[0] * determinant < 0.0
+        flat, wrong = self._is_flat(loops, x, bodies.rounding, determinant)
         wrong &= size <= CLOSED_STEP_RAD
         if np.any(wrong):
             # The other solution lies across the dead centre.
             mirrored = x.copy()
             mirrored[wrong] = loops.across(x)[wrong]
             x, size, gap = loops.closed(mirrored)
-            jacobian = loops.at(x)[2]
-            wrong = np.linalg.slogdet(jacobian)[0] * determinant < 0.0
+            flat, wrong = self._is_flat(loops, x, bodies.rounding, determinant)
         distance = np.max(np.abs((x - float_values.astype(quad())).astype(float)), axis=1)
-        regular = (size <= CLOSED_STEP_RAD) & ~wrong & (distance < NEAREST_START_RAD)
-        double = ~regular & (gap <= CLOSED_GAP_RAD) & (distance < NEAREST_START_RAD)
-        sensitivity = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))
+        is_near = distance < NEAREST_START_RAD
+        regular = (size <= CLOSED_STEP_RAD) & ~wrong & ~flat & is_near
+        wide_error = np.maximum(bodies.error, 16.0 * bodies.rounding)
+        double = ~regular & flat & (gap <= wide_error) & is_near
+        sensitivity = np.linalg.norm(left_inverse(loops.at(x)[2]), axis=(1, 2))
         error = np.where(regular, 4.0 * bodies.error * sensitivity, np.inf)
-        # Of a double root the loops open by the square of the error.
-        bend = 4.0 * np.sqrt(np.maximum(bodies.error, gap))
-        bodies.error = np.where(double, bend, error)
+        # At a double root the loops open by the square of the error.
+        bodies.error = np.where(double, 4.0 * np.sqrt(2.0 * wide_error), error)
         bodies.flat |= ~regular
         turns = loops.at(x)[0]
         self._merge(bodies, group, turns[1:])
         bodies.values[:, columns] = x
+
+    @staticmethod
+    def _is_flat(
+        loops: "_GroupLoops", x: Array, rounding: Floats, determinant: float
+    ) -> tuple[Bools, Bools]:
+        """Return where a group is at its dead centre, and where it is in another mode.
+
+        A mode has a `determinant` of one sign. Beside a dead centre at a distance s^2 of
+        the input the smallest singular value of the Jacobian is about s.
+        """
+        jacobian = loops.at(x)[2]
+        finite = np.nan_to_num(jacobian)
+        least = np.linalg.svd(finite, compute_uv=False)[:, -1]
+        flat = least**2 <= 8.0 * rounding
+        return flat, (np.linalg.slogdet(finite)[0] * determinant < 0.0) & ~flat
 
 
 class _GroupLoops:
@@ -419,21 +444,26 @@ class _GroupLoops:
     def closed(self, values: Array) -> tuple[Array, Floats, Floats]:
         """Return where Newton's method ends, its last step and how far loops are open."""
         n = len(values)
-        values, size, gap = values.copy(), np.full(n, np.inf), np.full(n, np.inf)
+        values, best = values.copy(), values.copy()
+        size, gap, least = np.full((3, n), np.inf)
         active = np.ones(n, dtype=bool)
         for _ in range(MAX_NEWTON_STEPS):
             _, gaps, jacobian = self.at(values)
             gap = np.max(np.abs(gaps.astype(float)), axis=1)
+            better = gap < least
+            best[better], least[better] = values[better], gap[better]
             inverse = left_inverse(jacobian).astype(quad())
             step = -rotated(inverse, gaps)
             length = np.max(np.abs(step.astype(float)), axis=1)
             size = np.where(active, length, size)
-            active &= (length > CLOSED_STEP_RAD) & (length < 0.1) & (gap > 0.0)
-            size[gap == 0.0] = np.minimum(size, length)[gap == 0.0]
+            active &= (length > CLOSED_STEP_RAD) & (length < 0.1)
             if not np.any(active):
                 break
             values[active] += step[active]
-        return values, np.where(np.isfinite(size), size, np.inf), gap
+        # Where nothing closes, and at a double root, the nearest that was met.
+        settled = size <= CLOSED_STEP_RAD
+        values = np.where(settled[:, None], values, best)
+        return values, size, np.where(settled, gap, least)
 
     def across(self, values: Array) -> Array:
         """Return about where the other solution beside a dead centre lies.
@@ -457,6 +487,10 @@ def _over(arc: HalfAngle, more: Array, less: Array) -> Array:
     first = 0.5 * less - 2.0 * (arc.sine * arc.sine)
     second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * more
     return np.where(np.abs(arc.sine) < np.abs(arc.cosine), first, second)
+
+
+def _sine(arc: HalfAngle) -> Floats:
+    return np.asarray(2.0 * arc.sine * arc.cosine).astype(float)
 
 
 def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Floats:
