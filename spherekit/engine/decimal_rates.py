@@ -7,15 +7,16 @@ enough for d down to 1e-11. The velocity equations J r = 0 of all loops and thei
 are solved for the rates r of all variables and for dr.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from spherekit.arrays import Array, Bools, Floats
+from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.conventions import EPS, Status
 from spherekit.engine.columns import BOUNDS
+from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.motion.loops import left_inverse
 from spherekit.motion.motion import Motion
 from spherekit.motion.quad_positions import QuadAssembly, dot, rotated
@@ -73,9 +74,7 @@ class DecimalRates:
         n, tree = len(motion), motion.linearisation.tree
         values: Array | None = None
         is_known = np.zeros(n, dtype=bool)
-        for number in sorted(numbers):
-            rows = np.flatnonzero(motion.assembly_mode == number)
-            mode = modes[number]
+        for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
             placed = quad_assembly.place(
                 mode.signs, mode.determinants, motion.inputs[rows], motion.values[rows]
             )
@@ -174,6 +173,20 @@ class DecimalRates:
     @property
     def _fastest(self) -> Floats:
         return np.max(np.sqrt(dot(self.w, self.w)).astype(float), axis=1)
+
+
+def _rows_of_modes(
+    motion: Motion, modes: Sequence[AssemblyMode]
+) -> Iterator[tuple[AssemblyMode, Indices]]:
+    """Yield assembly modes, or the pieces of those that have any, with their rows."""
+    for mode in modes:
+        rows = np.flatnonzero(motion.assembly_mode == mode.number)
+        if not mode.pieces:
+            yield mode, rows
+            continue
+        owners = mode.pieces_at(motion.inputs[rows, 0])
+        for number in np.unique(owners):
+            yield mode.pieces[number][1], rows[owners == number]
 
 
 def _solved(motion: Motion, driven: int, is_known: Bools, axes: Array) -> DecimalRates:

@@ -280,8 +280,9 @@ class Solver:
             beyond = self._past_the_end(assembly_mode, q, state, status)
             singular = ((status == Status.AT_SINGULARITY) & ~is_exact) | beyond
             if np.any(singular):
-                rows = np.flatnonzero(singular)
-                self._place_singular(assembly_mode, q, rows, state, status)
+                self._place_singular(
+                    assembly_mode, q, np.flatnonzero(singular), state, status
+                )
             at = self.closure.at(state.values)
             values, rotations, residual = at.values, at.placed, at.gap
             has_angles = all_finite(state.values, 1) | (status != Status.AT_SINGULARITY)
