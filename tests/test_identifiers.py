@@ -195,9 +195,7 @@ def test_functions_of_casadi_have_names_that_casadi_allows():
     "mechanism",
     ["shaped_cam", pytest.param("double_butterfly", marks=pytest.mark.slow)],
 )
-def test_sources_of_newtons_method_and_tables_take_any_name(
-    mechanism, language, tmp_path
-):
+def test_sources_of_newtons_method_and_tables_take_any_name(mechanism, language, tmp_path):
     """Three functions and the tables of a profile call each other by these names."""
     quick = {"c": "int sign_of", "js": "Math t0", "python": "np range"}[language]
     for name in quick.split():

@@ -139,6 +139,8 @@ class DesignSpace:
             designs = math.prod(len(item.values or ()) for item in variations)
         if designs is None or designs < 1:
             raise DesignError(f"{chosen}: give how many designs, at least 1")
+        if seed < 0:
+            raise DesignError(f"seed: found {seed}; a seed is a whole number from 0 on")
         return DesignSpace(tuple(variations), chosen, designs, seed)
 
     def designs(self, start: int, stop: int) -> Floats:
@@ -285,6 +287,9 @@ class Sweep:
         What each design is run through, None if none is run, and the analyses of that.
     tables
         Whether all tables of these runs are wanted.
+    mode_labels
+        What the only assembly mode that is wanted may be called in the column ``mode``;
+        empty if all modes are wanted.
     """
 
     mechanism: Mechanism
@@ -296,6 +301,7 @@ class Sweep:
     study: Study | None = None
     analyses: tuple[AbstractAnalysis, ...] = ()
     tables: bool = False
+    mode_labels: Names = ()
 
     def __post_init__(self) -> None:
         if not self.merits and not self.tables:
@@ -388,6 +394,7 @@ class Sweep:
             "seed": self.space.seed,
             "merits": [asdict(merit) for merit in self.merits],
             "where": self.where,
+            "mode_labels": self.mode_labels,
             "part": self.part_size,
             "columns": OWN,
             "analyses": identities_of(self.analyses),
@@ -476,6 +483,8 @@ class Sweep:
 
     def _shown(self, designs: Floats, numbers: Indices, evaluated: Evaluated) -> Columns:
         """Return the rows of designs with their numbers and classes, in the file's unit."""
+        if self.mode_labels:
+            evaluated = self._rows_of_wanted_mode(evaluated)
         design = evaluated.design
         classes = self.evaluator.classes(designs[:, design])
         made = {"design": numbers[design], **self._numbers(designs[:, design])}
@@ -491,6 +500,19 @@ class Sweep:
             there = np.isin(evaluated.status, [OK, NEVER_CLOSES])
             made["grashof"] = np.where(there, classes, "").astype(object)
         return made | self._in_file_units(evaluated) | {"reason": evaluated.reason}
+
+    def _rows_of_wanted_mode(self, evaluated: Evaluated) -> Evaluated:
+        """Return the rows of the only mode wanted, also of designs that do not have it."""
+        # Rows without a mode are those of designs that fail as a whole.
+        kept = evaluated.rows(np.isin(evaluated.mode, ["", *self.mode_labels]))
+        missing = Evaluated.of(
+            np.setdiff1d(evaluated.design, kept.design),
+            list(evaluated.merits),
+            self.mode_labels[0],
+            status=NEVER_CLOSES,
+            reason="does not close in this assembly mode at any sample",
+        )
+        return Evaluated.in_order([kept, missing], list(evaluated.merits))
 
     def _in_file_units(self, evaluated: Evaluated) -> Columns:
         """Return the figures that there are, single angles in the file's unit."""

@@ -15,11 +15,13 @@ import numpy as np
 
 from spherekit.analysis.contract import FigureOfMerit, parse_merit
 from spherekit.analysis.registry import create
+from spherekit.analysis.running.sampling import course_of
 from spherekit.argument_validation import checked
-from spherekit.conventions import AnyPath
+from spherekit.conventions import AnyPath, Names
 from spherekit.design.figures import DesignSamples
 from spherekit.design.part_processes import can_start_workers
 from spherekit.design.requirements import Specification
+from spherekit.design.runs import OF_RUN
 from spherekit.design.sweep import (
     DesignSpace,
     Scheme,
@@ -38,7 +40,7 @@ from spherekit.files.study import Subject, study_of
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import in_radians
-from spherekit.model.study import Crossings
+from spherekit.model.study import Crossings, Study
 from spherekit.planning.inputs import driven_at
 from spherekit.resources import usable_cores
 from spherekit.sphere.rotation import from_quaternion, from_tilt_torsion, pointing
@@ -194,7 +196,28 @@ def sweep_of(
         study=study if wanted else None,
         analyses=tuple(given.get(name) or create(name) for name in wanted),
         tables=tables,
+        mode_labels=_labels_of_mode(study),
     )
+
+
+def _labels_of_mode(study: Study) -> Names:
+    """Return what rows of a sweep may call the only assembly mode of a study, if it has one.
+
+    Modes of dyads have their signs, modes that are followed also their number. Runs give
+    numbers to modes that a kernel does not have.
+
+    Raises
+    ------
+    SolveError
+        If the mechanism has no such mode.
+    """
+    if study.assembly_mode is None:
+        return ()
+    # Modes have the numbers that they have along the ranges of the inputs.
+    at_rest = replace(study, start=None, laws={}, duration=None)
+    (mode,) = course_of(at_rest).tracer.assembly_modes
+    number = str(mode.number)
+    return mode.label, f"{number} {mode.label}", number, f"{OF_RUN} {number}"
 
 
 def perform(
