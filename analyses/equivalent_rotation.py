@@ -31,6 +31,7 @@ from spherekit.plugin import (
     input_columns,
 )
 from spherekit.plugin.rotations import (
+    EndOrientation,
     MidPlaneArchitecture,
     PoseFinder,
     chosen_output,
@@ -106,7 +107,9 @@ class EquivalentRotation(AbstractAnalysis):
     that the output is relative to.
 
     `mode` is the start's configuration, by number or by signs; the summary lists them.
-    `end_mode` is that of an end with several orientations, 0 the nearest to the start.
+    `end_mode` is that of an end with several orientations, by number, 0 the nearest to the
+    start, or by signs. By default it is the nearest in the start's assembly and working
+    mode.
     `samples` divide the rotation evenly; `theta` (degrees) gives its angles instead.
     `speed` (deg/s) and `acceleration` (deg/s2) are limits of the inputs, one for all or one
     for each: with one of them there is a schedule of that many rows, its time law of the
@@ -159,7 +162,7 @@ class EquivalentRotation(AbstractAnalysis):
     start: str
     end: str
     mode: str = "0"
-    end_mode: str = "0"
+    end_mode: str = ""
     output: str = ""
     samples: int = 91
     theta: tuple[float, ...] = ()
@@ -282,6 +285,13 @@ class EquivalentRotation(AbstractAnalysis):
             for axis, frame in told
         )
         remarks = [f"{np.degrees(turn.angle):.6g} deg about {about}"]
+        end = result.end
+        if isinstance(end, EndOrientation) and end.count > 1:
+            figures["end_pose"] = {"end_mode": end.number, "orientations": end.count}
+            of_start = ", that of the start's mode" if end.has_start_mode else ""
+            remarks.append(
+                f"the end is end_mode={end.number} of {end.count} orientations{of_start}"
+            )
         if result.schedule is not None:
             most, taken = result.schedule.binding, f"{result.schedule.duration:.6g} s"
             set_by = f"{most.quantity} of {most.input} at {most.t:.6g} s"
@@ -323,7 +333,8 @@ class EquivalentRotation(AbstractAnalysis):
             number = start.number_of(self.mode)
         except SolveError as problem:
             raise SolveError(f"start: {problem}") from None
-        turn = finder.rotation(start, number, end, self.end_mode)
+        resolved_end = finder.resolve_end(start, number, end, self.end_mode)
+        turn = finder.rotation(start, number, resolved_end)
         theta = np.linspace(0.0, turn.angle, self.samples)
         if self.theta:
             theta = np.radians(self.theta)
@@ -351,6 +362,7 @@ class EquivalentRotation(AbstractAnalysis):
             output,
             start,
             number,
+            resolved_end,
             turn,
             turn.at(theta),
             form,
@@ -372,6 +384,7 @@ def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]
             f"{np.degrees(turn.angle):.6g} deg: {Status(turn.end).name}, "
             + (f"input {dead} is at a dead centre there: " if dead else "")
             + ENDS[Status(turn.end)]
+            + _other_ends(result)
         )
     elif np.any(failed):
         first = np.argmax(failed)
@@ -398,6 +411,19 @@ def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]
         )
     if result.unscheduled:
         yield f"there is no schedule: {result.unscheduled}"
+
+
+def _other_ends(result: FoundRotation) -> str:
+    """Return what to say of the other orientations of an end that is not reached."""
+    end = result.end
+    if not isinstance(end, EndOrientation) or end.count < 2:
+        return ""
+    of_start = " in the start's mode" if end.has_start_mode else ""
+    return (
+        f". The end has {end.count} orientations, and this one is end_mode={end.number}"
+        f"{of_start}; choose another with end_mode=0 to {end.count - 1}, by its angle from "
+        "the start"
+    )
 
 
 def _largest(values: Floats) -> float:

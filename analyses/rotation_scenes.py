@@ -22,6 +22,8 @@ from spherekit.plugin import (
     link_bodies,
 )
 from spherekit.plugin.rotations import (
+    AtRotation,
+    EndOrientation,
     FixedAxisRotation,
     MidPlaneArchitecture,
     PoseCandidates,
@@ -43,6 +45,7 @@ ENDS = (0, "start"), (-1, "end")
 class FoundRotation:
     """A rotation with its samples, its schedule in `rows`, or why there is none of these.
 
+    `end` is the orientation that is chosen at the end, or the axis and the angle.
     `place` gives orientations (n, links, 3, 3) in ground axes at values (n, variables);
     `form` is the mechanism's mid-plane symmetric architecture.
     """
@@ -52,6 +55,7 @@ class FoundRotation:
     output: Output
     start: PoseCandidates
     number: int
+    end: EndOrientation | AtRotation
     turn: FixedAxisRotation
     samples: RotationSamples
     form: MidPlaneArchitecture | None

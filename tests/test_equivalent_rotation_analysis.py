@@ -1,6 +1,7 @@
 """The analysis `equivalent_rotation`: tables, findings, messages, pages, poses as text."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -394,3 +395,34 @@ def test_base_that_moves():
     relative = tilt_torsion(np.swapaxes(base, 1, 2) @ link)
     found = np.radians(degrees(result, "azimuth", "tilt", "torsion"))
     assert np.max(np.abs(wrap(relative - found))) < 1e-9
+
+
+WRIST = str(Path(__file__).parent / "files" / "coaxial_wrist.toml")
+
+
+@pytest.mark.parametrize("angle", [90.0, -50.0, 20.0])
+def test_the_end_is_in_the_mode_of_the_start(angle):
+    """Equal motor angles turn a coaxial wrist as a whole about the axis of its motors.
+
+    Each of the eight orientations of the platform turns with the motors. Only the one in
+    the working mode of the start is reached by that turn.
+    """
+    end = "+".join(f"m{k}={angle}" for k in (1, 2, 3))
+    told = findings(ran(WRIST, f"start=m1=0+m2=0+m3=0,end={end},samples=3"))
+    assert told["feasible"] and told["end_pose"]["orientations"] == 8
+    assert np.degrees(told["angle_rad"]) == pytest.approx(abs(angle), abs=1e-7)
+    assert np.array(told["axis"]) * np.sign(angle) == pytest.approx([0, 0, 1], abs=1e-9)
+
+
+@pytest.mark.parametrize("mode", ["1", "2", "3"])
+def test_every_mode_of_the_start_has_its_end(mode):
+    text = f"start=m1=0+m2=0+m3=0,end=m1=10+m2=10+m3=10,samples=3,mode={mode}"
+    told = findings(ran(WRIST, text))
+    assert np.degrees(told["angle_rad"]) == pytest.approx(10.0, abs=1e-7)
+
+
+def test_a_warning_names_the_mode_of_the_end():
+    text = "start=m1=0+m2=0+m3=0,end=m1=90+m2=90+m3=90,samples=3,end_mode=0"
+    result = ran(WRIST, text)
+    (warning,) = [x for x in result.summary["warnings"] if "rotation ends" in x]
+    assert "this one is end_mode=0; choose another with end_mode=0 to 7" in warning

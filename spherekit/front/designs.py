@@ -201,7 +201,7 @@ def sweep_of(
 
 
 def _labels_of_mode(study: Study) -> Names:
-    """Return what rows of a sweep may call the only assembly mode of a study, if it has one.
+    """Return what rows of a sweep may call the only assembly mode of a study, if any.
 
     Modes of dyads have their signs, modes that are followed also their number. Runs give
     numbers to modes that a kernel does not have.

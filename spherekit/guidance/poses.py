@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import listing
-from spherekit.errors import SolveError
+from spherekit.errors import SolveError, SpherekitError
 from spherekit.guidance.follow import FollowedRotation, follow_rotation, follow_to, unit
 from spherekit.guidance.mid_plane_architecture import MidPlaneArchitecture, named
 from spherekit.guidance.rotation_path import UNFIXED, OutputTarget
@@ -21,12 +21,14 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Output
 from spherekit.motion.assembly_modes import Solver, label_of
 from spherekit.motion.elimination import assemblies
+from spherekit.numeric.crossings import wrap
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.output.inverse import InverseKinematics
-from spherekit.output.virtual_output import with_wrist
+from spherekit.output.virtual_output import COORDINATES, with_wrist
 from spherekit.rates.transmission import SINGULAR, Transmission
 from spherekit.sphere.rotation import (
     angles_between,
+    max_abs,
     normal_at,
     upward,
 )
@@ -34,6 +36,9 @@ from spherekit.sphere.rotation import (
 SAME_POSE = 1e-7
 """Orientations that differ by less (rad) are one; solutions near a fold are known less
 well than to rounding."""
+SAME_MODE_RAD = 1e-4
+"""Variables that differ by less are those of one configuration. Configurations of a pose
+in different working modes differ by more, unless a leg is nearly stretched or folded."""
 IN_PLANE = 1e-9
 """How near (rad) an orientation is to a mirror image to be taken for one."""
 
@@ -114,6 +119,26 @@ class PoseCandidates(ArrayRows):
             f'no configuration of the pose is "{mode}"; there are '
             + listing(f"{k} ({label})" for k, label in enumerate(self.labels))
         )
+
+
+@dataclass(frozen=True)
+class EndOrientation:
+    """The orientation (3, 3) at the end of a rotation, and which of several it is.
+
+    Attributes
+    ----------
+    orientation
+        Of the output link, seen from its other link.
+    number, count
+        Its number among those that the end has, and how many there are.
+    has_start_mode
+        Whether it was chosen because it is in the start's assembly and working mode.
+    """
+
+    orientation: Floats
+    number: int
+    count: int
+    has_start_mode: bool
 
 
 @dataclass(frozen=True)
@@ -246,24 +271,94 @@ class PoseFinder:
         values = [form.values(form.place(normals, mode))[0] for mode in modes]
         return self._of_values(np.concatenate(values), [label_of(mode) for mode in modes])
 
-    def rotation(
+    def resolve_end(
         self, start: PoseCandidates, number: int, end: Pose | AtRotation, mode: str
-    ) -> FollowedRotation:
-        """Return the rotation from a configuration to a pose.
+    ) -> EndOrientation | AtRotation:
+        """Return the orientation at the end of a rotation; an axis and an angle unchanged.
 
         Parameters
         ----------
         start, number
             Configurations, and which of them to start from.
         end
-            The pose; where it has several orientations `mode` says which, 0 being the
-            nearest to the start.
+            The pose. It has several orientations if the mechanism can be assembled in
+            several ways there.
+        mode
+            Which of them, in the order of their angles from the start, by number or signs.
+            Empty for the nearest of those in the start's modes, or else the nearest.
 
         Raises
         ------
         SolveError
-            If the axis is not determined, the pose is not reached where it is given by
-            inputs, a direction or a mid-plane, or the start is singular.
+            If the pose is not reached, or has no such mode.
+        """
+        if isinstance(end, AtRotation):
+            return end
+        if isinstance(end, AtOrientation):
+            return EndOrientation(end.orientation, 0, 1, False)
+        try:
+            ends = self.candidates(end)
+            angles = angles_between(start.orientations[number][None], ends.orientations)
+            ends = ends.rows(np.lexsort((np.round(angles, 9), ends.singular)))
+            if mode:
+                chosen = ends.number_of(mode)
+                return EndOrientation(ends.orientations[chosen], chosen, len(ends), False)
+        except SolveError as problem:
+            raise SolveError(f"end: {problem}") from None
+        (start_mode,) = self._modes_of(start.rows(np.array([number])))
+        end_modes = self._modes_of(ends)
+        of_start = [k for k, modes in enumerate(end_modes) if modes == start_mode]
+        chosen = of_start[0] if of_start else 0
+        return EndOrientation(
+            ends.orientations[chosen], chosen, len(ends), len(of_start) > 0
+        )
+
+    def _modes_of(self, candidates: PoseCandidates) -> list[tuple[str, str]]:
+        """Return the label of each configuration, and that of its working mode.
+
+        The second is empty where the inverse kinematics has no closed form.
+        """
+        labels = candidates.labels.tolist()
+        unknown = [(label, "") for label in labels]
+        if self.form is not None or len(self.mechanism.inputs) not in COORDINATES:
+            return unknown
+        try:
+            kinematics = InverseKinematics(self.mechanism, self.output.name)
+        except SpherekitError:
+            return unknown
+        if not kinematics.has_closed_form:
+            return unknown
+        poses = candidates.orientations
+        if kinematics.wrist.points:
+            poses = poses @ np.array(self.output.direction)
+        solutions = kinematics.solutions(poses)
+        modes = []
+        for k, label in enumerate(labels):
+            # A pose has one configuration in each working mode. The one with the
+            # variables of the candidate is that of its mode.
+            rows = np.flatnonzero(solutions.row == k)
+            departure = max_abs(wrap(solutions.values[rows] - candidates.values[k]), axis=1)
+            is_same = len(rows) > 0 and np.min(departure) < SAME_MODE_RAD
+            row = rows[np.argmin(departure)] if is_same else 0
+            modes.append((label, label_of(solutions.signs[row]) if is_same else ""))
+        return modes
+
+    def rotation(
+        self, start: PoseCandidates, number: int, end: EndOrientation | AtRotation
+    ) -> FollowedRotation:
+        """Return the rotation from a configuration to an orientation, or by an angle.
+
+        Parameters
+        ----------
+        start, number
+            Configurations, and which of them to start from.
+        end
+            An orientation of `resolve_end`, or an axis and an angle.
+
+        Raises
+        ------
+        SolveError
+            If the axis is not determined, or the start is singular.
         """
         values, first = start.values[number], start.orientations[number]
         name, form = self.output.name, self.form
@@ -275,16 +370,7 @@ class PoseFinder:
                 if abs(normal @ form.frame.T @ about) < IN_PLANE:
                     return form.rotation_about(normal, about, end.angle, signs)
             return follow_rotation(self.mechanism, values, end.axis, end.angle, name)
-        if isinstance(end, AtOrientation):
-            wanted = end.orientation
-        else:
-            try:
-                ends = self.candidates(end)
-                away = angles_between(first[None], ends.orientations)
-                ends = ends.rows(np.lexsort((np.round(away, 9), ends.singular)))
-                wanted = ends.orientations[ends.number_of(mode)]
-            except SolveError as problem:
-                raise SolveError(f"end: {problem}") from None
+        wanted = end.orientation
         if form is not None:
             normals, departure = form.normals(np.stack([first, wanted]))
             if departure[1] < SAME_POSE:

@@ -25,7 +25,7 @@ def moving_pairs(
     themselves are driven by: what is left out moves none of them.
     """
     wanted, inputs = frozenset(links), list(assembly.inputs)
-    groups = _placing(mechanism, assembly, wanted)
+    groups = placing_groups(mechanism, assembly, wanted)
     for pair in assembly.inputs:
         rest = [other for other in inputs if other != pair]
         if _are_one_body(mechanism, rest, groups, wanted):
@@ -33,7 +33,7 @@ def moving_pairs(
     return tuple(sorted([*inputs, *(pair for group in groups for pair in group.pairs)]))
 
 
-def _placing(
+def placing_groups(
     mechanism: Mechanism, assembly: Assembly, links: frozenset[int]
 ) -> list[Group]:
     """Return the groups that place links relative to each other."""
@@ -81,7 +81,7 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     except CountError:
         return mechanism
     driven = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
-    groups = _placing(mechanism, assembly, frozenset({0, *driven, *links}))
+    groups = placing_groups(mechanism, assembly, frozenset({0, *driven, *links}))
     numbers = {*assembly.inputs}.union(*(group.pairs for group in groups))
     if len(numbers) == len(mechanism.pairs):
         return mechanism

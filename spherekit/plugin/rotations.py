@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from spherekit.guidance.poses import AtMirror as AtMirror
     from spherekit.guidance.poses import AtOrientation as AtOrientation
     from spherekit.guidance.poses import AtRotation as AtRotation
+    from spherekit.guidance.poses import EndOrientation as EndOrientation
     from spherekit.guidance.poses import Pose as Pose
     from spherekit.guidance.poses import PoseCandidates as PoseCandidates
     from spherekit.guidance.poses import PoseFinder as PoseFinder

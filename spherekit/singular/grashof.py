@@ -150,7 +150,9 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
 
     What is singular itself, to a millionth, is none. The velocity coefficient counts in
     parts of the greatest on the curve, where that is less than 1: a reducer's output is
-    slow throughout.
+    slow throughout. The transmission counts in parts of the largest sine of an arc, so that
+    small arcs alone are not near type II. Where dyads place the output one of them has to be
+    within `near` of being stretched or folded too.
     """
     misses = []
     for kind, output, number in product(
@@ -160,8 +162,12 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
         curve, limit = sampled.curves[number], np.sin(near)
         if kind is Type.I:
             limit *= min(1.0, np.tan(np.nanmax(angle(curve.s), initial=0.0)))
-        places, sines = local_least(sampled, number, angle, limit)
-        for s in places[sines > SINGULAR]:
+        size = sampled.largest_arc_sine if kind is Type.II else 1.0
+        places, sines = local_least(sampled, number, angle, limit * size)
+        for s in places[sines > SINGULAR * size]:
+            values = curve.at(s).values
+            if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
+                continue
             here, slope = (
                 float(sampled.angle(one, number, s[None], output)[0])
                 for one in (kind, Type.I)

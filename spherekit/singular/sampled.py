@@ -10,19 +10,21 @@ about unless it stops the input. A group that is left out has no dead centre any
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
 from itertools import chain, product
 
 import numpy as np
 
 from spherekit.arrays import Floats, Integers
 from spherekit.conventions import Status
+from spherekit.model.gears import link_axes
 from spherekit.motion.configuration import SAME_CONFIGURATION, Configurations, Piece
 from spherekit.motion.input_turning_points import input_turning_points
 from spherekit.motion.modes import MOST_COST, MOST_TIME
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.turns import in_range, into_range, turns_in_range, whole_periods
 from spherekit.numeric.crossings import wrap
-from spherekit.planning.part import part_for
+from spherekit.planning.part import part_for, placing_groups
 from spherekit.planning.poles import pole_of
 from spherekit.rates.transmission import STILL, Transmission, hold
 from spherekit.singular.relation import Form, Type
@@ -322,6 +324,51 @@ class SampledSingularities:
                 angle = arc(cross(near, middle), cross(middle, far))
             angles.append(np.minimum(angle, np.pi - angle))
         return angles
+
+    def least_dyad_angle(self, values: Floats, output: int) -> Floats:
+        """Return the least transmission angle (n,) of the dyads that place an output.
+
+        It vanishes at singularities of type II only, and does not depend on the size of
+        the arcs, as the transmission does. NaN if other groups place the output too.
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations.
+        output
+            Position of the output.
+        """
+        solver = self.tracer.solver
+        links = frozenset(self.report.outputs[output])
+        groups = placing_groups(solver.mechanism, solver.assembly, links)
+        least = np.full(len(values), 0.5 * np.pi if groups else np.nan)
+        axes = solver.closure.at(values).axes
+        for group in groups:
+            if not group.is_dyad:
+                return nans(len(values))
+            near, middle, far = (axes[:, group.pairs[k]] for k in group.dyad_places)
+            angle = arc(cross(near, middle), cross(middle, far))
+            least = np.minimum(least, np.minimum(angle, np.pi - angle))
+        return least
+
+    @cached_property
+    def largest_arc_sine(self) -> float:
+        """The largest sine of an arc between two axes of a link.
+
+        Where all arcs are small the mechanism is nearly planar, and the transmission of
+        type II is in proportion to it. It is 1 where profiles have a size of their own.
+        """
+        mechanism = self.tracer.solver.mechanism
+        if mechanism.has_contacts:
+            return 1.0
+        sines = [0.0]
+        for axes in link_axes(mechanism).values():
+            if not axes:
+                continue
+            directions = np.array(list(axes.values()))
+            for direction in directions:
+                sines.extend(np.linalg.norm(np.cross(direction, directions), axis=1))
+        return float(max(sines)) or 1.0
 
     def singular_values(self) -> Floats:
         """Return (2, n) how surely the locked input holds all links, and to what part.

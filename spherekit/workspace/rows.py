@@ -162,7 +162,8 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     From the rates (k, inputs, 3) of the inputs: with two inputs, at right angles to the
     directions (k, 3).
     """
-    turns, _ = rates_of_turns(np.swapaxes(rates, 1, 2), directions)
+    with np.errstate(over="ignore", invalid="ignore"):
+        turns, _ = rates_of_turns(np.swapaxes(rates, 1, 2), directions)
     return np.swapaxes(turns, 1, 2)
 
 
@@ -172,7 +173,9 @@ def sense_of(rates: Floats, directions: Floats | None) -> Integers:
     It changes at singularities only: poses of one mode and one sign that hang together
     are an aspect. With two inputs the determinant is seen along the directions (k, 3).
     """
-    _, volume = reciprocal(rates, directions)
+    # On the border of a leg rates are infinite and their determinant has no sign.
+    with np.errstate(over="ignore", invalid="ignore"):
+        _, volume = reciprocal(rates, directions)
     return np.sign(np.nan_to_num(volume)).astype(np.int64)
 
 

@@ -410,13 +410,23 @@ def left_out(whole: Mechanism, part: Mechanism) -> Facts:
     }
 
 
+def with_counts(texts: Iterable[str]) -> list[str]:
+    """Return each text once, in order, with a count if it is said several times."""
+    return [
+        text if count == 1 else f"{text} ({count} times)"
+        for text, count in Counter(texts).items()
+    ]
+
+
 def summary_of(job: RunPlan, standing: RunState) -> Facts:
     """Return what is to be said of a run that is done, ready for JSON."""
     course, mechanism, findings = job.course, job.mechanism, standing.findings
     tracer = course.tracer
     told = {
         kind: [
-            f"{name}: {x}" for name, item in findings.items() for x in getattr(item, kind)
+            f"{name}: {text}"
+            for name, item in findings.items()
+            for text in with_counts(getattr(item, kind))
         ]
         for kind in ("remarks", "warnings")
     }
