@@ -309,7 +309,9 @@ class ConfigurationsOfPoses:
             if rows.solved[k]:
                 told = self._inputs(k)
             elif np.isfinite(self.away[k]):
-                told = f"out of reach; {nearest_at(self.near[k], self.away[k])}"
+                limit = rows.limits[rows.limiting[k]] if rows.limiting[k] >= 0 else ""
+                by_limit = f" by {limit}" if limit else ""
+                told = f"out of reach{by_limit}; {nearest_at(self.near[k], self.away[k])}"
             else:
                 continue
             lines.setdefault(f"pose {rows.pose[k]}: {told}", []).append(mode)

@@ -31,7 +31,8 @@ class Status(IntEnum):
 
 STATUS_MEANING = {
     Status.OK: "closed, on its assembly mode, with finite rates",
-    Status.OUT_OF_REACH: "the arcs cannot close at this input, the assembly mode ends at a "
+    Status.OUT_OF_REACH: "the arcs cannot close at this input or pose, a joint limit "
+    "excludes the pose (column limiting names it), the assembly mode ends at a "
     "dead centre before it, or with several inputs no configuration here is joined to it; "
     "narrow the range, sample more finely or change the arcs",
     Status.AT_SINGULARITY: "the links close, but the input rate does not determine "

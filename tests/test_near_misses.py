@@ -58,7 +58,7 @@ def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
 
 
 def test_a_four_bar_nearly_folds_where_it_lies_in_a_plane_of_symmetry():
-    made = four_bar(np.radians([60.0, 30.0, 50.0, 79.0]))
+    made = four_bar(np.radians([60.0, 30.0, 50.0, 79.7]))
     turned = replace(made, inputs=(Input("21", np.radians(-23.0), np.radians(337.0)),))
     for samples in (4, 9, 360):
         misses, warnings = near_misses(turned, samples)

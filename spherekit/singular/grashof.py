@@ -151,8 +151,8 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
     What is singular itself, to a millionth, is none. The velocity coefficient counts in
     parts of the greatest on the curve, where that is less than 1: a reducer's output is
     slow throughout. The transmission counts in parts of the largest sine of an arc, so that
-    small arcs alone are not near type II. Where dyads place the output one of them has to be
-    within `near` of being stretched or folded too.
+    small arcs alone are not near type II. Where dyads place the output, one of them also
+    has to be within `near` of being stretched or folded.
     """
     misses = []
     for kind, output, number in product(
