@@ -47,7 +47,8 @@ def _found_with(
 class SingularityAnalysis(AbstractAnalysis):
     """Singularities of types I, II and III, and the distance from them along the motion.
 
-    `near` (degrees) is the angle to a singularity below which a warning is given. With one
+    `near` (degrees) is the angle to a singularity below which a warning is given. Where dyads
+    place the output, their transmission angle has to be below it too, of type II. With one
     input `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by
     default the outputs that the mechanism declares.
 
