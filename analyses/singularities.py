@@ -47,9 +47,9 @@ def _found_with(
 class SingularityAnalysis(AbstractAnalysis):
     """Singularities of types I, II and III, and the distance from them along the motion.
 
-    `near` (degrees) is the angle to a singularity below which a warning is given. Where dyads
-    place the output, their transmission angle has to be below it too, of type II. With one
-    input `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by
+    `near` (degrees) is the angle to a singularity below which a warning is given. Of type
+    II, where dyads place the output, their transmission angle also has to be below it. With
+    one input `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by
     default the outputs that the mechanism declares.
 
     With several inputs the outputs are those declared. Singular curves of two inputs and
