@@ -439,21 +439,22 @@ class ForeignTables:
         distance = {0: 0}
         for _, near, far in spanning(ends):
             distance[far] = distance[near] + 1
-        geared = {joint for _, factors in self.model.couplings for joint in factors}
-        leaves = [
+        on_one_pair = [
             link for link in self.links[1:] if sum(link in pair for pair in ends) == 1
         ]
-        farthest = max(distance[link] for link in leaves or self.links)
-        return [
+        candidates = on_one_pair or self.links
+        farthest = max(distance[link] for link in candidates)
+        # A gear at the end of a chain, such as the wheel of a motor, is no output.
+        geared_joints = {joint for _, factors in self.model.couplings for joint in factors}
+        geared = {
             link
-            for link in leaves or self.links
-            if distance[link] == farthest
-            or (
-                leaves
-                and not any(
-                    link in pair.links and pair.joint in geared for pair in self.pairs
-                )
-            )
+            for pair in self.pairs
+            if pair.joint in geared_joints
+            for link in pair.links
+        }
+        free_ends = set(on_one_pair) - geared
+        return [
+            link for link in candidates if link in free_ends or distance[link] == farthest
         ]
 
     def _velocity_equations(self) -> Floats:
