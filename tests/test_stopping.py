@@ -23,7 +23,9 @@ SPHEREKIT = [sys.executable, "-m", "spherekit"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_stop_waits_until_what_is_imported_is_whole(number, tmp_path, monkeypatch):
+def test_a_stop_waits_until_what_is_imported_is_whole(
+    number, tmp_path, monkeypatch, request
+):
     """One that falls into a finalizer, where Python drops exceptions, comes again."""
     (tmp_path / "library_that_loads.py").write_text(
         f"import signal\nsignal.raise_signal({int(number)})\n"
@@ -31,6 +33,9 @@ def test_a_stop_waits_until_what_is_imported_is_whole(number, tmp_path, monkeypa
     )
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "library_that_loads", raising=False)
+    # A signal that is ignored, as under nohup, stays ignored; here it is not.
+    before = signal.signal(number, signal.default_int_handler)
+    request.addfinalizer(lambda: signal.signal(number, before))
 
     class Finalized:
         def __del__(self):

@@ -299,5 +299,5 @@ def test_a_part_that_is_not_there_is_no_part(tmp_path, monkeypatch):
 
     from spherekit.design.sweep_parts import run_sweep
 
-    with pytest.raises(OutputError, match="2 parts of 3 are missing in the end .1 and 2"):
+    with pytest.raises(OutputError, match=r"2 parts of 3 are missing in the end \(1, 2\)"):
         run_sweep(sweep, tmp_path / "designs", elsewhere=elsewhere)

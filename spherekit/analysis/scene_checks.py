@@ -77,6 +77,9 @@ LISTS: Mapping[type, Mapping[str, Size]] = {
 MARK_SIZES: Mapping[type, int] = {Portrait: 2, SphereCurves: 3}
 """Numbers of the place of a mark, by the primitive that it belongs to."""
 
+RANGES = ("x_range", "y_range")
+"""Fields that are a least and a greatest value."""
+
 OPTIONAL = {
     (Body, "quaternions"),
     (Trace, "quaternions"),
@@ -231,7 +234,9 @@ def _check_fields(where: str, item: Any, sizes: dict[str, tuple[int, str]]) -> F
         value = getattr(item, name)
         if value is None and (type(item), name) in OPTIONAL:
             continue
-        changes[name] = _numbers(f"{where}: {name}", value, shape, sizes)
+        array = _numbers(f"{where}: {name}", value, shape, sizes)
+        # A range stays a pair of floats, which can be compared as such.
+        changes[name] = tuple(map(float, array)) if name in RANGES else array
     for name, size in LISTS.get(type(item), {}).items():
         length = len(_sequence(where, name, getattr(item, name)))
         needed, words = (size, "") if isinstance(size, int) else sizes[size]

@@ -39,7 +39,7 @@ from spherekit.model.actions import acting_links, need_tabulated, wound_pairs
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 from spherekit.numeric.crossings import wrap
-from spherekit.planning.inputs import driven_at
+from spherekit.planning.inputs import driven_at, plan_assembly
 from spherekit.progress import ProgressReporter
 
 TOGETHER = 2**16
@@ -91,13 +91,14 @@ class Sensitivity:
         self._acting = np.array([variable.path[0] in ACTIONS for variable in every])
         self.quantities = tuple(quantities) or quantities_of(mechanism)
         try:
-            possible = row_quantities(mechanism)
+            plan_assembly(mechanism)
         except CountError as counted:
             raise DesignError(
                 f"{mechanism.name}: some of its constraints are redundant, so that it "
                 "closes with its sizes as they are and with none that deviate; leave "
                 f"redundant pairs out of a copy of the file ({counted})"
             ) from None
+        possible = row_quantities(mechanism)
         for name in self.quantities:
             if name not in possible:
                 raise DesignError(
