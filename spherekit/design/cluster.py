@@ -328,9 +328,9 @@ def _take_part(
     while not sweep.files_of(folder, part_number):
         if files is not None or time.monotonic() > deadline:
             raise OutputError(
-                f"{folder}: a worker has computed part {part_number}, and it does not appear "
-                "here; choose a folder that all machines see, or one that workers do not "
-                "see at all: their parts are then sent"
+                f"{folder}: a worker has computed part {part_number}, and it does not "
+                "appear here; choose a folder that all machines see, or one that workers "
+                "do not see at all: their parts are then sent"
             )
         time.sleep(POLL_SECONDS)
 
