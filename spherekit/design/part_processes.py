@@ -1,8 +1,13 @@
-"""Parts of a sweep computed by worker processes of this machine.
+"""Computes the parts of a sweep with worker processes of this machine.
 
-Each worker is a Python interpreter of its own, whose program is `part_worker.work`. It does
-not import the program that called the sweep, so a script needs no main guard. What the
-script defines itself (analyses, torques) is sent by value.
+A sweep computes many designs of one mechanism. It is divided into parts: a part is a group
+of successive designs, which are computed together and written to a few Parquet files.
+
+Each worker is a separate Python interpreter that runs `part_worker.work`. It does not
+import the script that called the sweep, so the script needs no ``if __name__ ==
+"__main__"``. Functions and classes that the script itself defines (analyses, torques) are
+sent by value. Messages are pickled: this process writes them to the standard input of the
+worker, and reads the answers from its standard output.
 """
 
 import os
@@ -23,21 +28,26 @@ from spherekit.design.sweep import Sweep
 from spherekit.errors import DesignError
 from spherekit.progress import PATIENCE, tell
 
-PROGRAM = (
+WORKER_PROGRAM = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
     "from spherekit.design.part_worker import work; work()"
 )
-"""What a worker runs. It finds modules where this process finds them."""
+"""The Python code of a worker.
 
-MAX_DEATHS_IN_COMPANY = 2
-"""How many processes may end while they compute a part, as others are at work.
-
-The part is then computed when no other process is at work, with all of the memory. More:
-a part that needs much memory ends more processes. Fewer: parts wait for the end that a
-single accident has hit.
+It first reads the `sys.path` of this process, so that both import the same modules.
 """
 
-NONE_NEEDED = "workers=1 (--workers 1) needs no other process"
+MAX_DEATHS_AMONG_OTHERS = 2
+"""Number of workers that may end during one part while other workers run.
+
+Workers usually end because memory is short. After this number, the part is computed last,
+by a single worker that has all of the memory. With a larger number, a part that needs much
+memory ends more workers. With a smaller number, a part is postponed although the end of its
+worker had a cause that does not recur.
+"""
+
+SINGLE_PROCESS_HINT = "workers=1 (--workers 1) needs no other process"
+"""The alternative that error messages suggest: this process computes all parts itself."""
 
 
 def can_start_workers() -> bool:
@@ -49,57 +59,69 @@ def can_start_workers() -> bool:
 
 
 def compute_in_processes(
-    sweep: Sweep, folder: str, numbers: Sequence[int], workers: int
+    sweep: Sweep, folder: str, part_numbers: Sequence[int], workers: int
 ) -> Generator[int, None, None]:
-    """Yield parts as worker processes finish them.
+    """Compute parts of a sweep in worker processes, and yield the number of each.
 
-    A part whose process is ended by the system is computed by another process. No process
-    outlives the generator, nor this process, whatever ends it.
+    If a worker ends while it computes a part (usually because the system has no memory
+    left), another worker computes the part again. A part that ends
+    `MAX_DEATHS_AMONG_OTHERS` workers is computed last, by a single worker.
+
+    All workers are ended when the generator is closed. If this process ends in any way,
+    they end themselves, because their standard input is closed.
 
     Parameters
     ----------
     sweep
-        The sweep.
+        The sweep whose parts are computed.
     folder
-        The folder in which parts are written.
-    numbers
-        The parts.
+        Path of the folder in which the workers write the parts.
+    part_numbers
+        Numbers of the parts to compute, counted from 0.
     workers
-        How many processes work at the same time.
+        Largest number of workers that run at the same time.
+
+    Yields
+    ------
+    The number of each part as soon as its files are written, in the order in which the
+    parts are finished.
 
     Raises
     ------
     DesignError
-        If the sweep cannot be sent to processes, no process can be started, or a part ends
-        every process that computes it.
+        If the sweep cannot be pickled, no worker can be started, a worker cannot load the
+        sweep, or one part has ended `MAX_DEATHS_AMONG_OTHERS` + 1 workers.
+    Exception
+        The error that computing a part raised in a worker.
     """
-    parcel = _parcel(sweep), folder
+    sweep_message = _sweep_message(sweep), folder
     waiting_parts: queue.SimpleQueue[int] = queue.SimpleQueue()
-    for number in numbers:
+    for number in part_numbers:
         waiting_parts.put(number)
-    deaths = Counter[int]()
-    left_over: list[int] = []
-    company = _Crew(sweep, parcel, waiting_parts, min(workers, len(numbers)))
-    with company:
-        for event in company.events():
-            if isinstance(event, int):
+    death_counts = Counter[int]()
+    postponed_parts: list[int] = []
+    crew = _Crew(sweep, sweep_message, waiting_parts, min(workers, len(part_numbers)))
+    with crew:
+        for event in crew.events():
+            if isinstance(event, int):  # the number of a finished part
                 yield event
                 continue
-            deaths[event.number] += 1
-            if deaths[event.number] < MAX_DEATHS_IN_COMPANY:
-                _tell_death(sweep, event, "another process computes it")
-                company.compute_again(event.number)
+            death_counts[event.number] += 1
+            if death_counts[event.number] < MAX_DEATHS_AMONG_OTHERS:
+                _report_death(sweep, event, "another process computes it")
+                crew.compute_again(event.number)
             else:
-                _tell_death(sweep, event, "it is computed again when no other is at work")
-                left_over.append(event.number)
-    for number in sorted(left_over):
+                _report_death(sweep, event, "it is computed again when no other is at work")
+                postponed_parts.append(event.number)
+    # The other workers have ended, so a single worker can use all of the memory.
+    for number in sorted(postponed_parts):
         waiting_parts.put(number)
-        with _Crew(sweep, parcel, waiting_parts, 1) as alone:
-            for event in alone.events():
+        with _Crew(sweep, sweep_message, waiting_parts, 1) as single_worker:
+            for event in single_worker.events():
                 if not isinstance(event, int):
                     raise DesignError(
-                        f"{_part_in_words(sweep, number)}: the system ended each of "
-                        f"{MAX_DEATHS_IN_COMPANY + 1} processes that computed it "
+                        f"{_describe_part(sweep, number)}: the system ended each of "
+                        f"{MAX_DEATHS_AMONG_OTHERS + 1} processes that computed it "
                         f"({event.cause}), perhaps for want of memory; parts that are "
                         "written stay, and the same command continues; ask for fewer "
                         "samples, or for --workers 1 in less memory"
@@ -107,36 +129,54 @@ def compute_in_processes(
                 yield event
 
 
-class _Death:
-    """A process that ended while it computed a part, and the `cause` in words."""
+class _WorkerDeath:
+    """Reports that a worker ended while it computed a part.
+
+    Attributes
+    ----------
+    number
+        Number of the part.
+    cause
+        Exit status or signal in words, such as ``"signal 9, SIGKILL"``.
+    """
 
     def __init__(self, number: int, status: int) -> None:
+        """Describe the end of a worker; `status` is its exit status as in `Popen.wait`."""
         self.number = number
         self.cause = f"exit status {status}"
+        # On POSIX systems -n means that signal n ended the process.
         if status < 0:
-            with suppress(ValueError):
+            with suppress(ValueError):  # this system has no name for the signal
                 self.cause = f"signal {-status}, {signal.Signals(-status).name}"
 
 
-def _part_in_words(sweep: Sweep, number: int) -> str:
+def _describe_part(sweep: Sweep, number: int) -> str:
+    """Return the name of the mechanism, the part and its designs for a message.
+
+    An example is ``"four_bar: part 2 (designs 512 to 767)"``.
+    """
     first = number * sweep.part_size
     last = min(first + sweep.part_size, sweep.space.count) - 1
     designs = f"design {first}" if first == last else f"designs {first} to {last}"
     return f"{sweep.mechanism.name}: part {number} ({designs})"
 
 
-def _tell_death(sweep: Sweep, death: _Death, consequence: str) -> None:
-    part = _part_in_words(sweep, death.number)
+def _report_death(sweep: Sweep, death: _WorkerDeath, consequence: str) -> None:
+    """Report the end of a worker to the user, with the measure that is taken."""
+    part = _describe_part(sweep, death.number)
     tell(f"{part}: its process was ended ({death.cause}); {consequence}", PATIENCE)
 
 
-def _parcel(sweep: Sweep) -> bytes:
-    """Return a sweep as bytes, with what the calling script defines by value.
+def _sweep_message(sweep: Sweep) -> bytes:
+    """Return a sweep pickled for the workers.
+
+    Functions and classes that the calling script defines are included by value, because a
+    worker cannot import the script.
 
     Raises
     ------
     DesignError
-        If something in it cannot be sent.
+        If the sweep contains an object that cannot be pickled.
     """
     import cloudpickle
 
@@ -146,79 +186,124 @@ def _parcel(sweep: Sweep) -> bytes:
         raise DesignError(
             f"{sweep.mechanism.name}: the sweep cannot be sent to worker processes "
             f"({type(fault).__name__}: {fault}); keep locks, connections and the like out "
-            f"of analyses, or ask for one process: {NONE_NEEDED}"
+            f"of analyses, or ask for one process: {SINGLE_PROCESS_HINT}"
         ) from None
 
 
-class _Process:
-    """A worker process.
+class _WorkerProcess:
+    """A worker process and the two pipes to it.
 
-    Raises
-    ------
-    DesignError
-        If it cannot be started.
+    The constructor starts the process. `load` must be called before `compute`.
+
+    Attributes
+    ----------
+    popen
+        The process.
     """
 
     def __init__(self, sweep: Sweep) -> None:
+        """Start a worker, which does not have the sweep yet.
+
+        Parameters
+        ----------
+        sweep
+            The sweep, whose mechanism is named in error messages.
+
+        Raises
+        ------
+        DesignError
+            If the process cannot be started.
+        """
         self._name = sweep.mechanism.name
-        # A process group of its own: Ctrl-C in a terminal goes to all processes of a group,
-        # and would end a process that is half started.
-        group: dict[str, Any] = {"process_group": 0}
+        # The worker gets its own process group. A terminal sends Ctrl-C to all processes
+        # of a group, and it would end a worker that does not yet ignore it.
+        group_options: dict[str, Any] = {"process_group": 0}
         if os.name == "nt":
-            group = {"creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)}
+            group_options = {
+                "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
+            }
         self._python = os.fsdecode(get_executable() or "")
-        flag = "-I" if sys.flags.isolated else "-P"  # no modules of the current folder
-        command = [self._python, flag, "-c", PROGRAM]
+        import_flag = (
+            "-I" if sys.flags.isolated else "-P"
+        )  # both: do not import from the current folder
+        command = [self._python, import_flag, "-c", WORKER_PROGRAM]
         try:
             self.popen = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **group
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, **group_options
             )
         except OSError as fault:
             raise DesignError(
                 f"{self._name}: no worker process can be started from {self._python!r} "
-                f"({fault.strerror}); {NONE_NEEDED}"
+                f"({fault.strerror}); {SINGLE_PROCESS_HINT}"
             ) from None
         assert self.popen.stdin is not None and self.popen.stdout is not None
         self._messages = self.popen.stdin
         self._answers = self.popen.stdout
 
-    def load(self, parcel: tuple[bytes, str]) -> None:
-        """Let the process load the sweep.
+    def load(self, sweep_message: tuple[bytes, str]) -> None:
+        """Send the sweep to the worker, and wait until the worker has loaded it.
+
+        If a signal ended the worker during this time, nothing is raised. The next call of
+        `compute` then returns None.
+
+        Parameters
+        ----------
+        sweep_message
+            The pickled sweep, and the path of the folder in which parts are written.
 
         Raises
         ------
         DesignError
-            If it cannot, or it ended by itself.
+            If the worker cannot load the sweep, or ended by itself with an exit status.
         """
-        answer = self._ask(sys.path) and self._ask(parcel) and self._answer()
+        # The answer is False if the pipe is broken, None if the worker ended before it
+        # answered.
+        answer = (
+            self._send(sys.path) and self._send(sweep_message) and self._receive_answer()
+        )
         if isinstance(answer, Loaded):
             if answer.fault:
                 raise DesignError(
                     f"{self._name}: a worker process cannot load the sweep "
                     f"({answer.fault}); define what it uses in the script itself or in a "
-                    f"module that can be imported, or ask for one process: {NONE_NEEDED}"
+                    "module that can be imported, or ask for one process: "
+                    f"{SINGLE_PROCESS_HINT}"
                 )
         elif self.end() >= 0:
             raise DesignError(
                 f"{self._name}: a worker process ended as it started (exit status "
                 f"{self.popen.returncode}, {self._python!r}), and its own words are "
-                f"above; {NONE_NEEDED}"
+                f"above; {SINGLE_PROCESS_HINT}"
             )
 
     def compute(self, number: int) -> Computed | None:
-        """Return the answer of the process; None if it has ended."""
-        answer = self._answer() if self._ask(number) else None
+        """Let the worker compute a part and wait for its answer.
+
+        Parameters
+        ----------
+        number
+            Number of the part, counted from 0.
+
+        Returns
+        -------
+        The answer of the worker, or None if the worker ended without an answer.
+        """
+        answer = self._receive_answer() if self._send(number) else None
         return answer if isinstance(answer, Computed) else None
 
     def end(self) -> int:
-        """End the process, if it has not ended, and return its exit status."""
+        """Close the pipes, wait until the worker has ended, and return its exit status.
+
+        A worker ends itself when its standard input is closed. The status is negative if a
+        signal ended the worker.
+        """
         for pipe in (self._messages, self._answers):
             with suppress(OSError):
                 pipe.close()
         return self.popen.wait()
 
-    def _ask(self, message: object) -> bool:
-        """Send a message; return whether there is somebody who reads it."""
+    def _send(self, message: object) -> bool:
+        """Send a message to the worker; return False if the pipe is broken or closed."""
         try:
             pickle.dump(message, self._messages)
             self._messages.flush()
@@ -226,35 +311,56 @@ class _Process:
             return False
         return True
 
-    def _answer(self) -> Loaded | Computed | None:
+    def _receive_answer(self) -> Loaded | Computed | None:
+        """Wait for the next answer of the worker; return None if the worker has ended."""
         try:
             return pickle.load(self._answers)  # type: ignore[no-any-return]
         except (EOFError, OSError, ValueError, pickle.UnpicklingError):
-            return None  # it ended before its answer, or within it
+            return None  # the worker ended before or while it wrote the answer
 
 
 class _Crew:
-    """Some processes that compute parts, each guarded by a thread of this process.
+    """A group of workers that compute the parts in a queue at the same time.
 
-    Leaving the block ends all of them at once.
+    Each worker is controlled by a thread of this process, which waits for its answers. The
+    threads report finished parts and the ends of workers in a second queue, which `events`
+    reads. The crew is used in a ``with`` block: entering the block starts the threads, and
+    leaving it kills all workers and waits for the threads.
     """
 
     def __init__(
         self,
         sweep: Sweep,
-        parcel: tuple[bytes, str],
+        sweep_message: tuple[bytes, str],
         waiting_parts: "queue.SimpleQueue[int]",
-        size: int,
+        worker_count: int,
     ) -> None:
+        """Prepare a crew; nothing is started yet.
+
+        Parameters
+        ----------
+        sweep
+            The sweep, for error messages.
+        sweep_message
+            The pickled sweep, and the path of the folder in which parts are written.
+        waiting_parts
+            Queue with the numbers of the parts to compute. The crew takes them out.
+        worker_count
+            Number of threads, and of workers that run at the same time.
+        """
         self._sweep = sweep
-        self._parcel = parcel
+        self._sweep_message = sweep_message
         self._waiting_parts = waiting_parts
-        self._events: queue.SimpleQueue[int | _Death | BaseException] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[int | _WorkerDeath | BaseException] = (
+            queue.SimpleQueue()
+        )
+        # The number of parts that are neither finished nor reported as _WorkerDeath.
         self._open_parts = waiting_parts.qsize()
-        self._is_over = threading.Event()
-        self._processes: set[_Process] = set()
+        self._must_stop = threading.Event()
+        self._running_workers: set[_WorkerProcess] = set()
         self._threads = [
-            threading.Thread(target=self._guard, daemon=True) for _ in range(size)
+            threading.Thread(target=self._run_worker, daemon=True)
+            for _ in range(worker_count)
         ]
 
     def __enter__(self) -> "_Crew":
@@ -263,29 +369,43 @@ class _Crew:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._is_over.set()
+        self._must_stop.set()
+        # A thread that saw `_must_stop` too late may still start a worker. Therefore the
+        # workers are killed repeatedly until all threads have ended.
         while any(thread.is_alive() for thread in self._threads):
-            for process in tuple(self._processes):
+            for process in tuple(self._running_workers):
                 process.popen.kill()
             for thread in self._threads:
                 thread.join(0.05)
 
     def compute_again(self, number: int) -> None:
-        """Put a part back among those that wait."""
+        """Put the number of a part whose worker ended back into the queue.
+
+        Call this while `events` is iterated, before the next event is taken.
+        """
         self._open_parts += 1
         self._waiting_parts.put(number)
 
-    def events(self) -> Generator[int | _Death, None, None]:
-        """Yield the numbers of parts that are written, and the deaths of processes.
+    def events(self) -> Generator[int | _WorkerDeath, None, None]:
+        """Yield one event for each part, until no part is open.
+
+        Yields
+        ------
+        The number of a part whose files are written, or a `_WorkerDeath` if the worker of a
+        part ended. After a `_WorkerDeath` the part is not computed again unless
+        `compute_again` is called.
 
         Raises
         ------
+        DesignError
+            If a worker cannot be started or cannot load the sweep.
         Exception
-            The error of a part that cannot be computed.
+            The error that computing a part raised in a worker.
         """
         while self._open_parts:
             try:
-                event = self._events.get(timeout=0.5)  # Windows has no Ctrl-C without
+                # On Windows, Ctrl-C does not interrupt a `get` without a timeout.
+                event = self._events.get(timeout=0.5)
             except queue.Empty:
                 continue
             if isinstance(event, BaseException):
@@ -293,23 +413,32 @@ class _Crew:
             self._open_parts -= 1
             yield event
 
-    def _guard(self) -> None:
-        """Let one process after another compute parts until all are done."""
-        process: _Process | None = None
+    def _run_worker(self) -> None:
+        """Start a worker and let it compute parts until the crew is stopped.
+
+        Each thread of the crew runs this function. It takes the numbers of parts from the
+        queue. For each part it puts one event into `_events`: the number of the part if it
+        is written, the error if it cannot be computed, or a `_WorkerDeath` if the worker
+        ended. In the last case a new worker is started for the next part. Any other
+        exception is put into `_events` too, and ends the thread.
+        """
+        process: _WorkerProcess | None = None
         try:
-            while not self._is_over.is_set():
+            while not self._must_stop.is_set():
                 try:
                     number = self._waiting_parts.get(timeout=0.05)
                 except queue.Empty:
-                    continue  # a part may come back whose process ends
+                    # `compute_again` may still put a part into the queue.
+                    continue
+                # A worker is started only when there is a part for it.
                 if process is None:
-                    process = _Process(self._sweep)
-                    self._processes.add(process)
-                    process.load(self._parcel)
+                    process = _WorkerProcess(self._sweep)
+                    self._running_workers.add(process)
+                    process.load(self._sweep_message)
                 answer = process.compute(number)
                 if answer is None:
-                    self._processes.discard(process)
-                    self._events.put(_Death(number, process.end()))
+                    self._running_workers.discard(process)
+                    self._events.put(_WorkerDeath(number, process.end()))
                     process = None
                 elif answer.error is not None:
                     self._events.put(answer.error)
@@ -319,6 +448,6 @@ class _Crew:
             self._events.put(fault)
         finally:
             if process is not None:
-                self._processes.discard(process)
+                self._running_workers.discard(process)
                 process.popen.kill()
                 process.end()
