@@ -1,6 +1,13 @@
-"""Figures and tables of many designs, in parts that are there whole or not at all.
+"""Sweeps: figures of merit and tables of many designs of one mechanism.
 
-Which designs there are: grids, lists, and sets that fill a space evenly.
+A *design* is the mechanism file with other numbers. A `DesignSpace` says which designs
+there are (a grid, or a set that fills a space evenly) and numbers them from 0. A `Sweep`
+computes the figures of merit of every design in each of its assembly modes.
+
+A sweep is divided into *parts*: groups of successive designs, numbered from 0. The files of
+a part are a Parquet file with the table of designs, and one Parquet file for each table of
+their runs. A part counts as present only if all its files are there.
+`spherekit.design.sweep_parts` runs the parts.
 """
 
 import hashlib
@@ -147,12 +154,12 @@ class DesignSpace:
         """Return the designs from one number to before another, (variables, n)."""
         made = []
         unit = self._unit(start, min(stop, self.count))
-        for varied, share in zip(self.variations, unit, strict=True):
+        for varied, fraction in zip(self.variations, unit, strict=True):
             if varied.values is None:
-                made.append(varied.low + (varied.high - varied.low) * share)
+                made.append(varied.low + (varied.high - varied.low) * fraction)
             else:
                 values = np.array(varied.values)
-                place = (share * len(values)).astype(int)
+                place = (fraction * len(values)).astype(int)
                 made.append(values[np.minimum(place, len(values) - 1)])
         return np.stack(made)
 
@@ -184,7 +191,7 @@ class DesignSpace:
 Columns = dict[str, Any]
 """The columns of rows by name."""
 
-_COMPARED = re.compile(r"(<=|>=|<|>)")
+_COMPARISON_SIGN = re.compile(r"(<=|>=|<|>)")
 
 
 @dataclass(frozen=True)
@@ -223,7 +230,7 @@ def condition(text: str, names: Collection[str]) -> Condition:
     DesignError
         If it is no comparison, or of other names.
     """
-    parts = _COMPARED.split(text)
+    parts = _COMPARISON_SIGN.split(text)
     if len(parts) != 3:
         raise DesignError(
             f'"{text}" is no condition: write one comparison, such as '
@@ -238,10 +245,19 @@ def condition(text: str, names: Collection[str]) -> Condition:
     return Condition(text, less, more, sign[1:] == "=")
 
 
-OWN = ("design", "mode", ASSEMBLY, "status", "reason", "closes", "claim", "grashof")
-"""Columns that every table may have."""
+GENERAL_COLUMNS = (
+    "design",
+    "mode",
+    ASSEMBLY,
+    "status",
+    "reason",
+    "closes",
+    "claim",
+    "grashof",
+)
+"""Columns that a table of designs may have besides variables and figures of merit."""
 
-GONE_THROUGH = (
+SAMPLING_FIELDS = (
     "samples",
     "grid",
     "path",
@@ -255,41 +271,59 @@ GONE_THROUGH = (
     "crossings",
     "verify",
 )
-"""What of a study says which numbers its runs have."""
+"""Fields of a study on which the numbers in the tables of its runs depend."""
 
 DESIGNS = "designs"
 TABLES = "tables"
-"""Folders of the table of designs, where there are others, and of these."""
+"""Folders of the files of parts.
+
+`DESIGNS` has the table of designs if there are also tables of runs; otherwise that table is
+in the folder of the sweep. `TABLES` has a folder for each table of runs, and is also the
+key of a note: the number of rows by table.
+"""
 
 SWEEP = "sweep"
 PART = "part"
 PROCESSOR = "processor"
-"""Notes of the files of a part: of which sweep, its number, and what computed it."""
+"""Keys of the notes (metadata) in the files of a part.
+
+They are the `Sweep.identity`, the number of the part, and in the table of designs the
+`processor_identity` of the process that computed it.
+"""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Designs of one topology, and the figures of merit that are wanted of each.
+    """The task to compute figures of merit of many designs of one mechanism.
 
     Attributes
     ----------
     mechanism, samples
-        The mechanism, and the samples of figures that kernels compute, None without such.
+        The mechanism, and the samples of the inputs at which compiled kernels evaluate
+        figures of merit. `samples` is None if no figure is computed in this way.
     document
-        The file whose numbers are varied.
+        The mechanism file whose numbers are varied.
     space
-        Which designs there are.
+        The designs.
     merits
         The figures of merit.
     where
-        Conditions on designs and figures; what does not meet them is left out.
+        Conditions on variables and figures, such as ``"links_2_arc < links_4_arc"``. Rows
+        that do not meet all of them are left out.
     study, analyses
-        What each design is run through, None if none is run, and the analyses of that.
+        The study by which each design is run, and its analyses. `study` is None if no
+        design is run.
     tables
-        Whether all tables of these runs are wanted.
+        Whether all tables of the runs are stored.
     mode_labels
-        What the only assembly mode that is wanted may be called in the column ``mode``;
-        empty if all modes are wanted.
+        The possible labels, in the column ``mode``, of the only assembly mode that is
+        wanted. It is empty if all modes are wanted.
+
+    Raises
+    ------
+    DesignError
+        If there is nothing to compute, a variable or condition is invalid, or two columns
+        have the same name.
     """
 
     mechanism: Mechanism
@@ -311,49 +345,59 @@ class Sweep:
                 f"{listing(row_quantities(self.mechanism), 40)}"
             )
         check_variables(self.document, self.variables)
-        names = [*OWN, *self.names]
-        double = [name for k, name in enumerate(names) if name in names[:k]]
-        if double:
+        names = [*GENERAL_COLUMNS, *self.names]
+        repeated = [name for k, name in enumerate(names) if name in names[:k]]
+        if repeated:
             raise DesignError(
-                f'{self.mechanism.name}: two columns would be called "{double[0]}"; give '
+                f'{self.mechanism.name}: two columns would be called "{repeated[0]}"; give '
                 "the figure of merit another name: NAME=REDUCTION(EXPRESSION)"
             )
         _ = self.conditions
 
     def __getstate__(self) -> Facts:
-        kept = {**self.__dict__}
-        kept.pop("evaluator", None)  # compiled kernels stay in their process
-        kept.pop("identity", None)  # another process may have other versions
-        return kept
+        """Return the state to pickle, without what another process computes itself."""
+        remaining = {**self.__dict__}
+        remaining.pop("evaluator", None)  # compiled kernels stay in their process
+        remaining.pop("identity", None)  # another process may have other versions
+        return remaining
 
     @cached_property
     def variables(self) -> tuple[DesignVariable, ...]:
-        """What is varied."""
+        """The numbers of the file that are varied, in the order of the design arrays."""
         return tuple(design_variable(self.document, v.key) for v in self.space.variations)
 
     @property
     def names(self) -> list[str]:
-        """What is varied and the figures of merit, as tables and expressions call them."""
+        """Column names of the variables, followed by those of the figures of merit."""
         return [x.name for x in self.variables] + [merit.name for merit in self.merits]
 
     @cached_property
     def conditions(self) -> tuple[Condition, ...]:
-        """What designs have to meet."""
+        """The conditions of `where`.
+
+        Raises
+        ------
+        DesignError
+            If a condition is no comparison, or uses an unknown name.
+        """
         names = ["closes", *self.names]
         return tuple(condition(text, names) for text in self.where)
 
     @cached_property
     def evaluator(self) -> Evaluator | DesignRuns:
-        """What computes the figures; made once in a process."""
-        of_kernel = None
+        """The object that computes the figures of merit; compiled once in a process.
+
+        It is an `Evaluator` if no design is run, and otherwise a `DesignRuns`.
+        """
+        kernel_evaluator = None
         if self.samples is not None:
             merits = [merit for merit in self.merits if not merit.table]
-            of_kernel = Evaluator(
+            kernel_evaluator = Evaluator(
                 self.document, self.mechanism, self.variables, merits, self.samples
             )
         if self.study is None:
-            assert of_kernel is not None
-            return of_kernel
+            assert kernel_evaluator is not None
+            return kernel_evaluator
         return DesignRuns(
             self.document,
             self.study,
@@ -361,7 +405,7 @@ class Sweep:
             [merit for merit in self.merits if merit.table],
             self.analyses,
             self.tables,
-            of_kernel,
+            kernel_evaluator,
         )
 
     @property
@@ -371,22 +415,27 @@ class Sweep:
 
     @cached_property
     def part_size(self) -> int:
-        """Designs in a part."""
+        """Number of designs in a part; the last part may have fewer."""
         return self.evaluator.part(self.space.count)
 
     @property
     def parts(self) -> int:
-        """How many parts there are."""
+        """Number of parts."""
+        # -(-a // b) is a / b rounded up.
         return -(-self.space.count // self.part_size)
 
     def definition(self) -> Facts:
-        """Return what the sweep is of, as it stands in its folder."""
+        """Return everything on which the results depend, as JSON values by name.
+
+        It is stored in the folder of the sweep. A folder whose definition differs has parts
+        of another sweep. It includes the versions of the software.
+        """
         text = json.dumps(as_json(self.document.data), sort_keys=True)
         return code_identity() | {
             "mechanism": self.mechanism.name,
             "file": hashlib.sha256(text.encode()).hexdigest(),
             "input": ", ".join(self.mechanism.input_pairs),
-            "samples": hashlib.sha256(self._sampled).hexdigest(),
+            "samples": hashlib.sha256(self._sampling_bytes).hexdigest(),
             "angle_unit": self.angle,
             "vary": [asdict(variation) for variation in self.space.variations],
             "scheme": self.space.scheme,
@@ -396,7 +445,7 @@ class Sweep:
             "where": self.where,
             "mode_labels": self.mode_labels,
             "part": self.part_size,
-            "columns": OWN,
+            "columns": GENERAL_COLUMNS,
             "analyses": identities_of(self.analyses),
             "tables": self.tables,
             "degrees": self.degrees,
@@ -404,12 +453,15 @@ class Sweep:
 
     @cached_property
     def identity(self) -> str:
-        """The SHA-256 sum of the definition, which the files of every part carry."""
+        """SHA-256 checksum of `definition`, as a hexadecimal text.
+
+        Each file of a part carries it as a note, so a file of another sweep is recognized.
+        """
         text = json.dumps(as_json(self.definition()), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def part_notes(self, number: int) -> Facts:
-        """Return the notes by which a file is known as that of a part of this sweep."""
+        """Return the notes that identify a file as part `number` of this sweep."""
         return {SWEEP: self.identity, PART: number}
 
     @property
@@ -418,16 +470,22 @@ class Sweep:
         return self.study is not None and self.study.degrees
 
     @property
-    def _sampled(self) -> bytes:
-        sampled = b"" if self.samples is None else self.samples.rows.tobytes()
+    def _sampling_bytes(self) -> bytes:
+        """All samples and settings of the runs, as bytes for a checksum."""
+        sampling_bytes = b"" if self.samples is None else self.samples.rows.tobytes()
         study = self.study
         if study is None:
-            return sampled
-        through = [study.mechanism.inputs, *(getattr(study, name) for name in GONE_THROUGH)]
+            return sampling_bytes
+        sampling_settings = [
+            study.mechanism.inputs,
+            *(getattr(study, name) for name in SAMPLING_FIELDS),
+        ]
+        # NumPy must print all elements of an array with all their digits.
         with np.printoptions(threshold=2**62, floatmode="unique"):
-            return sampled + repr(through).encode()
+            return sampling_bytes + repr(sampling_settings).encode()
 
     def _unit(self, merit: FigureOfMerit) -> str:
+        """Return the unit of a figure of merit as it is computed (rad and SI)."""
         evaluator = self.evaluator
         if merit.table:
             assert isinstance(evaluator, DesignRuns)
@@ -435,7 +493,7 @@ class Sweep:
         return merit.unit(row_quantities(self.mechanism))
 
     def units(self) -> Units:
-        """Return the unit of every column that has one."""
+        """Return the unit of each column that has one; angles are in the file's unit."""
         made = {
             variable.name: self.angle for variable in self.variables if variable.is_angle
         }
@@ -447,47 +505,98 @@ class Sweep:
         number: int,
         take: Callable[[int, str, Table, TableArrays], None] | None = None,
     ) -> Columns:
-        """Return the rows of a part: designs in order, each in its assembly modes.
+        """Compute the table of designs of one part.
 
-        `take` takes the tables of those that have a row left, see `part_tables`.
+        Parameters
+        ----------
+        number
+            Number of the part, counted from 0.
+        take
+            Function that stores the tables of a run; `part_tables` returns one. It is
+            called with the number of the design, the name of the table, its description and
+            its columns, for each design that has a row in the table of designs. By default
+            the tables are not stored.
+
+        Returns
+        -------
+        The columns by name. Each row is one design in one assembly mode, ordered by design.
+        Designs and rows that do not meet the conditions are left out.
         """
         start = number * self.part_size
         designs = self.space.designs(start, start + self.part_size)
-        rows = np.flatnonzero(self._hold(self._numbers(designs), designs.shape[1]))
+        # Conditions on variables alone are checked before anything is computed.
+        rows = np.flatnonzero(
+            self._meet_conditions(self._variable_columns(designs), designs.shape[1])
+        )
         designs = designs[:, rows]
         rows = start + rows
         evaluator = self.evaluator
         if not isinstance(evaluator, DesignRuns):
-            return self._meeting(self.rows(designs, rows))
-        pieces = [self._shown(designs, rows, Evaluated.of([], evaluator.names))]
+            return self._select_rows(self.rows(designs, rows))
+        # The first entry has no rows. It gives the columns if no design has a row.
+        columns_by_design = [
+            self._as_columns(designs, rows, Evaluated.of([], evaluator.names))
+        ]
         for evaluated, of_run in evaluator.runs_of(designs, self._worth_running):
-            made = self._meeting(self._shown(designs, rows, evaluated))
-            pieces.append(made)
+            made = self._select_rows(self._as_columns(designs, rows, evaluated))
+            columns_by_design.append(made)
             if take is not None and len(made["design"]):
                 for stem, table, data in of_run:
                     take(int(made["design"][0]), stem, table, data)
-        return {name: np.concatenate([p[name] for p in pieces]) for name in pieces[0]}
+        return {
+            name: np.concatenate([p[name] for p in columns_by_design])
+            for name in columns_by_design[0]
+        }
 
-    def _numbers(self, designs: Floats) -> Columns:
-        """Return what is varied of designs (variables, n), by name."""
+    def _variable_columns(self, designs: Floats) -> Columns:
+        """Return the variables of designs (variables, n) as columns (n,) by name."""
         return dict(zip([v.name for v in self.variables], designs, strict=True))
 
-    def _meeting(self, made: Columns) -> Columns:
-        """Return the rows that meet the conditions."""
-        holds = self._hold(made, len(made["design"]))
+    def _select_rows(self, made: Columns) -> Columns:
+        """Return the rows of a table, given as columns, that meet all conditions."""
+        holds = self._meet_conditions(made, len(made["design"]))
         return {name: values[holds] for name, values in made.items()}
 
     def rows(self, designs: Floats, numbers: Indices) -> Columns:
-        """Return the rows of designs (variables, n), by their numbers, in all modes."""
-        return self._shown(designs, numbers, self.evaluator.at(designs))
+        """Compute the table of some designs, in all wanted modes, regardless of `where`.
 
-    def _shown(self, designs: Floats, numbers: Indices, evaluated: Evaluated) -> Columns:
-        """Return the rows of designs with their numbers and classes, in the file's unit."""
+        Parameters
+        ----------
+        designs
+            (variables, n) values of the variables, in the units of the file.
+        numbers
+            (n,) number of each design.
+
+        Returns
+        -------
+        The columns by name; each row is one design in one assembly mode.
+        """
+        return self._as_columns(designs, numbers, self.evaluator.at(designs))
+
+    def _as_columns(
+        self, designs: Floats, numbers: Indices, evaluated: Evaluated
+    ) -> Columns:
+        """Return computed figures as the columns of the table of designs.
+
+        Parameters
+        ----------
+        designs
+            (variables, n) values of the variables, in the units of the file.
+        numbers
+            (n,) number of each design in the design space.
+        evaluated
+            Rows of these designs; ``evaluated.design`` is an index from 0 to n - 1.
+
+        Returns
+        -------
+        The columns by name, with angles in the unit of the file. If `mode_labels` is given,
+        only rows of that mode are included.
+        """
         if self.mode_labels:
             evaluated = self._rows_of_wanted_mode(evaluated)
         design = evaluated.design
         classes = self.evaluator.classes(designs[:, design])
-        made = {"design": numbers[design], **self._numbers(designs[:, design])}
+        made = {"design": numbers[design], **self._variable_columns(designs[:, design])}
         made["mode"] = evaluated.mode
         if self.tables:
             made[ASSEMBLY] = evaluated.merits[ASSEMBLY]
@@ -497,25 +606,33 @@ class Sweep:
             "claim": evaluated.claim,
         }
         if classes is not None:
-            there = np.isin(evaluated.status, [OK, NEVER_CLOSES])
-            made["grashof"] = np.where(there, classes, "").astype(object)
+            has_class = np.isin(evaluated.status, [OK, NEVER_CLOSES])
+            made["grashof"] = np.where(has_class, classes, "").astype(object)
         return made | self._in_file_units(evaluated) | {"reason": evaluated.reason}
 
     def _rows_of_wanted_mode(self, evaluated: Evaluated) -> Evaluated:
-        """Return the rows of the only mode wanted, also of designs that do not have it."""
-        # Rows without a mode are those of designs that fail as a whole.
-        kept = evaluated.rows(np.isin(evaluated.mode, ["", *self.mode_labels]))
+        """Return the rows of the only assembly mode that is wanted.
+
+        A design that closes, but not in this mode, gets one row with the status
+        `NEVER_CLOSES`, the reason, and NaN for all figures of merit.
+        """
+        # A row with an empty mode belongs to a design that fails in all modes.
+        remaining = evaluated.rows(np.isin(evaluated.mode, ["", *self.mode_labels]))
         missing = Evaluated.of(
-            np.setdiff1d(evaluated.design, kept.design),
+            np.setdiff1d(evaluated.design, remaining.design),
             list(evaluated.merits),
             self.mode_labels[0],
             status=NEVER_CLOSES,
             reason="does not close in this assembly mode at any sample",
         )
-        return Evaluated.in_order([kept, missing], list(evaluated.merits))
+        return Evaluated.in_order([remaining, missing], list(evaluated.merits))
 
     def _in_file_units(self, evaluated: Evaluated) -> Columns:
-        """Return the figures that there are, single angles in the file's unit."""
+        """Return the figures of merit that were computed, as columns (rows,) by name.
+
+        A figure whose unit is rad is converted to the unit of the file. Compound units such
+        as rad/s are not converted.
+        """
         made: Columns = {}
         for merit in self.merits:
             if merit.name in evaluated.merits:
@@ -524,27 +641,42 @@ class Sweep:
                 made[merit.name] = np.degrees(values) if is_angle else values
         return made
 
-    def _hold(self, columns: Columns, n: int) -> Bools:
-        """Return in which rows (n,) all conditions hold that are of these columns."""
-        decided = [item for item in self.conditions if item.names <= columns.keys()]
-        every = [np.broadcast_to(item.holds(columns), n) for item in decided]
-        return np.all([np.ones(n, bool), *every], axis=0)
+    def _meet_conditions(self, columns: Columns, n: int) -> Bools:
+        """Return which of n rows meet the conditions, as an array (n,).
+
+        Conditions that use a column that is not among `columns` are not checked.
+        """
+        applicable = [item for item in self.conditions if item.names <= columns.keys()]
+        results = [np.broadcast_to(item.holds(columns), n) for item in applicable]
+        return np.all([np.ones(n, bool), *results], axis=0)
 
     def path_of(self, folder: AnyPath, number: int) -> Path:
-        """Return the path of a part of the table of designs."""
+        """Return the path of the file with the table of designs of a part."""
         return (
             Path(folder) / (DESIGNS if self.tables else "") / f"part-{number:06d}.parquet"
         )
 
     def files_of(self, folder: AnyPath, number: int) -> list[Path]:
-        """Return the files of a part; none unless all of them are there.
+        """Return the paths of all files of a part, or an empty list if one is missing.
 
-        That of the designs is written last, and says which others there are.
+        Parameters
+        ----------
+        folder
+            Folder of the parts.
+        number
+            Number of the part.
+
+        Returns
+        -------
+        The path of the table of designs, followed by those of the tables of runs. The file
+        of the table of designs is written last, and its notes name the tables of runs.
 
         Raises
         ------
+        FileError
+            If the file of the table of designs cannot be read.
         OutputError
-            If a file of its name is there that is none of this part.
+            If that file belongs to another sweep, or to another part.
         """
         path = self.path_of(folder, number)
         if not path.exists():
@@ -554,15 +686,31 @@ class Sweep:
         return paths if all(made.exists() for made in paths) else []
 
     def notes_of_part(self, folder: AnyPath, number: int) -> Facts:
-        """Return the notes of a part that is there: the rows of its tables, its processor.
+        """Read the notes (metadata) in the file with the table of designs of a part.
+
+        Parameters
+        ----------
+        folder
+            Folder of the parts.
+        number
+            Number of the part, whose file must exist.
+
+        Returns
+        -------
+        The notes by key: ``"units"`` of the columns; `TABLES`, the number of rows by table
+        of runs; `PROCESSOR`, the `processor_identity` of the process that computed the
+        part; `SWEEP` and `PART`, which identify the part (see `part_notes`).
 
         Raises
         ------
+        FileError
+            If the file cannot be read, or is damaged.
         OutputError
-            If a file of its name is there that is none of this part.
+            If the file belongs to another sweep, or to another part of this one.
         """
         path = self.path_of(folder, number)
         notes = notes_of(path)
+        # All notes that identify the part must be among those of the file.
         if not self.part_notes(number).items() <= notes.items():
             raise OutputError(
                 f"{path}: is not part {number} of this sweep: another program or another "
@@ -571,12 +719,38 @@ class Sweep:
         return notes
 
     def _worth_running(self, design: Floats, rows: Evaluated) -> bool:
-        """Return whether a design (variables,) meets the conditions on kernel figures."""
-        columns = self._numbers(design) | self._in_file_units(rows)
-        return bool(np.any(self._hold(columns, len(rows.design))))
+        """Return whether a design may have a row, so that it has to be run.
+
+        Parameters
+        ----------
+        design
+            (variables,) values of the variables, in the units of the file.
+        rows
+            The figures of merit of the design that kernels have computed.
+
+        Returns
+        -------
+        True if at least one row meets all conditions that use only variables and these
+        figures.
+        """
+        columns = self._variable_columns(design) | self._in_file_units(rows)
+        return bool(np.any(self._meet_conditions(columns, len(rows.design))))
 
     def write(self, folder: str, number: int) -> int:
-        """Write a part, and return its number."""
+        """Compute a part, write its files to a folder, and return its number.
+
+        Parameters
+        ----------
+        folder
+            Path of the folder. Missing folders are created.
+        number
+            Number of the part, counted from 0.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written.
+        """
         path = self.path_of(folder, number)
         make_folder(path.parent)
         rows = Counter[str]()
@@ -584,17 +758,32 @@ class Sweep:
         identification = self.part_notes(number)
         with part_tables(place, path.name, self.degrees, rows, identification) as take:
             columns = self.part(number, take)
+        # The table of designs is written last: if it exists, the part is complete. `rows`
+        # now has the number of rows of each table of runs.
         notes = {"units": self.units(), TABLES: rows, PROCESSOR: processor_identity()}
         write_columns(path, columns, notes | identification)
         return number
 
     def settle(self, made: str, folder: Path, number: int) -> int:
-        """Move the files of a part from where they were made; return their bytes.
+        """Move the files of a part from the working folder to the folder of the sweep.
+
+        Parameters
+        ----------
+        made
+            Path of the working folder, in which the part was written.
+        folder
+            Folder of the sweep, to which the files are moved.
+        number
+            Number of the part.
+
+        Returns
+        -------
+        Size of all files of the part together (bytes).
 
         Raises
         ------
         OutputError
-            If they are not there, or cannot be moved.
+            If a file of the part is not in the working folder, or cannot be moved.
         """
         paths = self.files_of(made, number)
         if not paths:
@@ -602,6 +791,8 @@ class Sweep:
                 f"{folder}: part {number} was computed, and is not in {made}: something "
                 "has removed it; the same command makes it again"
             )
+        # The table of designs is moved last, because its presence shows that the part is
+        # complete.
         for path in reversed(paths):
             target = folder / path.relative_to(made)
             make_folder(target.parent)
