@@ -1,6 +1,16 @@
-"""The formulas of a mechanism as data, from which sources in any language are printed.
+"""Data classes for the explicit formulas of a mechanism.
 
-`spherekit.exchange.formulas` makes them.
+`spherekit.exchange.formulas` creates them. `printed`, `c_source` and `script_source` print
+them as source code in a programming language.
+
+A *term* is a symbol or an operation in an expression graph. The formulas have three groups
+of arguments:
+
+- the *motion*: inputs (rad), and rates, accelerations, loads if results depend on them;
+- the *places*: values that select the assembly mode. In closed form they are the sign (+1
+  or -1) of each dyad. Otherwise they are approximate variables (rad) of all pairs, which
+  Newton's method improves;
+- the *sizes*: numbers of the mechanism file that the user has chosen as arguments.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,13 +31,23 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 
 FormulaFunction = Callable[[Floats, Floats, Floats], Floats]
-"""A function of a motion, places and sizes; see `Formulas.numpy_function`."""
+"""A function of the arrays motion, places and sizes; see `Formulas.numpy_function`."""
 
 
 class Argument(NamedTuple):
-    """A number that a source is given: its unit, and its value in the file (rad, SI).
+    """An argument of the formulas: an element of the motion or of the sizes.
 
-    `key` is that of the file, where it has one.
+    Attributes
+    ----------
+    name
+        Name of the argument in the source code.
+    unit
+        Unit of the argument, ``"as in the file"`` for sizes that are not angles.
+    value
+        Value of a size in the mechanism file, in `unit`. It is 0 for the motion.
+    key
+        Key of a size in the mechanism file, such as ``"links.2.arc"``. It is empty for the
+        motion.
     """
 
     name: str
@@ -37,9 +57,17 @@ class Argument(NamedTuple):
 
 
 class Mode(NamedTuple):
-    """An assembly mode: the inputs `at` (rad) at which it is known, and its places there.
+    """An assembly mode that the source code names.
 
-    `values` are the signs of dyads, or the variables (rad) of all pairs.
+    Attributes
+    ----------
+    number, name
+        Number and title of the mode in the mechanism.
+    at
+        Inputs (rad) of one configuration of the mode.
+    values
+        The places of that configuration: in closed form the signs of the dyads, which are
+        the same everywhere in the mode, and otherwise the variables (rad) of all pairs.
     """
 
     number: int
@@ -49,19 +77,21 @@ class Mode(NamedTuple):
 
 
 class ModeTable(NamedTuple):
-    """The assembly modes that a source names, and how they were compared.
+    """The assembly modes that the source code names, and how they were checked.
+
+    `spherekit.exchange.mode_table` compares the formulas with the mechanism in each mode.
 
     Attributes
     ----------
     modes
-        The modes that are written.
+        The modes that are written to the source code.
     left_out
-        A sentence for each assembly mode that is not written: which one, and why.
+        A text for each other assembly mode, with its number and the reason.
     compared
-        The least number of inputs at which a mode was compared with the mechanism, 0 if
-        none was compared.
+        Number of inputs at which each mode was compared. If it differs between modes, it is
+        the smallest. It is 0 if no mode was compared.
     largest_difference
-        The largest difference (rad) of a pair variable in these comparisons.
+        Largest difference (rad) of a pair variable between the formulas and the mechanism.
     """
 
     modes: tuple[Mode, ...]
@@ -71,9 +101,25 @@ class ModeTable(NamedTuple):
 
 
 class SeriesTable(NamedTuple):
-    """Functions that `terms` stand for, as series in a place: a variable plus `start`.
+    """Functions of one variable that are stored as piecewise Chebyshev series.
 
-    Beyond the cells they are repeated after the `length` of a `closed` curve, else NaN.
+    Examples are the coordinates of a contact profile as functions of its arc length.
+
+    Attributes
+    ----------
+    terms
+        The symbol in the formulas that stands for each function.
+    of
+        The symbol of the variable, which is an argument of the formulas.
+    start
+        Offset of the series: they are functions of variable + `start`.
+    series
+        The series of all functions, on common cells.
+    length
+        Period of the functions if `closed` is true, in the unit of the variable.
+    closed
+        Whether the functions are periodic, as on a closed curve. If not, they are NaN
+        outside of the cells.
     """
 
     terms: tuple[ExpressionNode, ...]
@@ -84,46 +130,59 @@ class SeriesTable(NamedTuple):
     closed: bool
 
     def at(self, variable: Floats) -> Floats:
-        """Return the functions (terms, n) at values (n,) of the variable."""
+        """Evaluate the functions.
+
+        Parameters
+        ----------
+        variable
+            (n,) values of the variable.
+
+        Returns
+        -------
+        (terms, n) values of the functions, NaN outside of the cells.
+        """
         edges = self.series.edges
-        place = variable + self.start
+        position = variable + self.start
         if self.closed:
-            place = edges[0] + np.mod(place - edges[0], self.length)
-        columns = self.series.at(place)
-        columns[~((place >= edges[0]) & (place <= edges[-1]))] = np.nan
-        return np.asarray(columns.T)
+            position = edges[0] + np.mod(position - edges[0], self.length)
+        # (n, terms): a row for each value of the variable
+        series_rows = self.series.at(position)
+        # Written as "not inside", so that a position that is NaN gives NaN too.
+        series_rows[~((position >= edges[0]) & (position <= edges[-1]))] = np.nan
+        return np.asarray(series_rows.T)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Formulas:
-    """What a source computes, and of what.
+    """Explicit formulas of some quantities of a mechanism.
 
     Attributes
     ----------
     mechanism
-        The mechanism, driven at its inputs.
+        The mechanism, with its driven pairs.
     motion
-        The inputs (rad) and, where results follow from them, their rates and accelerations,
-        the time, turns of passive pairs and torques of tables.
+        The inputs (rad). If a result depends on them, also rates and accelerations of the
+        inputs, the time, whole turns (rad) of passive pairs, and torques given by tables.
     places
-        Names of the signs of dyads, or of the variables of all pairs.
+        Names of the values that select the assembly mode: the signs of the dyads in closed
+        form, otherwise the variables of all pairs.
     sizes
-        What is varied.
+        The numbers of the mechanism file that are arguments.
     mode_table
         The assembly modes.
     results
-        The unit of each result, by name.
+        The unit of each result, by the name of the result.
     outputs
-        The results as terms.
+        The results as terms, in the order of `results`.
     step
-        Without a closed form: all variables after a step of Newton's method, and how far
-        (rad) loops were open before.
+        One step of Newton's method, as terms: the variables of all pairs after the step,
+        followed by the closure residual (rad) before it. Empty in closed form.
     variables
-        The terms that the motion, the places and the sizes are.
+        Three tuples: the symbols of the motion, of the places and of the sizes.
     tables
-        Series of functions that the results are made of, such as profiles.
+        Stored series of functions that results or the step contain, such as profiles.
     title
-        What the formulas are.
+        A short description of the formulas.
     """
 
     mechanism: Mechanism
@@ -140,43 +199,60 @@ class Formulas:
 
     @property
     def modes(self) -> tuple[Mode, ...]:
-        """The assembly modes that are written."""
+        """The assembly modes that are written to the source code."""
         return self.mode_table.modes
 
     @property
     def operations(self) -> int:
-        """How many operations the results take."""
+        """Number of operations that computing all results takes."""
         return sum(term.operation != "variable" for term in in_order(self.outputs))
 
-    def numpy_function(self, items: Sequence[Expr]) -> FormulaFunction:
-        """Return terms of these formulas, such as `outputs` or `step`, as a function.
+    def numpy_function(self, expressions: Sequence[Expr]) -> FormulaFunction:
+        """Compile terms of these formulas to a function of arrays.
 
-        Its arguments are values (k, n) or (k, 1) of the motion, the places and the sizes,
-        in the order of `motion`, `places` and `sizes`. It returns the values (items, n).
+        Parameters
+        ----------
+        expressions
+            The terms to evaluate, such as `outputs` or `step`.
+
+        Returns
+        -------
+        A function of three arrays: values of `motion`, of `places` and of `sizes`, with one
+        row for each argument. Each array has n columns, one for each configuration, or one
+        column that applies to all configurations. The function returns the values
+        (expressions, n), in the units of the results.
         """
-        terms = [term for kind in self.variables for term in kind]
-        columns = [terms.index(table.of) for table in self.tables]
+        # The compiled function takes one array. Its rows are the three groups of arguments
+        # in turn, and then the values of the stored series.
+        terms = [term for symbol_group in self.variables for term in symbol_group]
+        # For each table, the row of that array with the variable of the series.
+        series_rows = [terms.index(table.of) for table in self.tables]
         terms += [term for table in self.tables for term in table.terms]
-        function = array_function(items, terms)
+        function = array_function(expressions, terms)
 
         def evaluate(motion: Floats, places: Floats, sizes: Floats) -> Floats:
+            """Return the expressions (expressions, n); see `numpy_function`."""
             arguments = (motion, places, sizes)
             count = max(argument.shape[1] for argument in arguments)
-            given = np.concatenate(
+            argument_rows = np.concatenate(
                 [
                     np.broadcast_to(argument, (len(argument), count))
                     for argument in arguments
                 ]
             )
-            profiles = [
-                table.at(given[column])
-                for table, column in zip(self.tables, columns, strict=True)
+            series_values = [
+                table.at(argument_rows[series_row])
+                for table, series_row in zip(self.tables, series_rows, strict=True)
             ]
-            return np.asarray(function(np.concatenate([given, *profiles])))
+            return np.asarray(function(np.concatenate([argument_rows, *series_values])))
 
         return evaluate
 
     @property
     def size_values(self) -> Floats:
-        """(sizes, 1) the sizes of the file, in the units of `sizes`."""
+        """(sizes, 1) values of `sizes` in the mechanism file; a new array at each access.
+
+        With the unit ``"as in the file"`` the value is that of the file, and angles are in
+        rad.
+        """
         return np.array([size.value for size in self.sizes]).reshape(-1, 1)
