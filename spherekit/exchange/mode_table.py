@@ -1,16 +1,18 @@
-"""The assembly modes that a source names, each compared with the mechanism before.
+"""Finds the assembly modes of explicit formulas, and compares each with the mechanism.
 
-Formulas in closed form name a mode by the sides of its dyads. The side of a dyad is the
-sign of the triple product of its three axes, and an assembly mode of a run has one sign for
-each dyad by definition. No sample has to be read for these signs. Only where circles in
-contact are computed as links between their centres, the dyads of these links have to be
-read from configurations, and only those far from a dead centre of the dyad count.
+Exported source code contains a table of assembly modes. Each mode has *places*, the numbers
+that select it in the formulas (see `formula_terms`):
 
-Formulas without a closed form start from the variables of all pairs at one input, where
-the loops are well conditioned.
+- If the formulas are in closed form, they are the sign of each dyad (+1 or -1). This is the
+  sign of the triple product of its three axes. An assembly mode of a run has one sign for
+  each dyad by definition. If circles in contact are replaced by links between their
+  centres, the equivalent linkage has other dyads. Their signs are determined from
+  configurations.
+- Otherwise they are the variables of all pairs at one input, at which the loops are well
+  conditioned. Newton's method starts from them.
 
-Every mode is then computed by the formulas themselves at several inputs. A mode that
-differs from the mechanism's is not written, and a sentence says so.
+The formulas then compute each mode at several inputs. A mode that deviates from the mode of
+the mechanism is not written, and a message names the reason.
 """
 
 from collections.abc import Sequence
@@ -34,39 +36,51 @@ from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import max_abs
 
 MODE_SAMPLES = 121
-"""Samples over the ranges of the inputs from which those of a mode are chosen."""
+"""Number of samples in the ranges of the inputs. The compared inputs are among them."""
 FINE_SAMPLES = 6001
-"""The same where a mode closes at none of these: modes may end within a few degrees."""
+"""Number of samples that replace `MODE_SAMPLES` if a mode closes at none of them.
+
+A mode may exist only within a few degrees of the input.
+"""
 COMPARED_INPUTS = 20
-"""Inputs at which each mode is compared with the mechanism."""
+"""Largest number of inputs at which each mode is compared with the mechanism."""
 ANGLE_TOLERANCE_RAD = 1e-9
-"""Pair variables that differ by more, beside ten times what the mechanism's own may be off
-by, are those of another mode. Larger: a wrong mode is written where links of two modes
-nearly coincide. Smaller: rounding of long chains forbids modes that are right."""
+"""Largest difference (rad) of a pair variable between formulas and mechanism.
+
+Ten times the error bound of the variables of the mechanism is added. A larger value accepts
+a wrong mode whose links nearly coincide with those of the right one. A smaller value
+rejects right modes of long chains because of rounding errors.
+"""
 MAX_CONFIGURATION_ERROR_RAD = 1e-5
-"""Configurations whose variables may be off by more are not compared."""
-CLEAR_TRIPLE_PRODUCT = 1e-6
-"""Triple products below this may have either sign by rounding."""
+"""Configurations whose error bound (rad) of the variables is larger are not compared."""
+MIN_TRIPLE_PRODUCT = 1e-6
+"""Triple products of smaller magnitude may have the wrong sign because of rounding."""
 START_OFFSET_RAD = 1e-3
-"""Variables are moved by this, over the square of the loops' sensitivity, before Newton's
-steps have to lead back."""
+"""Distance (rad) from the right variables at which the test of Newton's method starts.
+
+It is divided by the square of the sensitivity of the loops if that exceeds 1. With a larger
+value Newton's method may converge to another mode. With a smaller value the test is weaker.
+"""
 NEWTON_STEPS = 8
+"""Number of Newton steps in that test. Fewer steps may not converge."""
 
 
 @dataclass(frozen=True)
 class ModeCandidate:
-    """An assembly mode that may be written.
+    """An assembly mode of the mechanism that is written if the formulas give it too.
 
     Attributes
     ----------
     mode
         The assembly mode.
     motion
-        Well conditioned rows (n,) of it, in the order of the samples.
+        Well conditioned configurations of the mode, n rows in the order of the samples.
     values
-        (n, variables) rad, the variables of the formulas' pairs there.
+        (n, variables) variables (rad) of the pairs in the formulas, in the same
+        configurations. If contacts are replaced by links, these are the pairs of the links.
     places
-        The signs (dyads,) of the mode, or the variables (variables,) to start from.
+        In closed form the sign (+1 or -1) of each dyad (dyads,), otherwise the variables
+        (variables,) (rad) from which Newton's method starts.
     """
 
     mode: AssemblyMode
@@ -75,18 +89,18 @@ class ModeCandidate:
     places: Floats
 
     @property
-    def middle(self) -> int:
-        """The row at whose inputs the mode is said to be known."""
+    def middle_row(self) -> int:
+        """The row of `motion` whose inputs are written to the table with the `places`."""
         return len(self.motion) // 2
 
     @property
     def allowed_difference(self) -> Floats:
-        """(n,) rad, by how much variables of the formulas may differ."""
+        """(n,) largest accepted difference (rad) of a variable in each configuration."""
         return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.configuration_error
 
 
 class ModeProblem(Exception):
-    """Why an assembly mode cannot be written."""
+    """Says why one assembly mode cannot be written. Other modes are not affected."""
 
 
 def compare_modes(
@@ -96,59 +110,68 @@ def compare_modes(
     angles: Sequence[Expr],
     assembly_mode: int | str | None,
 ) -> ModeTable:
-    """Return the assembly modes of formulas, each compared with the mechanism.
+    """Find the assembly modes of a mechanism, and check each with the formulas.
 
     Parameters
     ----------
     formulas
-        The formulas, whose own mode table is not read.
+        The formulas. Their mode table is not read.
     varied, terms
-        The mechanism that they are of, and the terms in which they are written.
+        The mechanism of the formulas, and the terms from which they are built.
     angles
-        In closed form the variables of all R pairs that are not driven, in the order of
-        `passive_variables`, as terms of `formulas.variables`.
+        In closed form the variables (rad) of all R pairs that are not driven, in the order
+        of `passive_variables`, as terms of `formulas.variables`. Otherwise not used.
     assembly_mode
-        Number or name of the only assembly mode wanted, by default all.
+        Number or name of the only assembly mode to write. By default all are written.
+
+    Returns
+    -------
+    The modes that the formulas give correctly, and the reason for each other mode.
 
     Raises
     ------
     EngineError
         If no mode can be written.
     SolveError
-        If there is no such assembly mode, or the mechanism cannot be assembled.
+        If the mechanism has no such assembly mode, or cannot be assembled.
     """
-    tracer = traced(varied.mechanism)
-    wanted = tracer.assembly_modes
+    position_analysis = traced(varied.mechanism)
+    requested_modes = position_analysis.assembly_modes
     if assembly_mode is not None:
-        wanted = (wanted[tracer.place_of(assembly_mode)],)
-    sampled = tracer.sparse(MODE_SAMPLES)
+        requested_modes = (requested_modes[position_analysis.place_of(assembly_mode)],)
+    sampled_motion = position_analysis.sparse(MODE_SAMPLES)
     candidates: list[ModeCandidate] = []
     left_out: list[str] = []
-    for mode in wanted:
+    for mode in requested_modes:
         try:
-            candidates.append(_find_candidate(tracer, sampled, mode, varied, terms))
+            candidates.append(
+                _find_candidate(position_analysis, sampled_motion, mode, varied, terms)
+            )
         except ModeProblem as problem:
             left_out.append(f"{mode.number} ({mode.title}): {problem}")
     modes: list[Mode] = []
     compared: list[int] = []
     differences: list[float] = [0.0]
-    off_by_mode = _differences(formulas, terms, angles, candidates)
-    for candidate, off in zip(candidates, off_by_mode, strict=True):
+    deviations = _compute_deviations(formulas, terms, angles, candidates)
+    for candidate, deviation in zip(candidates, deviations, strict=True):
         mode, motion = candidate.mode, candidate.motion
-        excess = np.nan_to_num(off / candidate.allowed_difference, nan=np.inf)
-        worst = int(np.argmax(excess))
-        if excess[worst] > 1.0:
-            at = listing(f"{q:.6g}" for q in motion.inputs[worst])
+        # The deviation is NaN where the formulas do not close: the mode is then rejected.
+        relative_deviation = np.nan_to_num(
+            deviation / candidate.allowed_difference, nan=np.inf
+        )
+        worst_row = int(np.argmax(relative_deviation))
+        if relative_deviation[worst_row] > 1.0:
+            at = listing(f"{q:.6g}" for q in motion.inputs[worst_row])
             left_out.append(
                 f"{mode.number} ({mode.title}): the formulas do not give this mode: at the "
-                f"input {at} rad a variable differs by {off[worst]:.2g} rad"
+                f"input {at} rad a variable differs by {deviation[worst_row]:.2g} rad"
             )
             continue
-        inputs = tuple(motion.inputs[candidate.middle].tolist())
+        inputs = tuple(motion.inputs[candidate.middle_row].tolist())
         places = tuple(candidate.places.tolist())
         modes.append(Mode(mode.number, mode.title, inputs, places))
-        compared.append(len(off))
-        differences.append(float(np.max(off)))
+        compared.append(len(deviation))
+        differences.append(float(np.max(deviation)))
     if not modes:
         raise EngineError(
             f"{varied.mechanism.name}: no assembly mode can be written: "
@@ -158,25 +181,35 @@ def compare_modes(
 
 
 def passive_variables(terms: VariedTerms) -> dict[str, int]:
-    """Return the numbers of the variables of passive R pairs, by the names of the pairs."""
+    """Return the index of the variable of each R pair that is not driven, by pair name."""
     return {k: v for k, v in terms.mechanism.angles.items() if k not in terms.inputs}
 
 
 def _find_candidate(
-    tracer: PositionAnalysis,
-    sampled: Motion,
+    position_analysis: PositionAnalysis,
+    sampled_motion: Motion,
     mode: AssemblyMode,
     varied: VariedMechanism,
     terms: VariedTerms,
 ) -> ModeCandidate:
-    """Return an assembly mode with its configurations and its places.
+    """Choose configurations of an assembly mode, and determine its places.
+
+    Parameters
+    ----------
+    position_analysis, sampled_motion
+        The position analysis of the mechanism, and its motion at `MODE_SAMPLES` samples.
+    mode
+        The assembly mode.
+    varied, terms
+        The mechanism of the formulas, and the terms from which they are built.
 
     Raises
     ------
     ModeProblem
-        If the mode has no regular sample, or no one sign for each dyad.
+        If the mode is well conditioned at no sample, or a dyad changes its sign within the
+        mode.
     """
-    motion = _regular_rows(tracer, sampled, mode)
+    motion = _select_well_conditioned_rows(position_analysis, sampled_motion, mode)
     values = motion.values
     if varied.contacts is not None:
         values = varied.contacts.values(values)
@@ -189,60 +222,107 @@ def _find_candidate(
     return ModeCandidate(mode, motion, values, places)
 
 
-def _regular_rows(tracer: PositionAnalysis, sampled: Motion, mode: AssemblyMode) -> Motion:
-    """Return rows of an assembly mode at which it is well conditioned.
+def _select_well_conditioned_rows(
+    position_analysis: PositionAnalysis, sampled_motion: Motion, mode: AssemblyMode
+) -> Motion:
+    """Choose configurations at which the formulas are compared with an assembly mode.
 
-    Near a dead centre variables lose digits, and Newton's method is led astray. So the
-    better conditioned half of the samples is used.
+    Near a dead centre the variables are inaccurate, and Newton's method may converge to
+    another mode. Therefore only the better conditioned half of the configurations is used:
+    those whose `sensitivity` is at most the median.
+
+    Parameters
+    ----------
+    position_analysis
+        The position analysis of the mechanism. It computes a finer motion if the mode has
+        no accurate row in `sampled_motion` and there is only one input.
+    sampled_motion
+        The motion of all modes at about `MODE_SAMPLES` samples.
+    mode
+        The assembly mode.
+
+    Returns
+    -------
+    At most `COMPARED_INPUTS` rows of the mode, in the order of the samples.
+
+    Raises
+    ------
+    ModeProblem
+        If no sample of the mode is accurate enough to be compared.
     """
-    rows = _known_rows(sampled, mode)
-    if not len(rows) and len(tracer.inputs) == 1:
-        sampled = tracer.at(np.linspace(*tracer.range, FINE_SAMPLES))
-        rows = _known_rows(sampled, mode)
+    rows = _find_accurate_rows(sampled_motion, mode)
+    if not len(rows) and len(position_analysis.inputs) == 1:
+        sampled_motion = position_analysis.at(
+            np.linspace(*position_analysis.range, FINE_SAMPLES)
+        )
+        rows = _find_accurate_rows(sampled_motion, mode)
     if not len(rows):
-        codes = sampled.status[sampled.assembly_mode == mode.number]
-        counts = zip(*np.unique(codes, return_counts=True), strict=True)
+        status_codes = sampled_motion.status[sampled_motion.assembly_mode == mode.number]
+        counts = zip(*np.unique(status_codes, return_counts=True), strict=True)
         statuses = listing(f"{count} {Status(int(code)).name}" for code, count in counts)
         raise ModeProblem(
             f"no sample was found at which it is well conditioned ({statuses}); give "
             "ranges of the inputs in which it closes"
         )
-    motion = sampled.rows(rows)
+    motion = sampled_motion.rows(rows)
     sensitivity = motion.sensitivity
-    better = np.flatnonzero(sensitivity <= np.median(sensitivity))
-    spread = np.linspace(0, len(better) - 1, COMPARED_INPUTS)
-    return motion.rows(better[np.unique(np.round(spread).astype(int))])
+    well_conditioned = np.flatnonzero(sensitivity <= np.median(sensitivity))
+    # Choose rows at even distances in the list.
+    positions = np.linspace(0, len(well_conditioned) - 1, COMPARED_INPUTS)
+    return motion.rows(well_conditioned[np.unique(np.round(positions).astype(int))])
 
 
-def _known_rows(sampled: Motion, mode: AssemblyMode) -> Indices:
-    """Return the numbers of a mode's rows that are known well enough to be compared."""
-    is_regular = (sampled.assembly_mode == mode.number) & (sampled.status == Status.OK)
-    rows = np.flatnonzero(is_regular)
-    is_known = sampled.rows(rows).configuration_error <= MAX_CONFIGURATION_ERROR_RAD
-    return np.asarray(rows[is_known])
+def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
+    """Return the indices of the valid rows of a mode that are accurate enough to compare.
+
+    Valid rows have the status OK. The error bound of their variables must not exceed
+    `MAX_CONFIGURATION_ERROR_RAD`.
+    """
+    is_valid = (sampled_motion.assembly_mode == mode.number) & (
+        sampled_motion.status == Status.OK
+    )
+    rows = np.flatnonzero(is_valid)
+    is_accurate = (
+        sampled_motion.rows(rows).configuration_error <= MAX_CONFIGURATION_ERROR_RAD
+    )
+    return np.asarray(rows[is_accurate])
 
 
 def _dyad_signs(terms: VariedTerms, values: Floats) -> Floats:
-    """Return the sides (dyads,) of dyads in solving order.
+    """Return the sign of each dyad of an equivalent linkage in one assembly mode.
 
-    `values` (n, variables) are configurations of one mode of the mechanism in which links
-    between centres take the place of contacts.
+    In the equivalent linkage, links between the centres of circles replace contacts. The
+    sign of a dyad is that of the triple product of its three axes.
+
+    Parameters
+    ----------
+    terms
+        The terms of the formulas, which are those of the equivalent linkage.
+    values
+        (n, variables) variables (rad) of the equivalent linkage in n configurations of the
+        mode.
+
+    Returns
+    -------
+    (dyads,) signs +1 or -1, in the order in which the dyads are solved.
 
     Raises
     ------
     ModeProblem
-        If a dyad changes its side within the mode. That is possible where another dyad
-        changes its side at the same input.
+        If a dyad changes its sign within the mode. This is possible where another dyad
+        changes its sign at the same input.
     """
     mechanism = terms.mechanism
     vectors = Closure.of(mechanism, joints_of(mechanism)).at(values).vectors
     signs: list[float] = []
     for group in terms.structure.assembly.groups:
         axes = vectors[:, [mechanism.variables_of(pair)[0] for pair in group.pairs]]
-        triple_products = np.linalg.det(axes)
+        triple_products = np.linalg.det(axes)  # (n,)
+        # The value of the largest magnitude is farthest from a dead centre of the dyad, so
+        # its sign is the most reliable.
         largest = triple_products[np.argmax(np.abs(triple_products))]
-        clear = triple_products[np.abs(triple_products) > CLEAR_TRIPLE_PRODUCT]
-        if np.any(clear * largest < 0.0):
+        reliable = triple_products[np.abs(triple_products) > MIN_TRIPLE_PRODUCT]
+        if np.any(reliable * largest < 0.0):
             pairs = listing(mechanism.names_of(group.pairs))
             raise ModeProblem(
                 f"the dyad of pairs {pairs} changes its side within this mode; export "
@@ -252,40 +332,64 @@ def _dyad_signs(terms: VariedTerms, values: Floats) -> Floats:
     return np.array(signs)
 
 
-def _differences(
+def _compute_deviations(
     formulas: Formulas,
     terms: VariedTerms,
     angles: Sequence[Expr],
     candidates: Sequence[ModeCandidate],
 ) -> list[Floats]:
-    """Return for each candidate (n,) rad, the largest difference of a variable in each row.
+    """Compute the deviation of the formulas from the configurations of all candidates.
 
-    It is NaN where the formulas do not close. In closed form the variables follow from the
-    signs. Without a closed form Newton's steps start beside the configurations: each
-    variable is moved, by so little that the steps can lead to no other mode.
+    In closed form the formulas compute the variables from the signs of the dyads. Otherwise
+    Newton's method starts near each configuration: each variable is moved by an amount so
+    small that the method should not converge to another mode.
+
+    Parameters
+    ----------
+    formulas, terms
+        The formulas, and the terms from which they are built.
+    angles
+        In closed form the variables of the R pairs that are not driven, as terms.
+    candidates
+        The assembly modes with their configurations.
+
+    Returns
+    -------
+    For each candidate an array (n,): in each of its n configurations, the largest
+    difference (rad) of a variable between formulas and mechanism. It is NaN where the
+    formulas do not close.
     """
     if not candidates:
         return []
     counts = [len(candidate.motion) for candidate in candidates]
+    # The configurations of all candidates are computed together. Each is one column.
     inputs = np.concatenate([candidate.motion.inputs for candidate in candidates]).T
     expected = np.concatenate([candidate.values for candidate in candidates]).T
     motion = np.zeros((len(formulas.motion), sum(counts)))
-    motion[: len(inputs)] = inputs  # rates, accelerations and loads do not move the pairs
+    # The inputs come first. The other rows (rates, accelerations, loads) may be zero,
+    # because the variables of pairs do not depend on them.
+    motion[: len(inputs)] = inputs
     if terms.closed_form:
         places = np.stack([candidate.places for candidate in candidates], axis=1)
         evaluate = formulas.numpy_function(angles)
         computed = evaluate(motion, np.repeat(places, counts, axis=1), formulas.size_values)
-        off = wrap(computed - expected[[*passive_variables(terms).values()]])
+        deviation = wrap(computed - expected[[*passive_variables(terms).values()]])
     else:
-        sensitivity = np.concatenate([one.motion.sensitivity for one in candidates])
+        sensitivity = np.concatenate(
+            [mode_candidate.motion.sensitivity for mode_candidate in candidates]
+        )
         offset = START_OFFSET_RAD / np.maximum(1.0, sensitivity**2)
-        senses = np.where(np.arange(len(expected)) % 2, 1.0, -1.0)
-        computed = expected + senses[:, None] * offset
+        # The variables are moved in alternating directions.
+        directions = np.where(np.arange(len(expected)) % 2, 1.0, -1.0)
+        computed = expected + directions[:, None] * offset
         step = formulas.numpy_function(formulas.step)
         for _ in range(NEWTON_STEPS):
+            # The last row is the closure residual.
             computed = step(motion, computed, formulas.size_values)[:-1]
-        off = computed - expected
-        turning = [*terms.mechanism.angles.values()]  # others are arc lengths of profiles
-        off[turning] = wrap(off[turning])
-    largest = max_abs(off, axis=0) if len(off) else np.zeros(off.shape[1])
+        deviation = computed - expected
+        # Differences of angles are taken modulo 2 pi. The other variables are arc lengths
+        # of profiles.
+        angle_rows = [*terms.mechanism.angles.values()]
+        deviation[angle_rows] = wrap(deviation[angle_rows])
+    largest = max_abs(deviation, axis=0) if len(deviation) else np.zeros(deviation.shape[1])
     return np.split(largest, np.cumsum(counts)[:-1])
