@@ -1,7 +1,9 @@
-"""Checks that numbers of a file which are arguments of formulas have their effect there.
+"""Checks that each size of explicit formulas changes the results as it should.
 
-A number that the formulas do not follow is refused, and a number with which no result
-changes is found.
+The *sizes* of formulas are numbers of the mechanism file that the user has chosen as
+arguments. There are two kinds of faults. The formulas may contain constants that would have
+to change with a size but do not; such a size is rejected. And there may be no result that
+depends on a size; such a size is called idle.
 """
 
 from collections.abc import Iterable
@@ -17,114 +19,176 @@ from spherekit.errors import DesignError, SpherekitError
 from spherekit.exchange.formula_terms import Formulas
 from spherekit.model.mechanism import Mechanism
 
-STEP = 1e-3
-"""By this part of a number, or by so much of zero, it is changed to see its effect."""
-LEAST_EFFECT = 1e-11
-"""Results that change by a smaller part of their size do not change but for rounding."""
-LEAST_SIZE = 1e-3
-"""Kinematic results that are smaller everywhere have the size of 1e-3 rad, or 1e-3."""
+RELATIVE_STEP = 1e-3
+"""Relative change of a number that is tried to see its effect; absolute if it is zero.
+
+With a smaller value, rounding hides weak effects. With a larger one, the changed mechanism
+may not exist.
+"""
+MIN_RELATIVE_EFFECT = 1e-11
+"""A result whose change is smaller, relative to its scale, counts as unchanged.
+
+With a smaller value, rounding errors count as changes. With a larger one, weak effects are
+missed.
+"""
+MIN_KINEMATIC_SCALE = 1e-3
+"""Smallest scale of a result in one of the `KINEMATIC_UNITS`, in that unit.
+
+It prevents that rounding errors of a result that is zero everywhere count as changes.
+"""
 KINEMATIC_UNITS = ("rad", "", "1/rad")
+"""Units of angles, velocity coefficients and their derivatives."""
 
 
 def check_numbers_are_followed(varied: VariedMechanism) -> None:
-    """Raise `DesignError` where the formulas would not follow a number that varies.
+    """Check that the formulas depend correctly on each size.
 
-    Arcs, angles, axes and directions are terms, and masses, loads and contacts of circles
-    are read from the whole file. Everything else stands in the formulas as numbers:
-    profiles that are no circles as series, circles whose contacts are not computed as links
-    between centres, and P pairs that are given by points.
+    Arcs, angles, axes and directions are symbols in the formulas. Masses and loads
+    follow the sizes. If contacts of circles are replaced by links between their
+    centres (`varied.contacts`), the links are computed from the sizes too, and all sizes
+    are accepted. The formulas contain as constants: series of profiles that are not
+    circles, circles whose contacts are not replaced by links, and P pairs that are given by
+    points.
+
+    Parameters
+    ----------
+    varied
+        The mechanism, and the sizes as its `variables`.
+
+    Raises
+    ------
+    DesignError
+        If one of these constants would have to change with a size.
     """
     if varied.contacts is not None:
         return
     mechanism = varied.mechanism
-    before = _profile_numbers(mechanism)
-    fixed = []
+    values_before = _profile_numbers(mechanism)
+    fixed_keys = []
     for variable in varied.variables:
+        # A variable without a slot is no size of an R pair.
         is_fixed = variable.slot is None and variable.path[0] not in ACTIONS
+        # With contacts, a size may change profiles as well.
         if mechanism.has_contacts and not is_fixed:
-            after = _profile_numbers_beside(varied, variable)
-            is_fixed = after is None or not np.array_equal(before, after)
+            values_after = _profile_numbers_after_change(varied, variable)
+            is_fixed = values_after is None or not np.array_equal(
+                values_before, values_after
+            )
         if is_fixed:
-            fixed.append(variable.key)
-    if fixed:
+            fixed_keys.append(variable.key)
+    if fixed_keys:
         raise DesignError(
-            f"{mechanism.name}: {listing(fixed)}: formulas hold the profiles of these "
+            f"{mechanism.name}: {listing(fixed_keys)}: formulas hold the profiles of these "
             "contacts, and pairs given by points, as numbers, which do not follow this "
             "one; vary other numbers, and export one file for each size of these"
         )
 
 
 def _profile_numbers(mechanism: Mechanism) -> Floats:
-    """Return all numbers of profiles, and the arc lengths at which variables are zero."""
+    """Return all numbers of the contact profiles of a mechanism as one array.
+
+    They include, for each track, the arc length at which its variable is zero.
+    """
     numbers = [numbers_of(profile) for profile, _ in profiles_of(mechanism)]
     starts = [track.start for track in tracks_of(mechanism)]
     return np.concatenate([*numbers, starts])
 
 
-def _profile_numbers_beside(
+def _profile_numbers_after_change(
     varied: VariedMechanism, variable: DesignVariable
 ) -> Floats | None:
-    """Return the same of a mechanism with another number, None if there is no such."""
+    """Return `_profile_numbers` of the mechanism after one number of its file is changed.
+
+    Several changes are tried, because some numbers must be whole and some changes are not
+    possible. The result is None if no changed file gives a mechanism.
+    """
     size = abs(variable.value) or 1.0
-    for step in (STEP * size, -STEP * size, 1.0, -1.0):  # some numbers are whole
+    for step in (
+        RELATIVE_STEP * size,
+        -RELATIVE_STEP * size,
+        1.0,
+        -1.0,
+    ):  # some numbers are whole
         try:
-            beside = designed(varied.document, [variable], [variable.value + step])
-            return _profile_numbers(beside)
+            changed_design = designed(varied.document, [variable], [variable.value + step])
+            return _profile_numbers(changed_design)
         except SpherekitError:
             continue
     return None
 
 
-def check_arguments(every: Iterable[Formulas]) -> None:
-    """Raise `DesignError` if a size is an argument with which no result changes.
+def check_arguments(formula_sets: Iterable[Formulas]) -> None:
+    """Check that each size changes at least one result.
 
     Parameters
     ----------
-    every
-        Formulas with the same sizes, of which one at least has to change.
+    formula_sets
+        One or more formulas with the same sizes. A size has to change a result of at least
+        one of them.
+
+    Raises
+    ------
+    DesignError
+        If a size changes no result.
     """
-    idle = idle_arguments(every)
-    if idle:
+    idle_keys = idle_arguments(formula_sets)
+    if idle_keys:
         raise DesignError(
-            f"{listing(idle)}: no result that is exported changes with this number; leave "
-            "it out, or ask for quantities that depend on it"
+            f"{listing(idle_keys)}: no result that is exported changes with this number; "
+            "leave it out, or ask for quantities that depend on it"
         )
 
 
-def idle_arguments(every: Iterable[Formulas]) -> Names:
-    """Return the keys of the sizes with which no result of any formulas changes."""
-    idle_by_formulas = [_idle_arguments(formulas) for formulas in every]
+def idle_arguments(formula_sets: Iterable[Formulas]) -> Names:
+    """Return the file keys of the sizes that change no result of any of the formulas.
+
+    Parameters
+    ----------
+    formula_sets
+        One or more formulas with the same sizes.
+    """
+    idle_by_formulas = [_idle_arguments(formulas) for formulas in formula_sets]
     common = set.intersection(*map(set, idle_by_formulas))
     return tuple(key for key in idle_by_formulas[0] if key in common)
 
 
 def _idle_arguments(formulas: Formulas) -> list[str]:
-    """Return the keys of the sizes with which no result changes.
+    """Return the file keys of the sizes that change no result of these formulas.
 
-    Each size is changed by a small part, at one configuration of each assembly mode, while
-    everything moves. Without a closed form a step of Newton's method is a result too, for
-    the variables then follow the size.
+    Each size in turn is changed by `RELATIVE_STEP` in one configuration of each assembly
+    mode. The rates, accelerations and loads of this configuration are not zero, so that
+    results that depend on motion are not all zero. If the formulas have no closed form, the
+    Newton step counts as a result as well, because the variables follow the size through
+    it.
     """
     sizes, modes = formulas.sizes, formulas.modes
     if not sizes:
         return []
     outputs = [*formulas.outputs, *formulas.step]
+    # (motion, modes) arbitrary different values; the inputs are then replaced by those of
+    # the modes.
     motion = np.tile(0.3 + 0.1 * np.arange(len(formulas.motion)), (len(modes), 1)).T
     inputs = np.array([mode.at for mode in modes]).T
     motion[: len(inputs)] = inputs
     places = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
     evaluate = formulas.numpy_function(outputs)
-    before = evaluate(motion, places, formulas.size_values)
+    values_before = evaluate(motion, places, formulas.size_values)
     units = [*formulas.results.values(), *("" for _ in formulas.step)]
-    floor = np.where([unit in KINEMATIC_UNITS for unit in units], LEAST_SIZE, 0.0)
-    scale = np.maximum(np.max(np.abs(np.nan_to_num(before)), axis=1), floor)
-    idle = []
-    for k, size in enumerate(sizes):
-        beside = formulas.size_values
-        beside[k] += STEP * (abs(size.value) or 1.0)
-        after = evaluate(motion, places, beside)
-        change = np.where(np.isnan(after) & np.isnan(before), 0.0, np.abs(after - before))
-        effect = np.nan_to_num(change, nan=np.inf) > LEAST_EFFECT * scale[:, None]
+    floor = np.where([unit in KINEMATIC_UNITS for unit in units], MIN_KINEMATIC_SCALE, 0.0)
+    scale = np.maximum(np.max(np.abs(np.nan_to_num(values_before)), axis=1), floor)
+    idle_keys = []
+    for row, size in enumerate(sizes):
+        changed_design = formulas.size_values
+        changed_design[row] += RELATIVE_STEP * (abs(size.value) or 1.0)
+        values_after = evaluate(motion, places, changed_design)
+        # A result that is NaN before and after has not changed. If it is NaN only once, it
+        # has.
+        change = np.where(
+            np.isnan(values_after) & np.isnan(values_before),
+            0.0,
+            np.abs(values_after - values_before),
+        )
+        effect = np.nan_to_num(change, nan=np.inf) > MIN_RELATIVE_EFFECT * scale[:, None]
         if not np.any(effect):
-            idle.append(size.key)
-    return idle
+            idle_keys.append(size.key)
+    return idle_keys
