@@ -1,7 +1,9 @@
-"""What the last bits of results depend on, apart from versions: the kernels in use.
+"""Identifies the numerical kernels on which the last bits of results depend.
 
-NumPy and OpenBLAS choose among kernels by the processor, and by environment variables.
-Kernels add in different orders, or with fused products, and so round differently.
+NumPy and its linear algebra library (OpenBLAS) contain several kernels for one operation.
+They choose among them by the type of the processor and by environment variables. Kernels
+add numbers in different orders, or use fused multiply-add instructions, so they round
+differently.
 """
 
 import hashlib
@@ -9,46 +11,71 @@ from functools import cache
 
 import numpy as np
 
-SIZE = 24
-"""Numbers in the vectors, and rows in the matrices, whose results are compared.
+VECTOR_SIZE = 24
+"""Number of elements of the test vectors, and of rows of the test matrices.
 
-Larger than the vectors of any processor, so that each kernel is used with its remainder.
+It exceeds the length of the vector registers of all processors, so a kernel computes both
+whole registers and a remainder.
 """
 
 
 @cache
 def processor_identity() -> dict[str, str]:
-    """Return what the kernels of this process are, in words and by what they compute.
+    """Identify the numerical kernels that this process uses.
 
-    Processes for which this is equal, with equal versions of all libraries, compute the
-    same bits. `instructions` are the extensions that NumPy uses, `blas` is its linear
-    algebra, and `arithmetic` the start of a SHA-256 sum over results of both.
+    Two processes with equal identities and equal versions of all libraries are expected to
+    compute results that are equal bit by bit.
+
+    Returns
+    -------
+    Three texts:
+
+    - ``"instructions"``: the SIMD instruction sets that NumPy uses, such as
+      ``"SSE SSE2 AVX2"``,
+    - ``"blas"``: name and version of the linear algebra library,
+    - ``"arithmetic"``: the first 16 hexadecimal digits of a SHA-256 checksum of test
+    results
+      of both.
     """
-    config = np.show_config(mode="dicts")
-    blas = config["Build Dependencies"]["blas"]
-    extensions = config["SIMD Extensions"]
+    numpy_config = np.show_config(mode="dicts")
+    blas = numpy_config["Build Dependencies"]["blas"]
+    extensions = numpy_config["SIMD Extensions"]
     return {
         "instructions": " ".join([*extensions["baseline"], *extensions.get("found", [])]),
         "blas": f"{blas['name']} {blas['version']}",
-        "arithmetic": _sum_of_results()[:16],
+        "arithmetic": _hash_results()[:16],
     }
 
 
-def _sum_of_results() -> str:
-    """Return the SHA-256 sum of the bits of some results."""
-    x = np.arange(1, SIZE + 1) / 7.0
+def _hash_results() -> str:
+    """Compute test results with NumPy, and return the SHA-256 checksum of their bits.
+
+    The tests cover elementary functions, complex numbers, sums, matrix products and
+    decompositions. The checksum is a hexadecimal text.
+    """
+    x = np.arange(1, VECTOR_SIZE + 1) / 7.0
     z = x + 1j * x[::-1]
     matrix = np.sin(np.outer(x, x[::-1] + 0.3))
-    # The last rows of a product with a remainder go another way in some kernels.
-    wide = matrix[:, : SIZE - 5]
+    # 19 columns are no multiple of the block size of a kernel. Some kernels compute the
+    # part of a product beyond whole blocks by other code.
+    rectangular_matrix = matrix[:, : VECTOR_SIZE - 5]
     results = [
-        *(f(x) for f in (np.sin, np.cos, np.tan, np.exp, np.log, np.arctan, np.sqrt)),
+        *(
+            function(x)
+            for function in (np.sin, np.cos, np.tan, np.exp, np.log, np.arctan, np.sqrt)
+        ),
         *(np.arctan2(x, x[::-1]), np.hypot(x, x[::-1]), x**1.5, np.arcsin(x / 4.0)),
         *(z * z, z / z[::-1], np.exp(z), np.abs(z)),
         *(np.sum(x), np.sum(matrix, axis=0), np.dot(x, x[::-1]), np.vecdot(matrix, x)),
-        *(wide @ wide.T, np.einsum("ij,kj->ik", matrix, wide.T @ matrix)),
-        *(np.linalg.inv(matrix + np.eye(SIZE)), np.linalg.solve(matrix + np.eye(SIZE), x)),
-        *np.linalg.svd(wide),
+        *(
+            rectangular_matrix @ rectangular_matrix.T,
+            np.einsum("ij,kj->ik", matrix, rectangular_matrix.T @ matrix),
+        ),
+        *(
+            np.linalg.inv(matrix + np.eye(VECTOR_SIZE)),
+            np.linalg.solve(matrix + np.eye(VECTOR_SIZE), x),
+        ),
+        *np.linalg.svd(rectangular_matrix),
         *np.linalg.qr(matrix),
         np.linalg.eigvals(matrix),
     ]
