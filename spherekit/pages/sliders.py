@@ -1,7 +1,7 @@
-"""Ranges of the sliders of a page: numbers with which the mechanism file can be read.
+"""Ranges of the sliders on an interactive page.
 
-A page saves the file with the numbers on its sliders, so no slider may reach a number that
-the format refuses.
+A slider changes one number of the mechanism file. The page can save the file with the new
+numbers, so a slider must not reach a number with which the file cannot be read.
 """
 
 from dataclasses import dataclass
@@ -16,26 +16,31 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import SizeGeometry
 
 SLIDER_REACH_DEG = 30.0
-"""How far the slider of an angle reaches to both sides of the file's number."""
-TYPED_REACH = 12.0
-"""How far a typed number may be from the file's, in reaches of the slider: a whole turn."""
-BISECTIONS = 7
-"""Halvings of the part of a range beyond which the format refuses; its end is then known
-to a hundredth of the range, always on the side that is accepted."""
+"""Half the range of the slider of an angle (deg): it reaches so far to both sides."""
+TYPED_TO_SLIDER_RATIO = 12.0
+"""Half the range of typed numbers, divided by half the range of the slider.
+
+With 12 times 30 degrees, a typed angle may differ by one revolution from that of the file.
+"""
+BISECTION_STEPS = 7
+"""Number of bisection steps in the search for the last number that the format accepts.
+
+The limit is located to 1/128 of the interval. The result is always an accepted number.
+"""
 
 
 @dataclass(frozen=True)
 class SliderRange:
-    """What a slider and the field beside it allow, in the unit of the file.
+    """The ranges of a slider and of its text field, in the unit of the file.
 
     Attributes
     ----------
     low, high
         The ends of the slider.
     least, most
-        The numbers between which a typed one may be.
+        The smallest and the largest number that may be typed in the text field.
     step
-        What a press of an arrow key adds.
+        The change of the number when an arrow key is pressed.
     """
 
     low: float
@@ -45,7 +50,7 @@ class SliderRange:
     step: float
 
     def facts(self) -> Facts:
-        """Return the range as the scripts of a page read it."""
+        """Return the ranges by name, as the JavaScript code of the page reads them."""
         return {
             "low": self.low,
             "high": self.high,
@@ -58,7 +63,7 @@ class SliderRange:
 def slider_range(
     document: Document, mechanism: Mechanism, variable: DesignVariable
 ) -> SliderRange:
-    """Return the range of a slider, in which the file is read with every number.
+    """Compute the range of a slider, so that the file can be read with its numbers.
 
     Parameters
     ----------
@@ -68,70 +73,101 @@ def slider_range(
         The mechanism of that file.
     variable
         The number of the file that the slider changes.
+
+    Returns
+    -------
+    The ranges of the slider and of its text field. Both include the number of the file. An
+    angle ranges over `SLIDER_REACH_DEG` to both sides; any other number over its own
+    magnitude, or 1 if it is zero.
     """
     value = variable.value
-    degree = np.radians(1.0) if document.data["angle_unit"] == "rad" else 1.0
-    reach = SLIDER_REACH_DEG * degree if variable.is_angle else abs(value) or 1.0
-    step = float(10.0 ** np.floor(np.log10(reach / 50.0)))
-    least, most = value - TYPED_REACH * reach, value + TYPED_REACH * reach
-    limits = _limits_of_format(mechanism, variable)
+    degrees_to_file_unit = np.radians(1.0) if document.data["angle_unit"] == "rad" else 1.0
+    half_range = (
+        SLIDER_REACH_DEG * degrees_to_file_unit if variable.is_angle else abs(value) or 1.0
+    )
+    # A power of ten that divides the range of the slider into 100 steps or more.
+    step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
+    least, most = (
+        value - TYPED_TO_SLIDER_RATIO * half_range,
+        value + TYPED_TO_SLIDER_RATIO * half_range,
+    )
+    limits = _find_format_limits(mechanism, variable)
     if limits is None:
-        least = _last_accepted(document, variable, [value - reach, least])
-        most = _last_accepted(document, variable, [value + reach, most])
+        least = _find_last_accepted(document, variable, [value - half_range, least])
+        most = _find_last_accepted(document, variable, [value + half_range, most])
     else:
-        least = max(least, limits[0] * degree)
-        most = min(most, limits[1] * degree)
-    # At the limit of an arc or a latitude two axes are on one line: the slider ends before.
-    low = max(value - reach, min(least + step, value))
-    high = min(value + reach, max(most - step, value))
+        least = max(least, limits[0] * degrees_to_file_unit)
+        most = min(most, limits[1] * degrees_to_file_unit)
+    # At the limit of an arc or a latitude two axes coincide. The slider ends one step
+    # before, but still includes the number of the file.
+    low = max(value - half_range, min(least + step, value))
+    high = min(value + half_range, max(most - step, value))
     return SliderRange(low, high, least, most, step)
 
 
-def _limits_of_format(
+def _find_format_limits(
     mechanism: Mechanism, variable: DesignVariable
 ) -> tuple[float, float] | None:
-    """Return the least and the greatest number (deg), where one rule of the format says so.
+    """Return the limits (deg) that the file format sets for an angle.
 
-    None where the numbers of the file have to be tried: numbers that are no angles, and
-    angles on which contacts depend.
+    Returns
+    -------
+    The smallest and the largest angle (deg), infinite if there is no limit. None if the
+    limits are not known beforehand, so that numbers have to be tried: if the variable is
+    not a size of an R pair or an output, or the mechanism has contacts, which may not exist
+    for all angles.
     """
     if variable.slot is None or mechanism.has_contacts:
         return None
-    kind, of = variable.slot
-    if kind == "latitudes" or (variable.path[0] == "outputs" and of[1] == 1):
+    size_kind, size_owner = variable.slot
+    if size_kind == "latitudes" or (variable.path[0] == "outputs" and size_owner[1] == 1):
         return -90.0, 90.0
     geometry = mechanism.geometry
-    if isinstance(geometry, SizeGeometry) and kind == "arcs":
-        return (-np.inf, np.inf) if geometry.links[of[0]].signed else (0.0, 180.0)
+    if isinstance(geometry, SizeGeometry) and size_kind == "arcs":
+        return (-np.inf, np.inf) if geometry.links[size_owner[0]].signed else (0.0, 180.0)
     return -np.inf, np.inf
 
 
-def _last_accepted(
+def _find_last_accepted(
     document: Document, variable: DesignVariable, values: list[float]
 ) -> float:
-    """Return the farthest of rising or falling values at which the file can be read.
+    """Search the number farthest from that of the file with which the file can be read.
 
-    Between the last value that is accepted and the first one that is refused the border is
-    bisected.
+    The values are tried in their order until the file cannot be read with one. The limit
+    between that value and the last accepted one is then searched by bisection.
+
+    Parameters
+    ----------
+    document
+        The mechanism file.
+    variable
+        The number of the file that is changed.
+    values
+        Numbers to try, all on one side of that of the file, the nearest first.
+
+    Returns
+    -------
+    The farthest accepted number: the last of `values` if all are accepted, the number of
+    the file if none and no step of the bisection is.
     """
-    good = variable.value
+    last_accepted = variable.value
     for value in values:
         if _is_accepted(document, variable, value):
-            good = value
+            last_accepted = value
             continue
-        refused = value
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (good + refused)
-            if _is_accepted(document, variable, middle):
-                good = middle
+        first_refused = value
+        for _ in range(BISECTION_STEPS):
+            midpoint = 0.5 * (last_accepted + first_refused)
+            if _is_accepted(document, variable, midpoint):
+                last_accepted = midpoint
             else:
-                refused = middle
+                first_refused = midpoint
         break
-    return good
+    return last_accepted
 
 
 def _is_accepted(document: Document, variable: DesignVariable, value: float) -> bool:
-    """Return whether the file can be read with a number changed."""
+    """Return whether the file can be read if the number of `variable` is `value`."""
     try:
         designed(document, [variable], [value])
     except SpherekitError:
