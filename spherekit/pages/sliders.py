@@ -98,8 +98,8 @@ def slider_range(
     else:
         least = max(least, limits[0] * degrees_to_file_unit)
         most = min(most, limits[1] * degrees_to_file_unit)
-    # At the limit of an arc or a latitude two axes coincide. The slider ends one step
-    # before, but still includes the number of the file.
+    # At the limit of an arc or a latitude two axes lie on one line. The slider ends one
+    # step before, but still includes the number of the file.
     low = max(value - half_range, min(least + step, value))
     high = min(value + half_range, max(most - step, value))
     return SliderRange(low, high, least, most, step)
@@ -134,7 +134,8 @@ def _find_last_accepted(
     """Search the number farthest from that of the file with which the file can be read.
 
     The values are tried in their order until the file cannot be read with one. The limit
-    between that value and the last accepted one is then searched by bisection.
+    between that value and the last accepted one is then searched by bisection. Numbers
+    between those tried are assumed to be accepted.
 
     Parameters
     ----------
