@@ -49,14 +49,22 @@ from spherekit.sphere.rotation import all_finite
 Scheme = Literal["grid", "sobol", "latin", "random"]
 
 SCHEMES: tuple[Scheme, ...] = ("grid", "sobol", "latin", "random")
-"""All combinations; a scrambled Sobol sequence; Latin hypercube; independent, uniform."""
+"""How the designs of a space are chosen.
+
+They are all combinations of listed values, a scrambled Sobol sequence, a Latin hypercube,
+or independent random numbers of uniform distribution.
+"""
 
 Values = Sequence[float] | tuple[float, float, int] | tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Variation:
-    """What a variable takes on: listed `values`, or all from `low` to `high`."""
+    """The values of one design variable, in the unit of the file.
+
+    `key` is its key in the file. If `values` is None, all numbers from `low` to `high` are
+    possible. Otherwise only `values` are, and `low` and `high` are their extremes.
+    """
 
     key: str
     low: float
@@ -65,12 +73,20 @@ class Variation:
 
 
 def variation(key: str, given: str | Sequence[float]) -> Variation:
-    """Return the variation over a list, or of ``10:40:31``, ``10:40`` or ``10,20,25``.
+    """Create a variation from numbers or from a text.
+
+    Parameters
+    ----------
+    key
+        Key of the number in the mechanism file.
+    given
+        A list of values; or one of the texts ``"10:40:31"`` (31 values from 10 to 40),
+        ``"10:40"`` (all numbers from 10 to 40) and ``"10,20,25"`` (three values).
 
     Raises
     ------
     DesignError
-        If it is none of these.
+        If the text has another form, or there is no value or one that is not finite.
     """
     try:
         if isinstance(given, str) and ":" in given:
@@ -92,7 +108,13 @@ def variation(key: str, given: str | Sequence[float]) -> Variation:
 
 
 def between(key: str, low: float, high: float) -> Variation:
-    """Return a variation over a range."""
+    """Create a variation over all numbers from `low` to `high`.
+
+    Raises
+    ------
+    DesignError
+        If `low` is not less than `high`, or one of them is not finite.
+    """
     if not -math.inf < low < high < math.inf:
         raise DesignError(
             f"{key}: {low:g} to {high:g} is no range; give the lower end first"
@@ -102,7 +124,19 @@ def between(key: str, low: float, high: float) -> Variation:
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """Designs by number, the same whenever and wherever they are asked for."""
+    """A numbered set of designs, which is the same in every process and at every call.
+
+    Attributes
+    ----------
+    variations
+        The values of each design variable.
+    scheme
+        How the designs are chosen, see `SCHEMES`.
+    count
+        Number of designs. They are numbered from 0.
+    seed
+        Seed of the random numbers of all schemes but ``"grid"``.
+    """
 
     variations: tuple[Variation, ...]
     scheme: Scheme
@@ -116,12 +150,25 @@ class DesignSpace:
         scheme: Scheme | None = None,
         seed: int = 0,
     ) -> "DesignSpace":
-        """Return the space of variations: their grid, or so many designs by a scheme.
+        """Create a design space.
+
+        Parameters
+        ----------
+        variations
+            The values of each design variable.
+        designs
+            Number of designs. It is not given for a grid, which has all combinations.
+        scheme
+            One of `SCHEMES`; by default ``"grid"``, or ``"sobol"`` if `designs` is given.
+        seed
+            Seed of the random numbers, at least 0.
 
         Raises
         ------
         DesignError
-            If ranges have no count for a grid, or nothing is varied.
+            If there is no variation, a range without a count is in a grid, the number of
+            designs is missing or is given for a grid, the scheme is unknown, or the seed is
+            negative.
         """
         if not variations:
             raise DesignError("nothing is varied: give --vary KEY=LOW:HIGH:COUNT")
@@ -151,7 +198,13 @@ class DesignSpace:
         return DesignSpace(tuple(variations), chosen, designs, seed)
 
     def designs(self, start: int, stop: int) -> Floats:
-        """Return the designs from one number to before another, (variables, n)."""
+        """Return the designs with the numbers `start` to `stop` - 1.
+
+        Returns
+        -------
+        (variables, n) values of the variables, in the unit of the file. Numbers from
+        `count` on are left out.
+        """
         made = []
         unit = self._unit(start, min(stop, self.count))
         for varied, fraction in zip(self.variations, unit, strict=True):
@@ -164,7 +217,13 @@ class DesignSpace:
         return np.stack(made)
 
     def _unit(self, start: int, stop: int) -> Floats:
-        """Return points of the unit cube (variables, n)."""
+        """Return the designs `start` to `stop` - 1 as points of the unit cube.
+
+        Returns
+        -------
+        (variables, n) numbers from 0 to 1, which are the relative position in the range of
+        each variable. Listed values share the interval from 0 to 1 evenly.
+        """
         size = len(self.variations)
         if self.scheme == "grid":
             shape = [len(varied.values or ()) for varied in self.variations]
@@ -177,7 +236,8 @@ class DesignSpace:
             if start:
                 sobol.fast_forward(start)
             with warnings.catch_warnings():
-                # A number that is no power of 2 costs balance only, which parts have not.
+                # SciPy warns if the number of points is not a power of 2, because the
+                # points are then less evenly spread. This cannot be avoided for parts.
                 warnings.simplefilter("ignore", UserWarning)
                 made = sobol.random(stop - start)
         elif self.scheme == "latin":
@@ -189,14 +249,17 @@ class DesignSpace:
 
 
 Columns = dict[str, Any]
-"""The columns of rows by name."""
+"""The columns (rows,) of a table, by name."""
 
 _COMPARISON_SIGN = re.compile(r"(<=|>=|<|>)")
 
 
 @dataclass(frozen=True)
 class Condition:
-    """``less < more`` of two expressions; where a value is NaN it does not hold."""
+    """A condition ``less < more``, or ``less <= more`` if `equal`, on two expressions.
+
+    It is not met where a value is NaN. `text` is the condition as the user wrote it.
+    """
 
     text: str
     less: Expression
@@ -205,11 +268,11 @@ class Condition:
 
     @property
     def names(self) -> frozenset[str]:
-        """What it depends on."""
+        """Names of the columns on which the condition depends."""
         return self.less.names | self.more.names
 
     def sides(self, columns: Columns) -> tuple[Floats, Floats]:
-        """Return what is to be less, and more, in rows (n,) with columns by name."""
+        """Return the values (n,) of `less` and of `more` for columns (n,) by name."""
         less, more = (
             side.evaluate({name: columns[name] for name in side.names})
             for side in (self.less, self.more)
@@ -217,18 +280,25 @@ class Condition:
         return less, more
 
     def holds(self, columns: Columns) -> Bools:
-        """Return for which rows it holds, from columns (n,) by name."""
+        """Return which rows (n,) meet the condition, for columns (n,) by name."""
         with np.errstate(invalid="ignore"):
             return (np.less_equal if self.equal else np.less)(*self.sides(columns))
 
 
 def condition(text: str, names: Collection[str]) -> Condition:
-    """Return the condition that a text states.
+    """Parse a condition such as ``"links_2_arc < links_4_arc"``.
+
+    Parameters
+    ----------
+    text
+        The condition: two expressions with ``<``, ``<=``, ``>`` or ``>=`` between them.
+    names
+        Names that the expressions may contain.
 
     Raises
     ------
     DesignError
-        If it is no comparison, or of other names.
+        If the text is not one comparison, or contains another name.
     """
     parts = _COMPARISON_SIGN.split(text)
     if len(parts) != 3:
