@@ -480,7 +480,7 @@ class Sweep:
 
     @property
     def angle(self) -> str:
-        """The file's unit of angles, in which all angles of the table are."""
+        """Unit of angles in the file, ``"deg"`` or ``"rad"``, and in the table of designs."""
         return str(self.document.data["angle_unit"])
 
     @cached_property
@@ -495,7 +495,7 @@ class Sweep:
         return -(-self.space.count // self.part_size)
 
     def definition(self) -> Facts:
-        """Return everything on which the results depend, as JSON values by name.
+        """Return everything on which the results depend, by name.
 
         It is stored in the folder of the sweep. A folder whose definition differs has parts
         of another sweep. It includes the versions of the software.
@@ -536,7 +536,7 @@ class Sweep:
 
     @property
     def degrees(self) -> bool:
-        """Whether tables have angles in degrees."""
+        """Whether the tables of runs have angles in degrees."""
         return self.study is not None and self.study.degrees
 
     @property
