@@ -223,9 +223,8 @@ class _WorkerProcess:
                 "creationflags": getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0)
             }
         self._python = os.fsdecode(get_executable() or "")
-        import_flag = (
-            "-I" if sys.flags.isolated else "-P"
-        )  # both: do not import from the current folder
+        # Both options mean that modules are not imported from the current folder.
+        import_flag = "-I" if sys.flags.isolated else "-P"
         command = [self._python, import_flag, "-c", WORKER_PROGRAM]
         try:
             self.popen = subprocess.Popen(

@@ -480,7 +480,7 @@ class Sweep:
 
     @property
     def angle(self) -> str:
-        """Unit of angles in the file, ``"deg"`` or ``"rad"``, and in the table of designs."""
+        """Unit of angles in the file and the table of designs, ``"deg"`` or ``"rad"``."""
         return str(self.document.data["angle_unit"])
 
     @cached_property

@@ -241,8 +241,8 @@ def run_sweep(
         not computed again. By default a temporary folder is used, which is deleted with the
         result.
     workers
-        Number of processes that compute parts at the same time. With 1, this process
-        computes them itself.
+        Number of processes that compute parts at the same time. With 1, or if only one part
+        is missing, no other process is started.
     elsewhere
         A function that computes parts on other machines, such as
         `cluster.compute_on_cluster` with its address. If given, `workers` is not used.
@@ -336,7 +336,8 @@ class _Progress:
         Parameters
         ----------
         workers
-            Number of worker processes; with 1 this process computes the parts itself.
+            Number of worker processes. With 1, or if only one part is missing, this process
+            computes the parts itself.
         elsewhere
             A function that computes parts on other machines, or None.
 
