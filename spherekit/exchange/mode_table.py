@@ -13,6 +13,8 @@ that select it in the formulas (see `formula_terms`):
 
 The formulas then compute each mode at several inputs. A mode that deviates from the mode of
 the mechanism is not written, and a message names the reason.
+
+A *row* of a motion is one configuration: one assembly mode at one sample of the inputs.
 """
 
 from collections.abc import Sequence
@@ -313,6 +315,7 @@ def _dyad_signs(terms: VariedTerms, values: Floats) -> Floats:
         changes its sign at the same input.
     """
     mechanism = terms.mechanism
+    # (n, variables, 3) direction of the axis of each variable
     vectors = Closure.of(mechanism, joints_of(mechanism)).at(values).vectors
     signs: list[float] = []
     for group in terms.structure.assembly.groups:
