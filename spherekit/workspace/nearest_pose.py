@@ -7,8 +7,8 @@ points of a unit sphere. The angle of a rotation is twice the arc between the qu
 The target pose is the one that is out of reach. Its surroundings are described by normal
 coordinates v: the point at v is reached from the target by an arc of length |v| in the
 tangent direction v. There are two coordinates for directions and three for orientations.
-A margin is the distance to a limit of the mechanism; a pose is reachable if no margin is
-negative. The nearest pose solves
+A margin measures how much is left to a limit of the mechanism. A pose is reachable if no
+margin is negative. The nearest pose solves
 
     minimise |v|^2 / 2  subject to  margins(v) >= 0.
 
