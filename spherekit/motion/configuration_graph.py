@@ -1,20 +1,22 @@
-"""Assembly modes over samples of several inputs, as sets of joined configurations.
+"""A graph of configurations at samples of several inputs, divided into assembly modes.
 
-The nodes of the graph are the configurations at all samples. An edge joins configurations
-at two neighbouring samples if verified steps on the straight way between them lead from one
-to the other. Such a way passes no singular configuration, so it can be walked both ways and
-has one end at most for each start.
+Each node of the graph is one configuration at one sample of an `InputGrid`. An edge joins
+two nodes at neighbouring samples if a verified path leads from one to the other. The inputs
+move on a straight line from sample to sample along such a path, and each step of it is
+verified (`spherekit.motion.steps`). A verified path passes no singular configuration. It
+can therefore be followed in both directions, and each start has at most one end.
 
-A connected part of the graph can have several configurations at one sample: a loop around
-inputs at which modes meet leads from one of them to another. Such a part is divided into
-assembly modes with one configuration at most for each sample:
+A connected component of the graph can have several configurations at one sample. This
+occurs if a loop of paths around inputs at which modes meet leads from one of them to
+another. Such a component is divided into assembly modes with at most one configuration per
+sample:
 
-1. Pieces grow along edges. Two pieces that an edge joins become one, unless that would put
-   two configurations of one sample into it.
-2. Pieces of one part that share no sample become one mode, the largest first.
+1. A piece is a set of nodes with at most one node per sample. Each node begins as a piece
+   of its own. An edge unites the two pieces of its ends, unless they share a sample.
+2. Pieces of one component that share no sample are put into one mode, the largest first.
 
-The order is a fixed one, so the modes are the same every time. Each configuration is in one
-mode only.
+The order of these steps depends only on the nodes, so the modes are the same in every run.
+Each configuration belongs to exactly one mode.
 """
 
 from collections.abc import Iterator, Sequence
@@ -34,29 +36,48 @@ from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import max_abs
 
 SAME_CONFIGURATION_RAD = 1e-6
-"""Configurations of one sample whose angles differ by less (rad) are the same one."""
-SINGULAR = 1e-8
-"""A configuration of a smaller relative singular value is joined to no other."""
+"""Configurations of one sample whose angles all differ by less are one node. Larger:
+different modes near a meeting are taken for one; smaller: one configuration can become two
+nodes."""
+SINGULAR_RATIO = 1e-8
+"""A configuration is singular if its smallest singular value, relative to the largest, is
+smaller. These are of the closure Jacobian without the inputs. No path starts from a singular
+node. Larger: more nodes remain alone; smaller: signs of determinants can be rounding."""
 SMALLEST_STEP_RAD = 1e-7
-"""A way between two samples that needs a smaller step (rad) is given up. It comes that near
-to a singular configuration; smaller steps cost time and join hardly any more."""
-WAYS_AT_ONCE = 4096
-"""Ways that are followed together. More need more memory; fewer take longer."""
-DOUBLE_PORTIONS = 2
-"""Growth of the number of ways that are tried for one piece in a round. In a regular grid
-one way joins two pieces; where modes meet, many have to be tried."""
+"""A path between two samples that needs a smaller step of the inputs fails. It passes so
+near to a singular configuration that smaller steps cost time and join hardly any more
+nodes."""
+PATHS_AT_ONCE = 4096
+"""Number of paths that are followed together. More need more memory; fewer take longer."""
+PORTION_GROWTH = 2
+"""Growth, from round to round, of the number of paths that are tried for each piece. Away
+from inputs at which modes meet, one path joins two pieces; near them, many have to be
+tried."""
 
 
 class ConfigurationGraph:
-    """Configurations at the samples of an input grid, and which of them are joined.
+    """Configurations at the n samples of an input grid, and the paths that join them.
+
+    Nodes are numbered 0 to k - 1 in the order in which they are added. A direction is a row
+    of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and 2 a + 1 to the
+    previous one, so ``direction ^ 1`` is the opposite direction.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, ready to be evaluated.
+    input_grid
+        The n samples of its inputs.
 
     Attributes
     ----------
-    sample, values
-        (k,) the sample of each node, and (k, variables) rad its configuration.
+    sample
+        (k,) index of the sample of each node.
+    values
+        (k, variables) configuration of each node (rad).
     is_complete
-        (n,) whether all configurations of a sample are nodes; False by default. Only ways
-        to samples that are not complete can lead to new nodes.
+        (n,) whether all configurations of a sample are nodes already; False until the
+        caller sets it. Only paths to samples that are not complete can lead to new nodes.
     """
 
     def __init__(self, solver: Solver, input_grid: InputGrid) -> None:
@@ -68,27 +89,37 @@ class ConfigurationGraph:
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
         self._driven = list(solver.driven)
         self._angles = solver.angles
-        self._sign = np.empty(0)
+        self._determinant_sign = np.empty(0)
         self._is_regular = np.empty(0, dtype=bool)
-        # Row s lists the nodes of sample s, padded by -1.
-        self._nodes_at = np.full((len(input_grid), 0), -1, dtype=np.intp)
+        # (n, largest number of nodes of a sample): row s lists the nodes of sample s,
+        # padded by -1.
+        self._nodes_of_sample = np.full((len(input_grid), 0), -1, dtype=np.intp)
         self._neighbours = input_grid.neighbours()
-        # Index 0 is the direction, in which `neighbours` has one row each: a way was tried
-        # from this node, and the node to which it led, or -1.
+        # (directions, k): whether a path from the node in the direction was tried, and the
+        # node to which a verified path led, or -1.
         self._is_tried = np.empty((len(self._neighbours), 0), dtype=bool)
         self._partner = np.empty((len(self._neighbours), 0), dtype=np.intp)
+        # (k,) identifier of the piece of each node, and the nodes of each piece.
         self._piece = np.empty(0, dtype=np.intp)
-        self._members: dict[int, list[Indices]] = {}
+        self._nodes_of_piece: dict[int, list[Indices]] = {}
         self._edges: list[tuple[Indices, Indices]] = []
-        self._working = ProgressReporter(
+        self._progress = ProgressReporter(
             "joining the configurations of neighbouring samples"
         )
 
     def add(self, sample: Indices, values: Floats) -> Indices:
-        """Add configurations (m, variables) at samples (m,); return their nodes (m,).
+        """Add configurations as nodes, and return the node of each.
 
-        A configuration that is known already keeps its node. Those of one call must be
-        different.
+        Parameters
+        ----------
+        sample
+            (m,) index of the sample of each configuration.
+        values
+            (m, variables) closed configurations (rad). They must differ from each other. A
+            configuration that is a node already is not added again.
+
+        Returns ------- (m,) node of each configuration, new or already present. Each new
+        node is a piece of its own.
         """
         nodes = self.find(sample, values)
         (new,) = np.nonzero(nodes < 0)
@@ -98,163 +129,242 @@ class ConfigurationGraph:
         nodes[new] = np.arange(first, first + len(new))
         at = self.solver.closure.at(values[new])
         square = np.delete(at.jacobian, self._driven, axis=2)
-        self._sign = np.append(self._sign, determinant_sign(square))
-        is_regular = ~flat(at, self._driven, SINGULAR)
+        self._determinant_sign = np.append(self._determinant_sign, determinant_sign(square))
+        is_regular = ~flat(at, self._driven, SINGULAR_RATIO)
         self._is_regular = np.append(self._is_regular, is_regular)
         self.sample = np.append(self.sample, sample[new])
         self.values = np.concatenate([self.values, values[new]])
         directions = len(self._neighbours)
-        tried = np.zeros((directions, len(new)), dtype=bool)
-        self._is_tried = np.concatenate([self._is_tried, tried], axis=1)
+        is_tried = np.zeros((directions, len(new)), dtype=bool)
+        self._is_tried = np.concatenate([self._is_tried, is_tried], axis=1)
         partner = np.full((directions, len(new)), -1, dtype=np.intp)
         self._partner = np.concatenate([self._partner, partner], axis=1)
         self._piece = np.append(self._piece, nodes[new])
-        self._members |= {node: [np.array([node])] for node in nodes[new].tolist()}
+        self._nodes_of_piece |= {node: [np.array([node])] for node in nodes[new].tolist()}
         self._list_nodes()
         return nodes
 
     def find(self, sample: Indices, values: Floats) -> Indices:
-        """Return the nodes (m,) of configurations (m, variables) at samples, or -1."""
+        """Return the nodes of configurations.
+
+        Parameters
+        ----------
+        sample
+            (m,) index of the sample of each configuration.
+        values
+            (m, variables) configurations (rad).
+
+        Returns
+        -------
+        (m,) node of the same sample whose angles differ by less than
+        `SAME_CONFIGURATION_RAD`, or -1 if there is none.
+        """
         nodes = np.full(len(sample), -1, dtype=np.intp)
-        if not self._nodes_at.shape[1]:
+        if not self._nodes_of_sample.shape[1]:
             return nodes
-        for first in range(0, len(sample), WAYS_AT_ONCE):
-            some = slice(first, first + WAYS_AT_ONCE)
-            candidates = self._nodes_at[sample[some]]
-            apart = wrap(self.values[candidates] - values[some, None])[..., self._angles]
-            distance = np.where(candidates < 0, np.inf, max_abs(apart, axis=2))
+        for first in range(0, len(sample), PATHS_AT_ONCE):
+            chunk = slice(first, first + PATHS_AT_ONCE)
+            candidates = self._nodes_of_sample[sample[chunk]]
+            differences = wrap(self.values[candidates] - values[chunk, None])[
+                ..., self._angles
+            ]
+            distance = np.where(candidates < 0, np.inf, max_abs(differences, axis=2))
             best = np.argmin(distance, axis=1)[:, None]
             is_same = np.take_along_axis(distance, best, axis=1) < SAME_CONFIGURATION_RAD
             best_nodes = np.take_along_axis(candidates, best, axis=1)
-            nodes[some] = np.where(is_same, best_nodes, -1)[:, 0]
+            nodes[chunk] = np.where(is_same, best_nodes, -1)[:, 0]
         return nodes
 
     def _list_nodes(self) -> None:
-        """Set the table of the nodes of each sample."""
+        """Rebuild the table `_nodes_of_sample` from the samples of all nodes."""
         order = np.argsort(self.sample, kind="stable")
         counts = np.bincount(self.sample, minlength=len(self.input_grid))
+        # The i-th node of a sample is in column i of the row of the sample.
         column = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
-        self._nodes_at = np.full(
+        self._nodes_of_sample = np.full(
             (len(counts), np.max(counts, initial=0)), -1, dtype=np.intp
         )
-        self._nodes_at[self.sample[order], column] = order
+        self._nodes_of_sample[self.sample[order], column] = order
 
     def add_sheet(self, values: Floats) -> None:
-        """Add joined configurations (n, variables), one at most for each sample.
+        """Add the configurations of a sheet as nodes, join them, and unite their pieces.
 
-        Rows of samples without one are NaN.
+        A sheet is the set of configurations that verified paths over the grid reach from
+        one start, at most one per sample (`spherekit.motion.guides.sheets_through`).
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad) of the sheet at all samples of the grid. The
+            row of a sample that the sheet does not reach is NaN.
         """
         (sample,) = np.nonzero(np.all(np.isfinite(values), axis=1))
         first = len(self.sample)
         nodes = self.add(sample, values[sample])
+        # A chain of edges, in the order of samples, puts the whole sheet into one
+        # component.
         self._edges.append((nodes[:-1], nodes[1:]))
-        # The new nodes are one piece. It then takes in those on which the sheet comes.
+        # The new nodes are united first. Pieces that have other nodes of the sheet follow,
+        # and are not united if they share a sample with the new piece.
         new = nodes[nodes >= first]
         order = np.concatenate([new, nodes[nodes < first]])
         for node in order[1:].tolist():
-            self._unite(int(order[0]), node)
+            self._unite_pieces(int(order[0]), node)
 
     def find_unbalanced(self) -> Bools:
-        """Return (n,) at which samples the signs of the nodes do not cancel.
+        """Return at which samples a configuration must be missing.
 
-        The signs of the determinants of all configurations sum up to the degree of the map
-        from passive angles to loops. It does not depend on the inputs or the arcs, so it is
-        zero: links can be so short that nothing closes. Singular nodes have no sign.
+        The signs of the determinants of the closure Jacobian (without the inputs) of all
+        configurations of a sample add up to the degree of the map from passive angles to
+        loop rotations. The degree depends neither on the inputs nor on the arcs. It is
+        zero, because there are arcs with which the loops close nowhere. A sum that is not
+        zero therefore shows that a configuration is missing.
+
+        Returns
+        -------
+        (n,) whether the signs of the nodes of a sample add up to another number than zero.
+        False for samples with a singular node, which has no sign.
         """
         count = len(self.input_grid)
-        sums = np.bincount(self.sample, np.where(self._is_regular, self._sign, 0.0), count)
+        sums = np.bincount(
+            self.sample, np.where(self._is_regular, self._determinant_sign, 0.0), count
+        )
         singular = np.bincount(self.sample, ~self._is_regular, count)
         return (sums != 0.0) & (singular == 0)
 
     def join(self) -> None:
-        """Join all nodes at neighbouring samples, as far as that is needed for the modes.
+        """Join nodes at neighbouring samples, as far as the division into modes needs it.
 
-        Along the last axis all ways are walked. That gives strands of nodes. Across them a
-        way is walked only if it can make a piece larger: a single one joins two strands
-        that run side by side.
+        Along the last axis, all paths that can join two pieces are followed. They make
+        pieces that run along this axis. Along the other axes, paths are followed only as
+        long as they can join two pieces, because one path is enough for two pieces that run
+        side by side. Paths to samples that are not complete can also add nodes.
         """
-        last_axis = len(self._neighbours) - 1
-        self._walk(np.flatnonzero(self._may_lead_on(last_axis)), last_axis)
-        for direction in range(last_axis - 2, -1, -2):
-            self._join_in([direction])
-        self._join_in(range(len(self._neighbours)))
+        last_direction = len(self._neighbours) - 1
+        self._join_along_paths(
+            np.flatnonzero(self._may_join_pieces(last_direction)), last_direction
+        )
+        # The odd directions, to previous samples, come first. The last call repeats them with
+        # the opposite directions, because nodes can have been added meanwhile.
+        for direction in range(last_direction - 2, -1, -2):
+            self._join_in_directions([direction])
+        self._join_in_directions(range(len(self._neighbours)))
 
-    def _join_in(self, directions: Sequence[int]) -> None:
-        """Walk ways in some directions until none is left that can join two pieces."""
-        portion = 1
+    def _join_in_directions(self, directions: Sequence[int]) -> None:
+        """Follow paths in some directions until no untried path can join two pieces.
+
+        In each round, at most `paths_per_piece` paths are followed for each piece. This
+        number grows from round to round by the factor `PORTION_GROWTH`.
+        """
+        paths_per_piece = 1
         while True:
             count = 0
             for direction in directions:
-                nodes = self._select(direction, portion)
+                nodes = self._select_starts(direction, paths_per_piece)
                 count += len(nodes)
-                self._walk(nodes, direction)
+                self._join_along_paths(nodes, direction)
             if not count:
                 return
-            portion *= DOUBLE_PORTIONS
+            paths_per_piece *= PORTION_GROWTH
 
-    def _may_lead_on(self, direction: int) -> Bools:
-        """Return (k,) from which nodes a way in a direction may join two pieces.
+    def _may_join_pieces(self, direction: int) -> Bools:
+        """Return (k,) whether an untried path from each node may join two pieces.
 
-        Its piece must have no node at the sample that it leads to. If that is complete,
-        it must have a node of the same sign of the determinant to which no way leads yet.
+        The node must be regular, and its piece must have no node at the target, which is
+        the neighbouring sample in the direction. At a target that is complete, there must
+        also be a regular node with the same sign of the determinant to which no path leads
+        yet. A verified path cannot change this sign.
         """
         target = self._neighbours[direction][self.sample]
-        may = (target >= 0) & self._is_regular & ~self._is_tried[direction]
-        for first in range(0, len(target), WAYS_AT_ONCE):
-            rows = first + np.flatnonzero(may[first : first + WAYS_AT_ONCE])
-            ends = self._nodes_at[target[rows]]
+        is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
+        for first in range(0, len(target), PATHS_AT_ONCE):
+            rows = first + np.flatnonzero(is_candidate[first : first + PATHS_AT_ONCE])
+            ends = self._nodes_of_sample[target[rows]]
             is_node = ends >= 0
             is_open = is_node & self._is_regular[ends]
-            is_open &= self._sign[ends] == self._sign[rows, None]
+            is_open &= self._determinant_sign[ends] == self._determinant_sign[rows, None]
             is_open &= self._partner[direction ^ 1][ends] < 0
-            is_own = is_node & (self._piece[ends] == self._piece[rows, None])
-            leads_on = np.any(is_open, axis=1) | ~self.is_complete[target[rows]]
-            may[rows] = leads_on & ~np.any(is_own, axis=1)
-        return may
+            is_in_piece = is_node & (self._piece[ends] == self._piece[rows, None])
+            has_possible_end = np.any(is_open, axis=1) | ~self.is_complete[target[rows]]
+            is_candidate[rows] = has_possible_end & ~np.any(is_in_piece, axis=1)
+        return is_candidate
 
-    def _select(self, direction: int, portion: int) -> Indices:
-        """Return at most so many nodes of each piece and block from which to walk.
+    def _select_starts(self, direction: int, paths_per_piece: int) -> Indices:
+        """Return the nodes from which paths in a direction are followed next.
 
-        A block are the samples of a grid with the same indices up to the direction's axis.
+        Parameters
+        ----------
+        direction
+            Row of `InputGrid.neighbours`.
+        paths_per_piece
+            Largest number of nodes to select for each piece and block of targets.
+
+        Returns
+        -------
+        (m,) nodes in rising order. A block is the set of samples that have the same indices
+        along all axes up to and including that of the direction.
         """
-        (nodes,) = np.nonzero(self._may_lead_on(direction))
+        (nodes,) = np.nonzero(self._may_join_pieces(direction))
         axis = direction // 2
         stride = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
         block = self._neighbours[direction][self.sample[nodes]] // stride
         order = np.lexsort((nodes, block, self._piece[nodes]))
         keys = np.stack([self._piece[nodes], block], axis=1)[order]
-        begins = np.any(np.diff(keys, axis=0, prepend=-1) != 0, axis=1)
-        starts = np.flatnonzero(begins)
+        is_first_of_group = np.any(np.diff(keys, axis=0, prepend=-1) != 0, axis=1)
+        starts = np.flatnonzero(is_first_of_group)
+        # Position of a node within its group of equal piece and block.
         rank = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
-        return np.sort(nodes[order[rank < portion]])
+        return np.sort(nodes[order[rank < paths_per_piece]])
 
-    def _walk(self, nodes: Indices, direction: int) -> None:
-        """Walk from nodes in a direction, and join what is found there."""
+    def _join_along_paths(self, nodes: Indices, direction: int) -> None:
+        """Follow paths in a direction from nodes (m,), and join the ends of each path.
+
+        Ends that are not nodes yet are added. Edges, partners and pieces are updated.
+        """
         self._is_tried[direction, nodes] = True
-        for first in range(0, len(nodes), WAYS_AT_ONCE):
-            starts = nodes[first : first + WAYS_AT_ONCE]
-            self._working.tell(lambda: f"{len(self._members)} pieces")
+        for first in range(0, len(nodes), PATHS_AT_ONCE):
+            starts = nodes[first : first + PATHS_AT_ONCE]
+            self._progress.tell(lambda: f"{len(self._nodes_of_piece)} pieces")
             sample = self._neighbours[direction][self.sample[starts]]
-            arrived, values = self._follow(starts, sample)
+            arrived, values = self._follow_paths(starts, sample)
             starts = starts[arrived]
             node_count = len(self.sample)
             ends = self.add(sample[arrived], values[arrived])
-            # Two ways cannot end at one node: then a step went wrong, and neither counts.
-            ways_to = np.bincount(ends, minlength=len(self.sample))[ends]
-            sound = (ways_to == 1) & (self._partner[direction ^ 1][ends] < 0)
-            sound &= (ends >= node_count) | (self._sign[ends] == self._sign[starts])
-            starts, ends = starts[sound], ends[sound]
+            # Verified paths are reversible, so two of them cannot end at one node. If they
+            # do, a step has changed the mode unnoticed, and neither path is used. The same
+            # applies if the sign of the determinant has changed.
+            paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
+            is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
+            is_sound &= (ends >= node_count) | (
+                self._determinant_sign[ends] == self._determinant_sign[starts]
+            )
+            starts, ends = starts[is_sound], ends[is_sound]
             self._partner[direction, starts] = ends
             self._partner[direction ^ 1, ends] = starts
             self._is_tried[direction ^ 1, ends] = True
             self._edges.append((starts, ends))
             for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-                self._unite(start, end)
+                self._unite_pieces(start, end)
 
-    def _follow(self, nodes: Indices, sample: Indices) -> tuple[Bools, Floats]:
-        """Return which straight ways to samples are verified, and where they end.
+    def _follow_paths(self, nodes: Indices, sample: Indices) -> tuple[Bools, Floats]:
+        """Follow straight paths of the inputs from nodes to samples.
 
-        Inputs go the shorter way where whole periods change nothing.
+        Each input takes the shorter of the two routes around its period, if it has one.
+
+        Parameters
+        ----------
+        nodes
+            (m,) nodes at which the paths start.
+        sample
+            (m,) index of the sample to which each path leads.
+
+        Returns
+        -------
+        is_verified
+            (m,) whether all steps of the path passed their tests.
+        values
+            (m, variables) configurations (rad) at the samples. They are valid only where
+            `is_verified`.
         """
         starts = self.values[nodes]
         goals = self.input_grid.q[sample]
@@ -269,26 +379,31 @@ class ConfigurationGraph:
         values = self.solver.moved(reached.values, self.input_grid.q[sample])
         return status == Status.OK, values
 
-    def _unite(self, node: int, other: int) -> None:
-        """Make one piece of those of two nodes, unless they share a sample."""
+    def _unite_pieces(self, node: int, other: int) -> None:
+        """Unite the pieces of two nodes, unless these pieces share a sample."""
         large, small = int(self._piece[node]), int(self._piece[other])
         if large == small:
             return
-        sizes = [sum(map(len, self._members[piece])) for piece in (large, small)]
+        # The smaller piece is relabelled, which is cheaper.
+        sizes = [sum(map(len, self._nodes_of_piece[piece])) for piece in (large, small)]
         if sizes[0] < sizes[1]:
             large, small = small, large
-        moved = np.concatenate(self._members[small])
-        beside = self._nodes_at[self.sample[moved]]
-        if np.any((beside >= 0) & (self._piece[beside] == large)):
+        moved = np.concatenate(self._nodes_of_piece[small])
+        nodes_of_same_samples = self._nodes_of_sample[self.sample[moved]]
+        if np.any(
+            (nodes_of_same_samples >= 0) & (self._piece[nodes_of_same_samples] == large)
+        ):
             return
         self._piece[moved] = large
-        self._members[large].append(moved)
-        del self._members[small]
+        self._nodes_of_piece[large].append(moved)
+        del self._nodes_of_piece[small]
 
     def modes(self) -> list[Indices]:
-        """Return the nodes (n,) of each assembly mode at the samples, -1 where it has none.
+        """Return the assembly modes, by their nodes at the samples.
 
-        The largest comes first; of modes of one size that with the first node.
+        Returns ------- list of (n,) arrays, one for each mode: its node at each sample, or
+        -1. The mode with the most nodes comes first. Modes with equally many are sorted by
+        `first_node`.
         """
         count = len(self.sample)
         starts = np.concatenate(
@@ -296,40 +411,56 @@ class ConfigurationGraph:
         )
         ends = np.concatenate([np.empty(0, np.intp), *(end for _, end in self._edges)])
         edges = coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count))
-        part = connected_components(edges, directed=False)[1]
-        modes_of_parts: dict[int, list[Indices]] = {}
+        component = connected_components(edges, directed=False)[1]
+        modes_of_components: dict[int, list[Indices]] = {}
         for nodes in self._pieces():
-            modes = modes_of_parts.setdefault(int(part[nodes[0]]), [])
-            _put_into_first(modes, nodes, self.sample[nodes], len(self.input_grid))
-        every = [mode for modes in modes_of_parts.values() for mode in modes]
+            modes = modes_of_components.setdefault(int(component[nodes[0]]), [])
+            _put_into_first_mode(modes, nodes, self.sample[nodes], len(self.input_grid))
+        all_modes = [mode for modes in modes_of_components.values() for mode in modes]
 
         def size_and_start(mode: Indices) -> tuple[int, tuple[int, int]]:
             return -int(np.sum(mode >= 0)), self.first_node(mode)
 
-        return sorted(every, key=size_and_start)
+        return sorted(all_modes, key=size_and_start)
 
     def first_node(self, mode: Indices) -> tuple[int, int]:
-        """Return the first sample at which a mode has a node, and that node."""
+        """Return the first sample at which a mode has a node, and this node.
+
+        `mode` (n,) lists the node at each sample, or -1, as `modes` returns it.
+        """
+        # argmax of booleans is the position of the first True.
         sample = int(np.argmax(mode >= 0))
         return sample, int(mode[sample])
 
     def _pieces(self) -> Iterator[Indices]:
-        """Yield the nodes of all pieces, the largest first."""
-        pieces = [np.sort(np.concatenate(nodes)) for nodes in self._members.values()]
+        """Yield the nodes (m,) of each piece in rising order, the largest piece first."""
+        pieces = [np.sort(np.concatenate(nodes)) for nodes in self._nodes_of_piece.values()]
         yield from sorted(pieces, key=lambda nodes: (-len(nodes), int(nodes[0])))
 
     def regular_node(self, mode: Indices) -> int:
-        """Return the first node of a mode that is not singular, or else its first one."""
+        """Return the first regular node of a mode, or its first node if all are singular.
+
+        `mode` (n,) lists the node at each sample, or -1, as `modes` returns it.
+        """
         nodes = mode[mode >= 0]
+        # argmax is the position of the first True, and 0 if there is none.
         return int(nodes[np.argmax(self._is_regular[nodes])])
 
 
-def _put_into_first(
+def _put_into_first_mode(
     modes: list[Indices], nodes: Indices, sample: Indices, count: int
 ) -> None:
-    """Put nodes at samples (m,) into the first of the modes that has none there.
+    """Put the nodes of a piece into the first mode that has no node at their samples.
 
-    If there is none, a new mode of `count` samples is appended.
+    Parameters
+    ----------
+    modes
+        Node (count,) of each mode at each sample, or -1. One of these arrays is changed, or
+        a new mode is appended if every mode has a node at one of the samples.
+    nodes, sample
+        (m,) the nodes of the piece, and the sample of each.
+    count
+        Number of samples of the grid.
     """
     for mode in modes:
         if np.all(mode[sample] < 0):
@@ -340,17 +471,29 @@ def _put_into_first(
 
 
 def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
-    """Return the modes of a path, those that keep apart put together.
+    """Unite modes that occur on separate parts of a path of samples.
 
-    Modes (n,) as those of `ConfigurationGraph.modes` become one if no sample of one is a
-    sample of the other, or next to one. They are taken in the order given.
+    Parameters
+    ----------
+    modes
+        Node (n,) of each mode at each sample of the path, or -1, as
+        `ConfigurationGraph.modes` returns them.
+
+    Returns ------- The united modes, as arrays of the same kind. Each mode is put into the
+    first united mode that has no node at its samples, or next to them. The order of `modes`
+    decides, therefore.
     """
     shared: list[Indices] = []
     for mode in modes:
-        near = mode >= 0
-        near = near | np.append(near[1:], False) | np.append(False, near[:-1])
+        is_occupied = mode >= 0
+        # A gap of at least one sample must remain between two modes that are united.
+        is_occupied = (
+            is_occupied
+            | np.append(is_occupied[1:], False)
+            | np.append(False, is_occupied[:-1])
+        )
         for other in shared:
-            if np.all(other[near] < 0):
+            if np.all(other[is_occupied] < 0):
                 other[mode >= 0] = mode[mode >= 0]
                 break
         else:
