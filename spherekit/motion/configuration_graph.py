@@ -41,8 +41,9 @@ different modes near a meeting are taken for one; smaller: one configuration can
 nodes."""
 SINGULAR_RATIO = 1e-8
 """A configuration is singular if its smallest singular value, relative to the largest, is
-smaller. These are of the closure Jacobian without the inputs. No path starts from a singular
-node. Larger: more nodes remain alone; smaller: signs of determinants can be rounding."""
+smaller. These are of the closure Jacobian without the inputs. No path starts from a
+singular node. Larger: more nodes remain alone; smaller: signs of determinants can be
+rounding."""
 SMALLEST_STEP_RAD = 1e-7
 """A path between two samples that needs a smaller step of the inputs fails. It passes so
 near to a singular configuration that smaller steps cost time and join hardly any more
@@ -244,8 +245,8 @@ class ConfigurationGraph:
         self._join_along_paths(
             np.flatnonzero(self._may_join_pieces(last_direction)), last_direction
         )
-        # The odd directions, to previous samples, come first. The last call repeats them with
-        # the opposite directions, because nodes can have been added meanwhile.
+        # The odd directions, to previous samples, come first. The last call repeats them
+        # with the opposite directions, because nodes can have been added meanwhile.
         for direction in range(last_direction - 2, -1, -2):
             self._join_in_directions([direction])
         self._join_in_directions(range(len(self._neighbours)))

@@ -1,9 +1,11 @@
-"""Finding assembly modes over samples of several inputs, with groups that are no dyads.
+"""Finds the assembly modes over samples of several inputs, also of groups that are not
+dyads.
 
-If all groups are dyads or have an elimination, all configurations at every sample are
-computed. Otherwise random starts at samples lead to some, and from each the neighbouring
-samples are reached by verified steps. In both cases a `ConfigurationGraph` divides the
-configurations into assembly modes, each configuration into one.
+If each group is a dyad, a train of wheels, or has an elimination, all configurations at
+every sample are computed. Otherwise some configurations are found from random starts. A
+sheet is followed from each of them: the set of configurations that verified steps reach
+from a start, at most one at each sample. In both cases a `ConfigurationGraph` divides the
+configurations into assembly modes. Each configuration belongs to one mode.
 """
 
 from collections.abc import Sequence
@@ -38,36 +40,50 @@ from spherekit.progress import ProgressReporter
 from spherekit.sphere.rotation import nans
 
 MOST_MODE_ROWS = 2**21
-"""Rows that further assembly modes than `MOST_ASSEMBLY_MODES` may have in all. More: inputs
-given far apart from each other keep all their configurations; less: less memory."""
-MOST_SEARCHED = 5
-"""Samples, of those at which elimination is doubtful, where random starts are made."""
+"""Largest total number of rows (modes times samples) if more than `MOST_ASSEMBLY_MODES`
+modes are kept. Larger: more modes are kept over short paths and grids; smaller: less
+memory."""
+MAX_SEARCHED_SAMPLES = 5
+"""Largest number of samples that are chosen for a search from random starts, or for a test
+whether configurations can be computed. Larger: fewer missed configurations, more time."""
 REFERENCE_ONLY = Completeness(Guarantee.COMPONENT, "the mode of the reference pose")
+"""Statement of completeness if no other mode than that of the reference pose was looked
+for."""
 
 
 class SampledModes:
     """The assembly modes of a mechanism with several inputs over an input grid.
 
+    The constructor runs the whole search.
+
     Parameters
     ----------
-    solver, input_grid
-        The mechanism, and the samples.
+    solver
+        The mechanism, ready to be evaluated.
+    input_grid
+        The n samples of its inputs.
     search
-        Whether to look for modes beside that of a reference pose.
+        Whether to look for other modes than that of the reference pose. Modes are also
+        looked for if there is no reference pose, or if its mode reaches no sample.
     shares_numbers
-        Whether modes of the same signs that have no neighbouring samples are put together.
-        The grid is a path then.
+        Whether modes that have the same signs and no neighbouring samples become one mode.
+        The grid must then be a path.
 
     Attributes
     ----------
     assembly_modes
-        That of the reference pose first, then in the order of their first samples, and in
-        that of the configurations there.
-    methods, claim, probes
-        As those of `spherekit.motion.modes.ModeSearch`.
+        The mode of the reference pose comes first. The other modes are sorted by their
+        first sample, and at the same sample in the order of its configurations.
+    methods
+        How the configurations of each group were computed; None if nothing was computed.
+    claim
+        How complete the modes are.
+    probes
+        Number of samples at which configurations were computed, plus the number of random
+        starts.
     mobilities
-        Numbers of degrees of freedom by rank of the configurations of an over-constrained
-        mechanism, as far as they were computed.
+        Number of degrees of freedom, by the rank of the velocity equations, at each start
+        of a sheet. It is computed only if a group has redundant equations.
     """
 
     def __init__(
@@ -85,23 +101,29 @@ class SampledModes:
         self.probes = 0
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
-        # Number of the sheet of verified steps that reached each node first.
+        # (nodes of the graph,) number of the sheet that reached each node first. Nodes that
+        # the enumeration found have numbers only after `_number_nodes`, which counts them
+        # as sheets in `_sheet_count`, and in `_numbered_count`.
         self._sheet_of_node = np.empty(0, dtype=np.intp)
         self._sheet_count = 0
         self._numbered_count = 0
-        self._working = ProgressReporter("searching the assembly modes")
+        self._progress = ProgressReporter("searching the assembly modes")
 
         is_enumerated = (search or solver.reference is None) and self._can_enumerate
         if is_enumerated:
             self._enumerate()
         reference_node = self._reach_reference(is_enumerated)
         if not is_enumerated and (search or reference_node is None):
-            self.claim = self._search_all()
-        self.assembly_modes = self._make_modes(reference_node, shares_numbers)
+            self.claim = self._search_modes()
+        self.assembly_modes = self._collect_modes(reference_node, shares_numbers)
 
     @property
     def _can_enumerate(self) -> bool:
-        """Whether all configurations can be computed at some of the samples at least."""
+        """Whether all configurations can be computed at one sample or more.
+
+        This is tested at up to `MAX_SEARCHED_SAMPLES` samples. It is False for mechanisms
+        with redundant equations, or with rolled lengths that do not follow from the inputs.
+        """
         solver = self.solver
         if (
             not can_enumerate(solver)
@@ -109,13 +131,17 @@ class SampledModes:
             or (solver.meshes is not None and not solver.meshes.all_known)
         ):
             return False
-        # A link of an arc of 0 or 180 deg makes eliminations fail everywhere.
-        rows = spread_rows(len(self.input_grid), MOST_SEARCHED)
+        # An elimination fails at every sample if a link has an arc of 0 or 180 deg.
+        rows = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
         probes = enumerate_configurations(solver, self.input_grid.q[rows])
         return bool(np.any(probes.is_complete))
 
     def _enumerate(self) -> None:
-        """Find all configurations at all samples, and join them."""
+        """Compute all configurations at all samples, add them to the graph, and join them.
+
+        Sets `methods`, `claim` and `probes`. At some of the samples at which configurations
+        may be missing, random starts are tried as well.
+        """
         q = self.input_grid.q
         configurations = enumerate_configurations(self.solver, q)
         self.probes = len(q)
@@ -131,51 +157,84 @@ class SampledModes:
         problem = configurations.problem or "the signs of their determinants do not cancel"
         self._graph.is_complete = is_complete
         self._graph.join()
-        incomplete = np.flatnonzero(~is_complete)
-        words = f"all configurations at {_count_samples(q, len(q) - len(incomplete))}"
-        if len(incomplete):
-            chosen = incomplete[spread_rows(len(incomplete), MOST_SEARCHED)]
-            self._number_nodes(chosen)
-            statistics = self._search(chosen)
+        incomplete_samples = np.flatnonzero(~is_complete)
+        words = (
+            f"all configurations at {_count_samples(q, len(q) - len(incomplete_samples))}"
+        )
+        if len(incomplete_samples):
+            searched_samples = incomplete_samples[
+                spread_rows(len(incomplete_samples), MAX_SEARCHED_SAMPLES)
+            ]
+            self._number_nodes(searched_samples)
+            statistics = self._search(searched_samples)
             words += (
-                f"; at the other {len(incomplete)} some may be missing ({problem}); "
-                f"at {len(chosen)} of these {statistics.words('configurations')}"
+                f"; at the other {len(incomplete_samples)} some may be missing ({problem}); "
+                f"at {len(searched_samples)} of these {statistics.words('configurations')}"
             )
             self._graph.join()
         self.claim = Completeness(Guarantee.SAMPLED, words)
 
     def _number_nodes(self, samples: Indices) -> None:
-        """Give each node of some samples a number of its own, as if it were a sheet."""
-        is_there = np.isin(self._graph.sample, samples)
-        self._sheet_count = self._numbered_count = int(np.sum(is_there))
-        self._sheet_of_node = np.full(len(is_there), -1, dtype=np.intp)
-        self._sheet_of_node[is_there] = np.arange(self._sheet_count)
+        """Number the nodes of some samples, as if each were a sheet of its own.
+
+        The statistics of a search from random starts count how often each sheet was
+        reached. With these numbers they also count the configurations that were computed
+        before. Nodes at other samples have the number -1.
+        """
+        is_at_samples = np.isin(self._graph.sample, samples)
+        self._sheet_count = self._numbered_count = int(np.sum(is_at_samples))
+        self._sheet_of_node = np.full(len(is_at_samples), -1, dtype=np.intp)
+        self._sheet_of_node[is_at_samples] = np.arange(self._sheet_count)
 
     def _reach_reference(self, is_enumerated: bool) -> int | None:
-        """Return a node of the mode of the reference pose, None if there is none."""
+        """Return a node of the graph that belongs to the mode of the reference pose.
+
+        Verified steps lead from the reference pose to the samples.
+
+        Parameters
+        ----------
+        is_enumerated
+            Whether the graph has the configurations of all samples already. If not, the
+            sheet of the reference pose is added to the graph.
+
+        Returns ------- The node, or None: without a reference pose, if no sample is
+        reached, if the pose has another mobility than there are inputs, or if no
+        configuration reached is a node.
+        """
         solver, q = self.solver, self.input_grid.q
         reference = solver.reference
         if reference is None:
             return None
         inputs = reference[list(solver.driven)]
-        away = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - inputs
-        is_outside = np.abs(away) > 0.5 * np.ptp(q, axis=0)
-        laps = np.where(is_outside, whole_laps(away, solver.periods), 0.0)
-        values = solver.moved(reference[None], inputs + laps)
-        sheet = self._spread(values)
+        # An input of the pose that is outside the range of the samples is moved by whole
+        # periods, as near to the middle of the range as they allow.
+        offset = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - inputs
+        is_outside = np.abs(offset) > 0.5 * np.ptp(q, axis=0)
+        input_shift = np.where(is_outside, whole_laps(offset, solver.periods), 0.0)
+        values = solver.moved(reference[None], inputs + input_shift)
+        sheet = self._follow_sheet(values)
         if sheet is None:
             return None
         (sample,) = np.nonzero(sheet.status == Status.OK)
         if is_enumerated:
             nodes = self._graph.find(sample, sheet.values[sample])
+            # argmax is the position of the first True: the first sample with a node.
             return int(nodes[np.argmax(nodes >= 0)]) if np.any(nodes >= 0) else None
         self._add_sheet(sheet)
         return int(self._graph.find(sample[:1], sheet.values[sample[:1]])[0])
 
-    def _spread(self, values: Floats) -> ModeOverGrid | None:
-        """Return the configurations that verified steps reach from one (1, variables).
+    def _follow_sheet(self, values: Floats) -> ModeOverGrid | None:
+        """Return the sheet that verified steps reach from a configuration.
 
-        None if it has another mobility than there are inputs, or no sample is reached.
+        Parameters
+        ----------
+        values
+            (1, variables) the configuration (rad). Its loops are closed first, with the
+            inputs kept.
+
+        Returns ------- The configurations at the samples, or None if no sample is reached.
+        It is also None if a group has redundant equations and the mobility by rank is not
+        the number of inputs. The mobility is appended to `mobilities`.
         """
         driven = list(self.solver.driven)
         closed = self.solver.closure.solve(values, driven).values
@@ -186,23 +245,35 @@ class SampledModes:
         return sheets_through(self.solver.closure, driven, self.input_grid, closed)[0]
 
     def _add_sheet(self, sheet: ModeOverGrid) -> None:
+        """Add a sheet to the graph, and give its new nodes the number of the sheet."""
         self._graph.add_sheet(sheet.values)
-        new = len(self._graph.sample) - len(self._sheet_of_node)
-        numbers = np.full(new, self._sheet_count)
-        self._sheet_of_node = np.append(self._sheet_of_node, numbers)
+        new_count = len(self._graph.sample) - len(self._sheet_of_node)
+        sheet_numbers = np.full(new_count, self._sheet_count)
+        self._sheet_of_node = np.append(self._sheet_of_node, sheet_numbers)
         self._sheet_count += 1
-        self._working.tell(lambda: f"{self._sheet_count} followed")
+        self._progress.tell(lambda: f"{self._sheet_count} followed")
 
     def _add_sheets(self, values: Floats, samples: Indices) -> Indices:
-        """Add the sheets of configurations (m, variables) at samples (m,).
+        """Follow and add the sheets of configurations that are not in the graph yet.
 
-        Returns the sheet (m,) of each, -1 if no sheet has it.
+        No further sheet is followed once there are `MOST_ASSEMBLY_MODES`.
+
+        Parameters
+        ----------
+        values
+            (m, variables) configurations (rad).
+        samples
+            (m,) index of the sample of each configuration.
+
+        Returns
+        -------
+        (m,) number of the sheet that has each configuration, or -1 if no sheet has it.
         """
         sheets = np.full(len(samples), -1, dtype=np.intp)
         for row in range(len(samples)):
             node = self._graph.find(samples[row : row + 1], values[row : row + 1])[0]
-            if node < 0 and not self._is_full:
-                sheet = self._spread(values[row : row + 1])
+            if node < 0 and not self._has_most_sheets:
+                sheet = self._follow_sheet(values[row : row + 1])
                 if sheet is None:
                     continue
                 self._add_sheet(sheet)
@@ -212,23 +283,35 @@ class SampledModes:
         return sheets
 
     @property
-    def _is_full(self) -> bool:
-        """Whether no further sheet is followed."""
+    def _has_most_sheets(self) -> bool:
+        """Whether so many sheets were followed that no further one is allowed."""
         return self._sheet_count - self._numbered_count >= MOST_ASSEMBLY_MODES
 
     @property
-    def _most_modes(self) -> int:
-        """Number of assembly modes that are kept."""
+    def _mode_limit(self) -> int:
+        """Largest number of assembly modes that are kept."""
         return max(MOST_ASSEMBLY_MODES, MOST_MODE_ROWS // len(self.input_grid))
 
-    def _search_all(self) -> Completeness:
-        """Look for modes where not all configurations at a sample can be computed."""
+    def _search_modes(self) -> Completeness:
+        """Search modes of a mechanism for which `_can_enumerate` is False.
+
+        Without rolling contacts, or if all rolled lengths follow from the inputs, random
+        starts are made at all samples. Otherwise up to `MAX_SEARCHED_SAMPLES` samples are
+        probed until one has a configuration, but only if there is no sheet of the reference
+        pose.
+
+        Returns
+        -------
+        How complete the modes are.
+        """
         solver = self.solver
         if solver.meshes is not None:
             if not self._sheet_count:
                 self._probe(0)
             if not solver.meshes.all_known:
-                for sample in spread_rows(len(self.input_grid), MOST_SEARCHED).tolist():
+                for sample in spread_rows(
+                    len(self.input_grid), MAX_SEARCHED_SAMPLES
+                ).tolist():
                     if not self._sheet_count:
                         self._probe(sample)
                 words = f"modes found at {counted(self.probes, 'input')}"
@@ -241,78 +324,143 @@ class SampledModes:
         self.methods = [CLOSED_FORM if group.is_dyad else SEARCH for group in self.groups]
         statistics = self._search(np.arange(len(self.input_grid)))
         if not self._sheet_count:
-            # Random starts leave out what is next to a dead centre.
+            # Random starts skip configurations next to a dead centre, which a probe
+            # includes.
             self._probe(len(self.input_grid) // 2)
         words = statistics.words("modes")
-        if self._is_full:
+        if self._has_most_sheets:
             words += f"; stopped at {self._sheet_count} modes, there may be more"
         return Completeness(Guarantee.SAMPLED, words)
 
     def _probe(self, sample: int) -> None:
-        """Add the modes of the configurations that a search finds at one sample."""
-        here = assemblies(self.solver, self.input_grid.q[sample])
+        """Compute the configurations at one sample as far as possible, and add their
+        sheets.
+
+        Also counts the probe in `probes`, and updates `methods`.
+        """
+        sample_assemblies = assemblies(self.solver, self.input_grid.q[sample])
         self.probes += 1
-        self.methods = list(map(least_complete, self.methods, here.methods))
-        self._add_sheets(here.values, np.full(len(here.values), sample))
+        self.methods = list(map(least_complete, self.methods, sample_assemblies.methods))
+        self._add_sheets(
+            sample_assemblies.values, np.full(len(sample_assemblies.values), sample)
+        )
 
     def _search(self, samples: Indices) -> SearchStatistics:
-        """Add what random starts at some samples lead to; return how often they did."""
+        """Add the sheets of configurations that random starts lead to.
+
+        Parameters
+        ----------
+        samples
+            (m,) indices of the samples at which starts are made.
+
+        Returns
+        -------
+        Number of starts, and how often each sheet was reached. The search ends when these
+        numbers say so (`SearchStatistics.goes_on`), or when no further sheet is allowed.
+        """
         q = self.input_grid.q
         low = np.min(q, axis=0)
         high = np.max(q, axis=0)
         starts = random_starts(self.solver, low, high, q[samples])
         variables = len(self.solver.mechanism.variable_owners)
         statistics = SearchStatistics(variables, RANGE_ROUNDS)
-        while statistics.goes_on and not self._is_full:
+        while statistics.goes_on and not self._has_most_sheets:
             start_count, values, rows = next(starts)
             sheets = self._add_sheets(values, samples[rows])
             statistics.add(start_count, sheets, self._sheet_count)
             self.probes += start_count
-            self._working.tell(lambda: statistics.words("modes"))
+            self._progress.tell(lambda: statistics.words("modes"))
         return statistics
 
-    def _make_modes(
+    def _collect_modes(
         self, reference_node: int | None, shares_numbers: bool
     ) -> list[AssemblyMode]:
-        """Return the assembly modes, and state in the claim if some are left out."""
+        """Return the assembly modes, from the modes of the graph.
+
+        If there are more modes than `_mode_limit`, those with the most samples are kept,
+        and `claim` is changed to state this.
+
+        Parameters
+        ----------
+        reference_node
+            A node of the mode of the reference pose, which becomes mode 0. None without
+            one.
+        shares_numbers
+            As for the constructor.
+        """
         graph = self._graph
         modes = graph.modes()
         if shares_numbers:
-            modes = self._share_numbers(modes)
-        most = self._most_modes
-        if len(modes) > most:
+            modes = self._unite_separate_modes(modes)
+        limit = self._mode_limit
+        if len(modes) > limit:
             words = (
-                f"{self.claim.reason}; the {most} assembly modes with most samples are kept"
+                f"{self.claim.reason}; the {limit} assembly modes with most samples are kept"
                 f" of {len(modes)}"
             )
             self.claim = Completeness(Guarantee.SAMPLED, words)
-        kept = sorted(modes[:most], key=graph.first_node)
+        kept_modes = sorted(modes[:limit], key=graph.first_node)
         if reference_node is not None:
-            is_reference = [bool(np.any(mode == reference_node)) for mode in kept]
-            others = [not item for item in is_reference]
-            kept = [*compress(kept, is_reference), *compress(kept, others)]
-        signs = self._signs(kept)
+            is_reference = [bool(np.any(mode == reference_node)) for mode in kept_modes]
+            is_other = [not flag for flag in is_reference]
+            kept_modes = [
+                *compress(kept_modes, is_reference),
+                *compress(kept_modes, is_other),
+            ]
+        signs = self._signs_of_modes(kept_modes)
         return [
-            self._make_mode(number, mode, signs[number]) for number, mode in enumerate(kept)
+            self._make_mode(number, mode, signs[number])
+            for number, mode in enumerate(kept_modes)
         ]
 
-    def _signs(self, modes: Sequence[Indices]) -> SmallIntegers:
-        """Return the signs (modes, groups) that tell the configurations of modes apart."""
-        typical = [self._graph.regular_node(mode) for mode in modes]
-        return group_signs(self.solver, self._graph.values[typical], 0.0)
+    def _signs_of_modes(self, modes: Sequence[Indices]) -> SmallIntegers:
+        """Return the sign of each group in each mode.
 
-    def _share_numbers(self, modes: Sequence[Indices]) -> list[Indices]:
-        """Return modes put together as far as they keep apart and have the same signs."""
+        Parameters
+        ----------
+        modes
+            Node (n,) of each mode at each sample, or -1.
+
+        Returns ------- (modes, groups) signs of determinants, as `group_signs` describes,
+        at a regular node of each mode.
+        """
+        regular_nodes = [self._graph.regular_node(mode) for mode in modes]
+        return group_signs(self.solver, self._graph.values[regular_nodes], 0.0)
+
+    def _unite_separate_modes(self, modes: Sequence[Indices]) -> list[Indices]:
+        """Return the modes, with modes united that have equal signs and separate samples.
+
+        Parameters
+        ----------
+        modes
+            Node (n,) of each mode at each sample of a path, or -1.
+
+        Returns ------- The united modes as arrays of the same kind. The mode with the most
+        nodes comes first.
+        """
         modes_by_signs: dict[tuple[int, ...], list[Indices]] = {}
-        for mode, signs in zip(modes, self._signs(modes).tolist(), strict=True):
+        for mode, signs in zip(modes, self._signs_of_modes(modes).tolist(), strict=True):
             modes_by_signs.setdefault(tuple(signs), []).append(mode)
-        shared = []
-        for alike in modes_by_signs.values():
-            shared += share_numbers(sorted(alike, key=self._graph.first_node))
-        return sorted(shared, key=lambda mode: -int(np.sum(mode >= 0)))
+        united_modes = []
+        for modes_of_signs in modes_by_signs.values():
+            united_modes += share_numbers(
+                sorted(modes_of_signs, key=self._graph.first_node)
+            )
+        return sorted(united_modes, key=lambda mode: -int(np.sum(mode >= 0)))
 
     def _make_mode(self, number: int, mode: Indices, signs: SmallIntegers) -> AssemblyMode:
-        """Return the assembly mode of nodes (n,) at the samples, -1 where it has none."""
+        """Return an assembly mode, from its nodes.
+
+        Parameters
+        ----------
+        number
+            Number that the mode gets.
+        mode
+            (n,) node at each sample, or -1. The values at samples without a node are NaN,
+            and their status is OUT_OF_REACH.
+        signs
+            (groups,) signs of determinants at a regular node of the mode.
+        """
         has_node = mode >= 0
         values = nans((len(mode), self._graph.values.shape[1]))
         values[has_node] = self._graph.values[mode[has_node]]
@@ -327,7 +475,10 @@ class SampledModes:
 
 
 def _count_samples(q: Floats, complete: int) -> str:
-    """Return how many of samples q (n, inputs) have all their configurations, in words."""
+    """Return a phrase for the number of samples at which all configurations were computed.
+
+    `q` (n, inputs) are all samples, and `complete` is the number of these.
+    """
     if complete < len(q):
         return f"{complete} of the {len(q)} samples"
     return "the only sample" if len(q) == 1 else f"each of the {len(q)} samples"
