@@ -1,5 +1,4 @@
-"""Finds the assembly modes over samples of several inputs, also of groups that are not
-dyads.
+"""Finds the assembly modes of a mechanism over samples of several inputs.
 
 If each group is a dyad, a train of wheels, or has an elimination, all configurations at
 every sample are computed. Otherwise some configurations are found from random starts. A
@@ -157,18 +156,16 @@ class SampledModes:
         problem = configurations.problem or "the signs of their determinants do not cancel"
         self._graph.is_complete = is_complete
         self._graph.join()
-        incomplete_samples = np.flatnonzero(~is_complete)
-        words = (
-            f"all configurations at {_count_samples(q, len(q) - len(incomplete_samples))}"
-        )
-        if len(incomplete_samples):
-            searched_samples = incomplete_samples[
-                spread_rows(len(incomplete_samples), MAX_SEARCHED_SAMPLES)
+        incomplete = np.flatnonzero(~is_complete)
+        words = f"all configurations at {_count_samples(q, len(q) - len(incomplete))}"
+        if len(incomplete):
+            searched_samples = incomplete[
+                spread_rows(len(incomplete), MAX_SEARCHED_SAMPLES)
             ]
             self._number_nodes(searched_samples)
             statistics = self._search(searched_samples)
             words += (
-                f"; at the other {len(incomplete_samples)} some may be missing ({problem}); "
+                f"; at the other {len(incomplete)} some may be missing ({problem}); "
                 f"at {len(searched_samples)} of these {statistics.words('configurations')}"
             )
             self._graph.join()
@@ -333,10 +330,9 @@ class SampledModes:
         return Completeness(Guarantee.SAMPLED, words)
 
     def _probe(self, sample: int) -> None:
-        """Compute the configurations at one sample as far as possible, and add their
-        sheets.
+        """Search the configurations at one sample, and add their sheets.
 
-        Also counts the probe in `probes`, and updates `methods`.
+        The result need not be complete. `probes` and `methods` are updated.
         """
         sample_assemblies = assemblies(self.solver, self.input_grid.q[sample])
         self.probes += 1
@@ -392,14 +388,14 @@ class SampledModes:
         modes = graph.modes()
         if shares_numbers:
             modes = self._unite_separate_modes(modes)
-        limit = self._mode_limit
-        if len(modes) > limit:
+        most = self._mode_limit
+        if len(modes) > most:
             words = (
-                f"{self.claim.reason}; the {limit} assembly modes with most samples are kept"
+                f"{self.claim.reason}; the {most} assembly modes with most samples are kept"
                 f" of {len(modes)}"
             )
             self.claim = Completeness(Guarantee.SAMPLED, words)
-        kept_modes = sorted(modes[:limit], key=graph.first_node)
+        kept_modes = sorted(modes[:most], key=graph.first_node)
         if reference_node is not None:
             is_reference = [bool(np.any(mode == reference_node)) for mode in kept_modes]
             is_other = [not flag for flag in is_reference]
@@ -435,8 +431,10 @@ class SampledModes:
         modes
             Node (n,) of each mode at each sample of a path, or -1.
 
-        Returns ------- The united modes as arrays of the same kind. The mode with the most
-        nodes comes first.
+        Returns
+        -------
+        The united modes as arrays of the same kind. The mode with the most nodes comes
+        first.
         """
         modes_by_signs: dict[tuple[int, ...], list[Indices]] = {}
         for mode, signs in zip(modes, self._signs_of_modes(modes).tolist(), strict=True):
