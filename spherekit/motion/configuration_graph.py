@@ -119,7 +119,9 @@ class ConfigurationGraph:
             (m, variables) closed configurations (rad). They must differ from each other. A
             configuration that is a node already is not added again.
 
-        Returns ------- (m,) node of each configuration, new or already present. Each new
+        Returns
+        -------
+        (m,) node of each configuration, new or already present. Each new
         node is a piece of its own.
         """
         nodes = self.find(sample, values)
@@ -402,7 +404,9 @@ class ConfigurationGraph:
     def modes(self) -> list[Indices]:
         """Return the assembly modes, by their nodes at the samples.
 
-        Returns ------- list of (n,) arrays, one for each mode: its node at each sample, or
+        Returns
+        -------
+        list of (n,) arrays, one for each mode: its node at each sample, or
         -1. The mode with the most nodes comes first. Modes with equally many are sorted by
         `first_node`.
         """
@@ -480,7 +484,9 @@ def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
         Node (n,) of each mode at each sample of the path, or -1, as
         `ConfigurationGraph.modes` returns them.
 
-    Returns ------- The united modes, as arrays of the same kind. Each mode is put into the
+    Returns
+    -------
+    The united modes, as arrays of the same kind. Each mode is put into the
     first united mode that has no node at its samples, or next to them. The order of `modes`
     decides, therefore.
     """

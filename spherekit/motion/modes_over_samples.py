@@ -194,7 +194,9 @@ class SampledModes:
             Whether the graph has the configurations of all samples already. If not, the
             sheet of the reference pose is added to the graph.
 
-        Returns ------- The node, or None: without a reference pose, if no sample is
+        Returns
+        -------
+        The node, or None: without a reference pose, if no sample is
         reached, if the pose has another mobility than there are inputs, or if no
         configuration reached is a node.
         """
@@ -229,7 +231,9 @@ class SampledModes:
             (1, variables) the configuration (rad). Its loops are closed first, with the
             inputs kept.
 
-        Returns ------- The configurations at the samples, or None if no sample is reached.
+        Returns
+        -------
+        The configurations at the samples, or None if no sample is reached.
         It is also None if a group has redundant equations and the mobility by rank is not
         the number of inputs. The mobility is appended to `mobilities`.
         """
@@ -417,7 +421,9 @@ class SampledModes:
         modes
             Node (n,) of each mode at each sample, or -1.
 
-        Returns ------- (modes, groups) signs of determinants, as `group_signs` describes,
+        Returns
+        -------
+        (modes, groups) signs of determinants, as `group_signs` describes,
         at a regular node of each mode.
         """
         regular_nodes = [self._graph.regular_node(mode) for mode in modes]
