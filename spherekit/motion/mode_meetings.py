@@ -1,9 +1,11 @@
-"""Inputs at which curves of assembly modes cross, and the modes that continue each other.
+"""Finds the inputs at which curves of assembly modes cross, and how modes continue there.
 
-Such an input is a change point of a four-bar, or the flat state of a fold. An assembly mode
-of dyads is named by signs, and the sign of a dyad belongs to one smooth curve before the
-crossing and to another one beyond it. The smooth curve through a crossing so continues in
-another assembly mode.
+The configurations of a mechanism with one input form curves in the space of its variables.
+Two curves cross at a change point of a four-bar, for example, or in the flat state of a
+fold. An assembly mode of dyads is defined by the sign of each dyad. The sine with this sign
+passes through zero along each smooth curve through a crossing. The same signs therefore
+belong to one smooth curve below the crossing and to another one above it. This module finds
+the mode in which each smooth curve continues.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,74 +24,94 @@ from spherekit.motion.steps import Nodes, nodes_at
 from spherekit.numeric.crossings import wrap
 from spherekit.sphere.rotation import max_abs
 
-WIDEST_RAD = 1e-2
-"""A part of the input's range that is wider is not examined for a crossing in it."""
-BESIDE_RAD = 1e-5
-"""Configurations from which a crossing is sought are at least so far beside it."""
-LARGEST_MISS = 64.0 * EPS
-"""Loops and singular values (rad) that miss a crossing by more are not one. Modes that only
-come close to each other, as in a kite whose arcs differ by 1e-12, do not cross."""
+MAX_INTERVAL_RAD = 1e-2
+"""Wider intervals of the input are not searched for crossings. The search starts beside the
+interval, and it is local."""
+MIN_START_DISTANCE_RAD = 1e-5
+"""Least distance from the interval of the inputs at which the search for a crossing starts.
+The distance is that to the nearer end of the interval."""
+MAX_MISS_RAD = 64.0 * EPS
+"""Largest closure residual, and largest singular value that should be zero, of a crossing.
+Larger: modes that only come close to each other count as crossing, as in a kite whose arcs
+differ by 1e-12. Smaller: rounding errors hide crossings."""
 SAME_INPUT_RAD = 1e-7
-"""Crossings whose inputs differ by less are at one input. That of an isolated double zero
-is known to the square root of rounding."""
-COMPARED_RAD = 1e-3
-"""So far on both sides of a crossing modes are compared."""
-PART_OF_GAP = 0.1
-"""The same as a part of the distance to the next crossing, where that is nearer."""
-CLEARLY = 0.1
-"""The mode that continues a curve misses it by less than this part of what others do."""
-NEAR_CROSSING = 0.2
-"""A mode passes a crossing if it misses it by less than this part of the way to it."""
+"""Crossings whose inputs differ by less are at the same input. The input of an isolated
+double zero is accurate only to about the square root of the rounding error."""
+COMPARISON_DISTANCE_RAD = 1e-3
+"""Distance from a crossing, on both sides, at which modes are compared. Larger:
+continuation by a Taylor polynomial is less accurate; smaller: modes differ less from each
+other."""
+MAX_COMPARISON_RATIO = 0.1
+"""Largest distance at which modes are compared, relative to the distance of the next
+crossing."""
+MAX_MISS_RATIO = 0.1
+"""Largest miss of the mode that continues a curve, relative to the miss of every other
+mode. Larger: doubtful continuations are accepted; smaller: more meetings are reported as
+unresolved."""
+PASSING_RATIO = 0.2
+"""A mode passes through a crossing if its continuation misses the crossing by less than
+this part of the distance that its fastest variable moves up to the crossing."""
 
 
 def degrees_text(angle: float) -> str:
-    """Return an angle (rad) in degrees, less the rounding of an angle of 0."""
+    """Return an angle (rad) as text in degrees, with six significant digits.
+
+    An angle below about 1e-9 deg is written as 0. Adding 0.0 avoids "-0".
+    """
     return f"{round(float(np.degrees(angle)), 9) + 0.0:.6g}"
 
 
 def find_crossings(
     solver: Solver, start: float, stop: float, low: float, high: float
 ) -> list[Crossing]:
-    """Return the crossings of curves in a short part of the range of the only input.
+    """Return the crossings of curves in a short interval of the only input.
+
+    The search starts from all configurations at one input below the interval and one above
+    it.
 
     Parameters
     ----------
     solver
-        The mechanism.
+        The mechanism, which has one input.
     start, stop
-        Ends of the part (rad).
+        Ends of the interval (rad).
     low, high
-        Ends of the range (rad). A crossing that is beyond them by rounding counts.
+        Ends of the range of the input (rad). A crossing may lie outside them, or outside
+        the interval, by `SAME_INPUT_RAD`.
 
     Returns
     -------
-    list of Crossing
-        Those that real modes at inputs beside the part lead to. Of several at one input
-        only those that differ in their variables.
+    The crossings whose variables differ from each other. The list is empty if the interval
+    is wider than `MAX_INTERVAL_RAD`.
     """
-    if stop - start > WIDEST_RAD:
+    if stop - start > MAX_INTERVAL_RAD:
         return []
-    away = max(stop - start, BESIDE_RAD)
+    distance = max(stop - start, MIN_START_DISTANCE_RAD)
     crossings: list[Crossing] = []
-    for beside in (start - away, stop + away):
-        for values in assemblies(solver, np.array([beside])).values:
-            sizes = np.linalg.svd(
+    for start_input in (start - distance, stop + distance):
+        for values in assemblies(solver, np.array([start_input])).values:
+            singular_values = np.linalg.svd(
                 solver.closure.at(values[None]).jacobian[0], compute_uv=False
             )
+            # On a single curve only one singular value is zero. Near a crossing the next
+            # one is nearly zero, too. Configurations without such a value are skipped.
             rank = len(values) - 1
-            if len(sizes) < rank or sizes[rank - 1] > NEARLY_NULL * sizes[0]:
+            if (
+                len(singular_values) < rank
+                or singular_values[rank - 1] > NEARLY_NULL * singular_values[0]
+            ):
                 continue
             crossing = crossing_near(solver.closure, values)
-            if crossing is None or crossing.miss > LARGEST_MISS:
+            if crossing is None or crossing.miss > MAX_MISS_RAD:
                 continue
             q = crossing.values[solver.single]
-            inside = start - SAME_INPUT_RAD <= q <= stop + SAME_INPUT_RAD
-            inside &= low - SAME_INPUT_RAD <= q <= high + SAME_INPUT_RAD
+            is_inside = start - SAME_INPUT_RAD <= q <= stop + SAME_INPUT_RAD
+            is_inside &= low - SAME_INPUT_RAD <= q <= high + SAME_INPUT_RAD
             is_new = all(
                 max_abs(wrap(crossing.values - other.values)) > SAME_INPUT_RAD
                 for other in crossings
             )
-            if inside and is_new:
+            if is_inside and is_new:
                 crossings.append(crossing)
     return crossings
 
@@ -101,14 +123,16 @@ class ModeMeeting:
     Attributes
     ----------
     input
-        The value of the only input (rad).
+        Value of the only input (rad).
     modes
-        Numbers of the modes that meet, in one tuple for each configuration where they do.
+        One tuple for each configuration at which curves cross. It has the numbers of the
+        modes that meet there.
     successors
-        For each number of a mode below the input the number of the mode above it that lies
-        on the same smooth curve. Modes that are not in it keep their number.
+        Maps the number of a mode below the input to the number of the mode above it that
+        lies on the same smooth curve. A mode that is not a key continues under its own
+        number. Empty if the meeting is not resolved.
     resolved
-        Whether it is known for all modes that meet which ones continue each other.
+        Whether the successor of every mode that meets was identified clearly.
     """
 
     input: float
@@ -118,12 +142,12 @@ class ModeMeeting:
 
     @cached_property
     def predecessors(self) -> dict[int, int]:
-        """For each mode above the input the one below it on the same smooth curve."""
+        """The inverse of `successors`: maps modes above the input to modes below it."""
         return {after: before for before, after in self.successors.items()}
 
     @property
     def facts(self) -> Facts:
-        """What `summary.json` has of it."""
+        """The entry for this meeting in `summary.json`."""
         return {
             "input_rad": self.input,
             "modes": [list(numbers) for numbers in self.modes],
@@ -132,7 +156,16 @@ class ModeMeeting:
         }
 
     def describe(self, input_pair: str, passed: bool) -> str:
-        """Return a sentence about it; `passed` says that modes follow the smooth curves."""
+        """Return a sentence about the meeting, for reports and error messages.
+
+        Parameters
+        ----------
+        input_pair
+            Name of the input pair.
+        passed
+            Whether modes follow their smooth curves through crossings (crossings "pass"),
+            and do not keep their signs (crossings "end").
+        """
         groups = [
             " and ".join(map(str, numbers))
             for numbers in dict.fromkeys(self.modes)
@@ -158,15 +191,24 @@ def find_mode_meetings(
 ) -> tuple[ModeMeeting, ...]:
     """Return the inputs at which modes meet, with the modes that continue each other.
 
+    Crossings at the same input make one meeting.
+
     Parameters
     ----------
     solver
         The mechanism, which has one input.
     assembly_modes
-        All modes over the range.
+        All modes over the range of the input.
     crossings
-        Where curves cross in it.
+        Configurations in this range at which curves cross, as `find_crossings` returns
+        them, in any order.
+
+    Returns
+    -------
+    One meeting for each input at which curves cross, at rising inputs. The result is empty
+    without crossings.
     """
+    # One list for each input at which curves cross, with the crossings at this input.
     inputs: list[list[Crossing]] = []
     for crossing in sorted(crossings, key=lambda item: float(item.values[solver.single])):
         q = crossing.values[solver.single]
@@ -174,12 +216,15 @@ def find_mode_meetings(
             inputs[-1].append(crossing)
         else:
             inputs.append([crossing])
-    places = np.array([group[0].values[solver.single] for group in inputs])
-    gaps = np.diff(places, prepend=-np.inf, append=np.inf)
+    group_inputs = np.array([group[0].values[solver.single] for group in inputs])
+    # Distances between neighbouring inputs; gaps[k] is below input k, gaps[k + 1] above it.
+    gaps = np.diff(group_inputs, prepend=-np.inf, append=np.inf)
     meetings = []
     for k, group in enumerate(inputs):
-        away = min(COMPARED_RAD, PART_OF_GAP * min(gaps[k], gaps[k + 1]))
-        meetings.append(_compare_modes(solver, assembly_modes, group, away))
+        distance = min(
+            COMPARISON_DISTANCE_RAD, MAX_COMPARISON_RATIO * min(gaps[k], gaps[k + 1])
+        )
+        meetings.append(_compare_modes(solver, assembly_modes, group, distance))
     return tuple(meetings)
 
 
@@ -187,53 +232,80 @@ def _compare_modes(
     solver: Solver,
     assembly_modes: Sequence[AssemblyMode],
     crossings: Sequence[Crossing],
-    away: float,
+    distance: float,
 ) -> ModeMeeting:
-    """Compare the modes on both sides of crossings at one input, `away` (rad) from it."""
+    """Find which modes meet at one input, and which modes continue each other.
+
+    Each mode is evaluated on both sides of the input, and continued with its first two
+    derivatives. A mode passes through a crossing if its continuation comes near to it. A
+    mode below continues as the mode above that its continuation misses least, and vice
+    versa.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, which has one input.
+    assembly_modes
+        All modes over the range of the input.
+    crossings
+        The crossings at the input, one or more.
+    distance
+        Distance (rad) from the input at which modes are evaluated, below and above it.
+    """
     q = float(np.mean([crossing.values[solver.single] for crossing in crossings]))
-    below = _nodes(solver, assembly_modes, q - away)
-    above = _nodes(solver, assembly_modes, q + away)
+    below = _evaluate_modes(solver, assembly_modes, q - distance)
+    above = _evaluate_modes(solver, assembly_modes, q + distance)
     meeting: list[tuple[int, ...]] = []
     for crossing in crossings:
-        passes = np.zeros(len(assembly_modes), dtype=bool)
-        for nodes, step in ((below, away), (above, -away)):
-            off = _misses(nodes, step, crossing.values[None])[:, 0]
+        is_passing = np.zeros(len(assembly_modes), dtype=bool)
+        for nodes, step in ((below, distance), (above, -distance)):
+            distances = _measure_misses(nodes, step, crossing.values[None])[:, 0]
             speed = np.maximum(1.0, max_abs(nodes.slope, axis=1))
-            passes |= off < NEAR_CROSSING * away * speed
+            is_passing |= distances < PASSING_RATIO * distance * speed
         meeting.append(
-            tuple(assembly_modes[k].number for k in np.flatnonzero(passes).tolist())
+            tuple(assembly_modes[k].number for k in np.flatnonzero(is_passing).tolist())
         )
-    numbers = {number for of_crossing in meeting for number in of_crossing}
+    numbers = {number for crossing_modes in meeting for number in crossing_modes}
+    # Positions in `assembly_modes` of the modes that meet.
     rows = [k for k, mode in enumerate(assembly_modes) if mode.number in numbers]
-    # Rows are modes below the input, columns modes above it.
-    forward = _misses(below, 2.0 * away, above.values)
-    backward = _misses(above, -2.0 * away, below.values).T
+    # (modes, modes): rows are modes below the input, columns are modes above it. The worse
+    # of the two directions counts. fmax ignores a NaN if the other direction has a value.
+    forward = _measure_misses(below, 2.0 * distance, above.values)
+    backward = _measure_misses(above, -2.0 * distance, below.values).T
     misses = np.fmax(forward, backward)
-    same_below = _coincide(below.values)
-    same_above = _coincide(above.values)
+    coincides_below = _find_coincident_modes(below.values)
+    coincides_above = _find_coincident_modes(above.values)
     successors: dict[int, int] = {}
     resolved = True
     for row in rows:
         if not np.any(np.isfinite(misses[row])):
-            continue  # It ends at the crossing, or before.
+            continue  # The mode ends at the crossing, or before it.
         best = int(np.nanargmin(misses[row]))
-        if misses[row, row] <= misses[row, best] + LARGEST_SAME:
-            best = row  # Modes that are one to rounding keep their numbers.
-        others = misses[row, ~same_above[best]]
-        is_clear = not np.any(misses[row, best] > CLEARLY * others)
-        is_clear &= same_below[row, np.nanargmin(misses[:, best])]
+        if misses[row, row] <= misses[row, best] + COINCIDENT_RAD:
+            best = row  # Modes that coincide up to rounding keep their numbers.
+        # Modes that coincide with the best one above cannot be told apart and are left out.
+        other_misses = misses[row, ~coincides_above[best]]
+        is_clear = not np.any(misses[row, best] > MAX_MISS_RATIO * other_misses)
+        # The best mode above must in turn be continued, downwards, by this mode.
+        is_clear &= coincides_below[row, np.nanargmin(misses[:, best])]
         resolved &= bool(is_clear)
         if best != row:
             successors[assembly_modes[row].number] = assembly_modes[best].number
     return ModeMeeting(q, tuple(meeting), successors if resolved else {}, resolved)
 
 
-LARGEST_SAME = 1e-9
-"""Modes (rad) that miss a curve by amounts that differ by less are one there."""
+COINCIDENT_RAD = 1e-9
+"""Modes whose variables differ by less coincide at an input. Also the difference of two
+misses that counts as rounding."""
 
 
-def _nodes(solver: Solver, assembly_modes: Sequence[AssemblyMode], q: float) -> Nodes:
-    """Return all modes (modes, variables) at an input (rad) with their derivatives."""
+def _evaluate_modes(
+    solver: Solver, assembly_modes: Sequence[AssemblyMode], q: float
+) -> Nodes:
+    """Evaluate all modes at input q (rad), with their derivatives with respect to it.
+
+    The result has one row per mode, which is NaN if the mode does not exist at the input.
+    """
     values = np.concatenate(
         [solver.evaluate(mode, np.array([[q]])).values for mode in assembly_modes]
     )
@@ -242,19 +314,36 @@ def _nodes(solver: Solver, assembly_modes: Sequence[AssemblyMode], q: float) -> 
         return nodes_at(at, [solver.single], np.ones((len(values), 1)))
 
 
-def _coincide(values: Floats) -> Bools:
-    """Return which (modes, modes) of configurations (modes, variables) are one."""
-    away = max_abs(wrap(values[:, None] - values[None]), axis=2)
-    return (away < LARGEST_SAME) | np.eye(len(values), dtype=bool)
+def _find_coincident_modes(values: Floats) -> Bools:
+    """Return (modes, modes) whether two modes have the same configuration.
 
-
-def _misses(nodes: Nodes, step: float, values: Floats) -> Floats:
-    """Return by how much (rad) curves, continued by a step (rad), miss configurations.
-
-    It is (modes, k) for configurations (k, variables), NaN where there is none.
+    `values` (modes, variables) are their configurations (rad) at one input. A NaN row
+    coincides only with itself.
     """
-    ahead = nodes.values + step * nodes.slope + 0.5 * step**2 * nodes.bend
-    return np.asarray(max_abs(wrap(ahead[:, None] - values[None]), axis=2))
+    distance = max_abs(wrap(values[:, None] - values[None]), axis=2)
+    return (distance < COINCIDENT_RAD) | np.eye(len(values), dtype=bool)
+
+
+def _measure_misses(nodes: Nodes, step: float, values: Floats) -> Floats:
+    """Return by how much modes, continued to another input, miss configurations there.
+
+    Parameters
+    ----------
+    nodes
+        Configuration of each mode at one input, with first and second derivatives.
+    step
+        Step (rad) from this input to the other one, with its sign.
+    values
+        (k, variables) configurations (rad) at the other input.
+
+    Returns
+    -------
+    (modes, k) largest difference of any variable (rad); NaN if the mode or the
+    configuration does not exist.
+    """
+    # Taylor polynomial of second order.
+    continued_values = nodes.values + step * nodes.slope + 0.5 * step**2 * nodes.bend
+    return np.asarray(max_abs(wrap(continued_values[:, None] - values[None]), axis=2))
 
 
 def follow_smooth_curves(
@@ -267,53 +356,62 @@ def follow_smooth_curves(
     Parameters
     ----------
     assembly_modes
-        All modes over the range.
+        All modes over the range of the input.
     meetings
-        Where they meet, at rising inputs.
+        The meetings of these modes, at rising inputs, all resolved.
     start
-        The input (rad) around which each mode keeps its number.
+        The input (rad) at which each smooth curve gets the number of the mode that lies on
+        it.
 
     Returns
     -------
-    tuple of AssemblyMode
-        With the same numbers and labels. Each has `pieces`: at a crossing it changes to
-        the mode that continues its curve. A mode that is there only as the continuation of
-        another one is left out.
+    Modes with the numbers and labels of `assembly_modes`. A mode that changes has `pieces`:
+    the mode that lies on its curve between each two meetings. A mode is left out if another
+    mode changes to its number, and if it has no configuration between the meetings around
+    `start`.
     """
     by_number = {mode.number: mode for mode in assembly_modes}
+    # The meetings divide the range into intervals, one more than there are meetings.
     starts = [-np.inf, *(meeting.input for meeting in meetings)]
     ends = [*starts[1:], np.inf]
+    # Position of the interval that contains `start`.
     first = sum(meeting.input < start for meeting in meetings)
     smooth = []
     for mode in assembly_modes:
+        # Number of the mode on the curve in each interval, extended upwards, then
+        # downwards.
         numbers = [mode.number]
-        taken = False
+        is_claimed = False
         for meeting in meetings[first:]:
-            taken |= _is_taken(numbers[-1], meeting.successors)
+            is_claimed |= _is_claimed_by_another(numbers[-1], meeting.successors)
             numbers.append(meeting.successors.get(numbers[-1], numbers[-1]))
         for meeting in reversed(meetings[:first]):
-            taken |= _is_taken(numbers[0], meeting.predecessors)
+            is_claimed |= _is_claimed_by_another(numbers[0], meeting.predecessors)
             numbers.insert(0, meeting.predecessors.get(numbers[0], numbers[0]))
-        if taken and not _exists(mode, starts[first], ends[first]):
+        if is_claimed and not _exists_between(mode, starts[first], ends[first]):
             continue
         pieces = tuple(
-            (place, by_number[number])
-            for place, number in zip(starts, numbers, strict=True)
+            (interval_start, by_number[number])
+            for interval_start, number in zip(starts, numbers, strict=True)
         )
         changes = len(set(numbers)) > 1
         smooth.append(mode._replace(pieces=pieces if changes else ()))
     return tuple(smooth)
 
 
-def _is_taken(number: int, successors: Mapping[int, int]) -> bool:
-    """Return whether a mode beyond a crossing is the continuation of another one."""
+def _is_claimed_by_another(number: int, successors: Mapping[int, int]) -> bool:
+    """Return whether another mode changes to this number at a meeting, but this one stays.
+
+    `successors` are those of the meeting. For falling inputs they are its `predecessors`.
+    """
     return number not in successors and number in successors.values()
 
 
-def _exists(mode: AssemblyMode, low: float, high: float) -> bool:
-    """Return whether a mode has configurations at inputs between two (rad).
+def _exists_between(mode: AssemblyMode, low: float, high: float) -> bool:
+    """Return whether a mode has configurations at inputs between `low` and `high` (rad).
 
-    Modes of dyads alone continue each other one to one, so this is asked of followed ones.
+    Only a mode with a `ModeCurve` can be limited to a part of the range. The result is True
+    for all others: modes of dyads continue each other one to one.
     """
     guide = mode.guide
     if not isinstance(guide, ModeCurve):
