@@ -1,12 +1,15 @@
-"""Configurations beside dead centres, in quad precision, by the decimal numbers of a file.
+"""Computes configurations near dead centres in quad precision.
 
-Beside a dead centre at a distance d in angles, a configuration is off by the rounding of
-the geometry over d. In float64 nothing is left of it within 1e-8, and whether the loops
-close at all is not known. Here the links have the decimal sizes of the file, 64.02 degrees
-and not the float64 number next to it. Groups are placed one after another in 33 digits:
-dyads by the closed form of `spherekit.sphere.dyad`, other groups by Newton's method from
-float64 values. The error of the placed bodies is bounded to first order along the way.
-Mechanisms with contacts are left to float64.
+At a distance d (rad, in the pair variables) from a dead centre, the error of a
+configuration is the rounding error of the geometry divided by d. Within 1e-8 rad, float64
+has no correct digit of d, and it does not even show whether the loops close. Two things are
+different in this module. The links have the decimal sizes of the file, 64.02 degrees for
+example, and not the nearest float64 numbers. All computations have 33 digits.
+
+The groups of the mechanism are placed one after another. A dyad is placed by the closed
+form of `spherekit.sphere.dyad`, any other group by Newton's method, which starts from
+float64 values. A bound of the error of the placed bodies is updated with each group, to
+first order. Mechanisms with contacts, or with redundant equations, are not supported.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,31 +33,49 @@ from spherekit.planning.inputs import Assembly, Group
 from spherekit.sphere.dyad import HalfAngle, middle_axis
 
 ROUNDING_RAD = 1e3 * QUAD_EPS
-"""What a body is off by that inputs place: some hundred roundings."""
+"""Error bound of a body that is placed by inputs alone: some hundred rounding errors in
+quad."""
 INPUT_ROUNDING = 2.0 * EPS
-"""An input nearer than this part of it, or of 1 rad, to a dead centre is taken to be at it:
-the float64 number may stand for a decimal number of degrees."""
+"""Rounding error of an input, relative to the input or to 1 rad, whichever is larger. An
+input that is nearer to a dead centre is taken to be at it. The float64 number can stand for
+a decimal number of degrees, as that of pi for 180 degrees."""
 LARGEST_ANGLE_ERROR_RAD = 1e-5
-"""Angles with a larger bound are not given."""
+"""Configurations with a larger error bound have the status AT_SINGULARITY, and
+`Solver.evaluate` returns NaN for their variables."""
 MAX_NEWTON_STEPS = 150
-"""Towards a double root each step halves the distance: 33 digits of it take 55."""
+"""Newton steps for one group. Near a double root, each step halves the distance to it, and
+about 55 steps are needed for 33 digits of the closure residual."""
 CLOSED_STEP_RAD = 1e-27
-"""A smaller last step of Newton's method has reached a simple root."""
+"""Newton's method has converged to a simple root if its last step is smaller."""
 NEAREST_START_RAD = 1e-3
-"""A solution farther from the float64 values than this is not the one meant."""
+"""A solution that differs by more from the float64 values belongs to another
+configuration."""
 
 Frames = tuple[Array, Array]
-"""The frames (3, 3) of a pair in its first and its second link, axis last, in quad."""
+"""Frames (3, 3) of a pair in its first and its second link, in quad precision.
+
+The columns of a frame are unit vectors in the axes of the link. The last one is the pair
+axis. ``R_first @ first @ Z(angle) == R_second @ second`` for orientations R of the links,
+where Z is a rotation about z by the pair variable.
+"""
 
 
 class Placed(NamedTuple):
-    """Configurations at n inputs.
+    """Configurations of a mechanism at n rows of its inputs.
 
-    `values` (n, variables) rad in float64, `error` (n,) rad a bound of their errors, and
-    `status` (n,): OK, AT_SINGULARITY where a group is at its dead centre to 33 digits or
-    nothing is known, OUT_OF_REACH where arcs do not close. The error is infinite where the
-    values are not known. `exact_values` (n, variables) and `rotations` (n, links, 3, 3),
-    from link axes to ground axes, are in quad precision.
+    Attributes
+    ----------
+    values
+        (n, variables) pair variables (rad) in float64.
+    error
+        (n,) bound of the error of the variables (rad). Infinite if they are not reliable.
+    status
+        (n,) OK; AT_SINGULARITY if a group is at its dead centre within the rounding of the
+        inputs, or if the error bound is too large; OUT_OF_REACH if the arcs do not close.
+    exact_values
+        (n, variables) pair variables (rad) in quad precision.
+    rotations
+        (n, links, 3, 3) rotations from link axes to ground axes, in quad precision.
     """
 
     values: Floats
@@ -65,18 +86,28 @@ class Placed(NamedTuple):
 
 
 def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
-    """Return the frames of all pairs in quad precision, by the decimals of a file."""
+    """Return the frames of all pairs, computed from the decimal numbers of the file.
+
+    The mechanism is written as a file in degrees and read again, which restores the
+    decimals.
+
+    Returns
+    -------
+    dict from the number of a pair to its two frames.
+    """
     document = parse(canonical_text(mechanism, "deg"), mechanism.name)
     geometry = mechanism.geometry
     frames: dict[int, Frames] = {}
     if isinstance(geometry, PoseGeometry):
         values = _angles_of_pairs(document, "value")
         for name, axis in geometry.axes.items():
-            exact_axis = _unit(_numbers([repr(float(x)) for x in axis]))
-            first = _across(exact_axis, np.array(axis, dtype=float))
+            # In the reference pose both links of a pair have the same axes. The frames
+            # differ by the value of the variable there.
+            exact_axis = _normalize(_parse_decimals([repr(float(x)) for x in axis]))
+            first = _frame_without_reference(exact_axis, np.array(axis, dtype=float))
             second = first
             if name in values:
-                second = product(first, _about_z(values[name]))
+                second = product(first, _rotate_about_z(values[name]))
             frames[mechanism.pair_number[name]] = first, second
         return frames
     float_axes = {link: axes_from_sizes(sizes) for link, sizes in geometry.links.items()}
@@ -84,7 +115,7 @@ def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
     for link, sizes in geometry.links.items():
         item = document.data["links"][link]
         arcs, angles = (
-            tuple(_radians(number) for number in item.get(key, ()))
+            tuple(_degrees_to_radians(number) for number in item.get(key, ()))
             for key in ("arcs", "angles")
         )
         exact_sizes = LinkSizes(sizes.axes, arcs, angles)
@@ -98,73 +129,107 @@ def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
             _reference_frame(axes[link], float_axes[link], pair.name) for link in pair.links
         )
         if pair.name in zeros:
-            first = product(first, _about_z(zeros[pair.name]))
+            first = product(first, _rotate_about_z(zeros[pair.name]))
         frames[number] = first, second
     return frames
 
 
-def _numbers(texts: Sequence[str]) -> Array:
-    """Return decimal numbers in quad precision."""
+def _parse_decimals(texts: Sequence[str]) -> Array:
+    """Return decimal numbers (k,) in quad precision, from k texts.
+
+    Underscores between digits are removed, which quad numbers do not accept.
+    """
     return np.array([text.replace("_", "") for text in texts]).astype(quad())
 
 
-def _radians(number: float) -> Any:
-    """Return an angle of a file in degrees in rad."""
+def _degrees_to_radians(number: float) -> Any:
+    """Return an angle in rad, in quad precision, from a number of a file in degrees.
+
+    A `LiteralNumber` has the text of the file. Other numbers are taken as Python writes
+    them.
+    """
     text = number.text if isinstance(number, LiteralNumber) else repr(number)
-    return _numbers([text])[0] * (quad_pi() / 180)
+    return _parse_decimals([text])[0] * (quad_pi() / 180)
 
 
 def _angles_of_pairs(document: Document, key: str) -> dict[str, Any]:
+    """Return an angle (rad, quad precision) of each pair that has this key in the file.
+
+    The key is "value" or "zero". The result maps names of pairs to angles.
+    """
     pairs: Mapping[str, Any] = document.data["pairs"]
-    return {name: _radians(item[key]) for name, item in pairs.items() if key in item}
+    return {
+        name: _degrees_to_radians(item[key]) for name, item in pairs.items() if key in item
+    }
 
 
 def _reference_frame(
     axes: Mapping[str, Array], float_axes: Mapping[str, Floats], name: str
 ) -> Array:
-    """Return the frame of an axis of a link; its x axis leads to the first other axis."""
+    """Return the frame (3, 3) of an axis of a link, in quad precision.
+
+    The x axis of the frame points towards the first other axis of the link that is not
+    collinear with this one.
+
+    Parameters
+    ----------
+    axes, float_axes
+        Unit vectors (3,) of the axes of the link by name of pair, in quad precision and in
+        float64. The latter decide which axes are collinear, as in the float64 computations.
+    name
+        Name of the pair whose frame is computed.
+    """
     axis = axes[name]
     for other, direction in axes.items():
         sine = np.linalg.norm(np.cross(float_axes[name], float_axes[other]))
         if sine > COLLINEAR:
-            return _frame(axis, _unit(direction - dot(axis, direction)[..., None] * axis))
-    return _across(axis, float_axes[name])
+            return _frame(
+                axis, _normalize(direction - dot(axis, direction)[..., None] * axis)
+            )
+    return _frame_without_reference(axis, float_axes[name])
 
 
-def _across(axis: Array, float_axis: Floats) -> Array:
-    """Return the frame of an axis that no other one gives a direction."""
+def _frame_without_reference(axis: Array, float_axis: Floats) -> Array:
+    """Return the frame (3, 3) of an axis (3,) if no other axis fixes its x axis.
+
+    The x axis is perpendicular to the coordinate axis that differs most from the axis.
+    """
     helper = np.eye(3)[np.argmin(np.abs(float_axis))].astype(quad())
-    return _frame(axis, _unit(np.cross(axis, helper)))
+    return _frame(axis, _normalize(np.cross(axis, helper)))
 
 
 def _frame(axis: Array, first: Array) -> Array:
-    """Return frames (..., 3, 3) of unit vectors at right angles, `first` the x axis."""
+    """Return frames (..., 3, 3) from their z axes and x axes (..., 3).
+
+    `axis` is z and `first` is x. Both are unit vectors at right angles.
+    """
     return np.stack([first, np.cross(axis, first), axis], axis=-1)
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Return products (...) of vectors (..., 3)."""
+    """Return scalar products (...) of vectors (..., 3)."""
     return np.sum(a * b, axis=-1)
 
 
-def _unit(a: Array) -> Array:
+def _normalize(a: Array) -> Array:
+    """Return unit vectors along vectors (..., 3)."""
     return a / np.sqrt(dot(a, a))[..., None]
 
 
-def _about_z(angle: Array) -> Array:
+def _rotate_about_z(angle: Array) -> Array:
     """Return rotations (..., 3, 3) about z by angles (...) rad in quad precision."""
     angle = np.asarray(angle, dtype=quad())
-    cosine, sine, nothing = np.cos(angle), np.sin(angle), np.zeros_like(angle)
+    cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros_like(angle)
     rows = [
-        [cosine, -sine, nothing],
-        [sine, cosine, nothing],
-        [nothing, nothing, nothing + 1],
+        [cosine, -sine, zero],
+        [sine, cosine, zero],
+        [zero, zero, zero + 1],
     ]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def product(a: Array, b: Array) -> Array:
-    """Return products of matrices (..., 3, 3).
+    """Return matrix products of matrices (..., 3, 3).
 
     The operator @ of numpy-quaddtype 1.0 returns wrong numbers for stacks of matrices.
     """
@@ -182,38 +247,62 @@ def _transpose(a: Array) -> Array:
 
 @dataclass
 class _Bodies:
-    """Bodies while groups are placed, at n inputs.
+    """The bodies of a mechanism at n rows of inputs, while its groups are placed.
 
-    `within[link]` (n, 3, 3) are rotations from link axes to those of the link's body,
-    `error` (n,) rad what these are off by at most, the inputs being exact; `rounding` (n,)
-    rad is that of the inputs. `out` (n,) says where arcs do not close for any input within
-    its rounding, `flat` where a group is at its dead centre for one of these.
+    A body is a set of links whose relative orientations are known already. At the end there
+    is one body.
+
+    Attributes
+    ----------
+    within
+        (n, 3, 3) for each link: rotations from its axes to those of its body, in quad
+        precision.
+    values
+        (n, variables) pair variables (rad) in quad precision, NaN as long as they are
+        unknown.
+    error
+        (n,) bound of the error (rad) of the rotations if the inputs are exact.
+    rounding
+        (n,) rounding error (rad) of the inputs.
+    is_out_of_reach
+        (n,) whether arcs of a group close for no input within this rounding error.
+    is_at_dead_centre
+        (n,) whether a group is at its dead centre for an input within this rounding error,
+        or whether its configuration is not reliable.
     """
 
     within: dict[int, Array]
     values: Array
     error: Floats
     rounding: Floats
-    out: Bools
-    flat: Bools
+    is_out_of_reach: Bools
+    is_at_dead_centre: Bools
 
 
 class QuadAssembly:
-    """The groups of a mechanism of R pairs, placed in quad precision."""
+    """Places the groups of a mechanism of R pairs in quad precision.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    assembly
+        Its inputs, and its groups in solving order.
+    """
 
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
         self.mechanism, self.assembly = mechanism, assembly
 
     @property
     def is_supported(self) -> bool:
-        """Whether all pairs turn about axes, and no equation repeats others."""
-        turning = all(pair.kind.has_axis for pair in self.mechanism.pairs)
+        """Whether all pairs are R pairs, and no group has redundant equations."""
+        has_only_axes = all(pair.kind.has_axis for pair in self.mechanism.pairs)
         redundant = any(group.redundant for group in self.assembly.groups)
-        return turning and not redundant
+        return has_only_axes and not redundant
 
     @cached_property
     def frames(self) -> dict[int, Frames]:
-        """The frames of all pairs, by the decimals of the file."""
+        """The frames of each pair, by its number, from the decimal numbers of the file."""
         return decimal_frames(self.mechanism)
 
     def place(
@@ -223,20 +312,27 @@ class QuadAssembly:
         q: Floats,
         starts: Floats,
     ) -> Placed:
-        """Return an assembly mode at inputs.
+        """Return the configurations of an assembly mode at given inputs.
 
         Parameters
         ----------
-        signs, determinants
-            Those of the `AssemblyMode`.
+        signs
+            Sign of each group in the assembly mode: 1 or -1 for a dyad, 0 for other groups.
+        determinants
+            Sign of the determinant of each group in the mode, or empty if not known.
         q
-            (n, inputs) rad, taken as the numbers they are.
+            (n, inputs) values of the inputs (rad). They are used exactly as the float64
+            numbers are.
         starts
-            (n, variables) rad, the configurations in float64. Groups that are no dyads are
-            closed from there.
+            (n, variables) float64 configurations (rad), from which Newton's method starts
+            for groups that are not dyads.
+
+        Returns
+        -------
+        Configurations with their status and error bounds.
         """
         with np.errstate(all="ignore"):
-            bodies = self._with_inputs(q)
+            bodies = self._place_input_bodies(q)
             for number, sign in enumerate(signs):
                 group = self.assembly.groups[number]
                 if sign:
@@ -247,8 +343,10 @@ class QuadAssembly:
             values = bodies.values.astype(float)
         error = np.where(np.all(np.isfinite(values), axis=1), bodies.error, np.inf)
         status = np.full(len(q), Status.OK, dtype=np.int8)
-        status[bodies.flat | ~(error <= LARGEST_ANGLE_ERROR_RAD)] = Status.AT_SINGULARITY
-        status[bodies.out] = Status.OUT_OF_REACH
+        status[bodies.is_at_dead_centre | ~(error <= LARGEST_ANGLE_ERROR_RAD)] = (
+            Status.AT_SINGULARITY
+        )
+        status[bodies.is_out_of_reach] = Status.OUT_OF_REACH
         ground = _transpose(bodies.within[0])
         rotations = [
             product(ground, bodies.within[link]) for link in range(len(bodies.within))
@@ -256,153 +354,250 @@ class QuadAssembly:
         placed = np.stack(rotations, axis=1)
         return Placed(values, error, status, bodies.values, placed)
 
-    def _with_inputs(self, q: Floats) -> _Bodies:
-        """Return the bodies that links and inputs make."""
+    def _place_input_bodies(self, q: Floats) -> _Bodies:
+        """Return the bodies before any group is placed.
+
+        Links that input pairs join are one body, because the inputs q (n, inputs), in rad,
+        fix their relative orientations.
+        """
         n, mechanism = len(q), self.mechanism
-        unturned = np.broadcast_to(np.eye(3).astype(quad()), (n, 3, 3))
-        within = dict.fromkeys(range(len(mechanism.links)), unturned)
+        identity = np.broadcast_to(np.eye(3).astype(quad()), (n, 3, 3))
+        within = dict.fromkeys(range(len(mechanism.links)), identity)
         values = np.full((n, len(mechanism.variable_owners)), np.nan).astype(quad())
-        for pair, column in zip(self.assembly.inputs, q.T, strict=True):
-            values[:, mechanism.variables_of(pair)[0]] = column.astype(quad())
-        ways = spanning(mechanism.ends, self.assembly.bodies, self.assembly.inputs)
-        for pair, parent, child in ways:
+        for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
+            values[:, mechanism.variables_of(pair)[0]] = input_values.astype(quad())
+        tree_steps = spanning(mechanism.ends, self.assembly.bodies, self.assembly.inputs)
+        for pair, parent, child in tree_steps:
             first, second = self.frames[pair]
             angle = values[:, mechanism.variables_of(pair)[0]]
-            turn = product(product(first, _about_z(angle)), second.T)
+            rotation = product(product(first, _rotate_about_z(angle)), second.T)
             ahead = mechanism.ends[pair][0] == parent
-            within[child] = product(within[parent], turn if ahead else _transpose(turn))
-        none = np.zeros((2, n), dtype=bool)
+            within[child] = product(
+                within[parent], rotation if ahead else _transpose(rotation)
+            )
+        all_false = np.zeros((2, n), dtype=bool)
         rounding = INPUT_ROUNDING * np.maximum(1.0, np.max(np.abs(q), axis=1))
         error = np.full(n, ROUNDING_RAD)
-        return _Bodies(within, values, error, rounding, none[0], none[1])
+        return _Bodies(within, values, error, rounding, all_false[0], all_false[1])
 
     def _axis(self, bodies: _Bodies, pair: int, side: int) -> Array:
-        """Return the axis (n, 3) of a pair in the body of one of its links."""
+        """Return the axis (n, 3) of a pair in the axes of the body of one of its links.
+
+        `side` is 0 for the first link of the pair, and 1 for the second.
+        """
         link = self.mechanism.ends[pair][side]
         return rotated(bodies.within[link], self.frames[pair][side][:, 2])
 
     def _place_dyad(self, bodies: _Bodies, group: Group, sign: int) -> None:
-        """Place the two free bodies of a dyad, and add them to the first."""
+        """Place the two free bodies of a dyad, and unite them with the first body.
+
+        The symbols a, b, c and t are those of `spherekit.sphere.dyad`: b is the middle
+        axis, a and c are the outer axes, and t is the triple product. `bodies` is updated:
+        rotations, variables, error bound and the two flags.
+
+        Parameters
+        ----------
+        bodies
+            The bodies so far. Body 0 of the group carries the outer axes.
+        group
+            The dyad.
+        sign
+            Sign of the triple product of the axes in the order of the pairs of the group.
+        """
         near, middle, far = group.dyad_places
 
         def axis(place: int, body: int) -> Array:
             side = group.ends[place].index(body)
+            # axis of the pair at a position of the group, in one of the bodies of the group
             return self._axis(bodies, group.pairs[place], side)
 
         a, c = axis(near, 0), axis(far, 0)
-        sides = (axis(near, 1), axis(middle, 1)), (axis(far, 2), axis(middle, 2))
-        halves = [
+        # Outer and middle axis in the axes of each free body, and their arc, by its half.
+        arc_axes = (axis(near, 1), axis(middle, 1)), (axis(far, 2), axis(middle, 2))
+        half_arcs = [
             HalfAngle(0.5 * np.sqrt(dot(p - m, p - m)), 0.5 * np.sqrt(dot(p + m, p + m)))
-            for p, m in sides
+            for p, m in arc_axes
         ]
-        more, less = dot(a + c, a + c), dot(a - c, a - c)
-        # The square of the triple product is a product of two differences of cosines: of
-        # the sum, or difference, of the arcs, less that of the arc between the outer axes.
-        outer_sine = 0.5 * np.sqrt((more * less).astype(float))
-        arcs = halves[0] - halves[1], halves[0] + halves[1]
-        factors = [_over(arc, more, less) for arc in arcs]
+        sum_square, difference_square = dot(a + c, a + c), dot(a - c, a - c)
+        # t^2 is a product of two differences of cosines: t^2 = (cos(A - C) - a . c) (a . c
+        # - cos(A + C)), with the arcs A and C of the bodies.
+        outer_sine = 0.5 * np.sqrt((sum_square * difference_square).astype(float))
+        arcs = half_arcs[0] - half_arcs[1], half_arcs[0] + half_arcs[1]
+        factors = [_cosine_difference(arc, sum_square, difference_square) for arc in arcs]
         sizes = [np.abs(factor.astype(float)) for factor in factors]
-        square = -factors[0] * factors[1]
-        size = square.astype(float)
+        triple_square = -factors[0] * factors[1]
+        size = triple_square.astype(float)
 
-        def doubt(error: Floats) -> Floats:
-            """Return what the square is off by (n,) where axes are off by an error."""
+        def square_error_bound(error: Floats) -> Floats:
+            """Return a bound (n,) of the error of t^2 if axes have an error (n,) in rad."""
             first, second = (
-                4.0 * error * (outer_sine + error + np.abs(_sine(arc))) for arc in arcs
+                4.0 * error * (outer_sine + error + np.abs(_sine_of_arc(arc)))
+                for arc in arcs
             )
             return sizes[0] * second + sizes[1] * first + first * second
 
-        wide_error = np.maximum(bodies.error, bodies.rounding)
-        bodies.out |= size < -doubt(wide_error)
-        flat = np.abs(size) <= doubt(wide_error)
-        bodies.flat |= flat
-        root = np.sqrt(np.where(size > doubt(bodies.error), square, 0.0 * square))
-        root = root * (group.dyad_parity * sign)
-        of_sum, of_rest, of_normal = middle_axis(halves[0], halves[1], more, less, root)
-        b = of_sum[:, None] * (a + c) + of_rest[:, None] * (a - c)
-        b = b + of_normal[:, None] * np.cross(a, c)
-        turns = [
-            product(
-                _frame(outer, _unit(np.cross(outer, b))),
-                _transpose(_frame(p, _unit(np.cross(p, m)))),
+        # A negative t^2 means that the arcs do not close. The rounding of the inputs counts
+        # for the flags, but not for t itself, since the inputs are used as they are.
+        error_with_rounding = np.maximum(bodies.error, bodies.rounding)
+        bodies.is_out_of_reach |= size < -square_error_bound(error_with_rounding)
+        is_at_dead_centre = np.abs(size) <= square_error_bound(error_with_rounding)
+        bodies.is_at_dead_centre |= is_at_dead_centre
+        triple_product = np.sqrt(
+            np.where(
+                size > square_error_bound(bodies.error), triple_square, 0.0 * triple_square
             )
-            for outer, (p, m) in zip((a, c), sides, strict=True)
+        )
+        triple_product = triple_product * (group.dyad_parity * sign)
+        sum_factor, difference_factor, normal_factor = middle_axis(
+            half_arcs[0], half_arcs[1], sum_square, difference_square, triple_product
+        )
+        b = sum_factor[:, None] * (a + c) + difference_factor[:, None] * (a - c)
+        b = b + normal_factor[:, None] * np.cross(a, c)
+        # The rotation of a free body takes its outer and middle axis to those in body 0.
+        body_rotations = [
+            product(
+                _frame(outer, _normalize(np.cross(outer, b))),
+                _transpose(_frame(p, _normalize(np.cross(p, m)))),
+            )
+            for outer, (p, m) in zip((a, c), arc_axes, strict=True)
         ]
-        sines = [*map(_sine, halves), outer_sine]
-        error = np.where(flat, wide_error, bodies.error)
-        bodies.error = _dyad_error(error, np.sqrt(np.where(flat, 0.0, size)), sines)
-        self._merge(bodies, group, turns)
+        sines = [*map(_sine_of_arc, half_arcs), outer_sine]
+        error = np.where(is_at_dead_centre, error_with_rounding, bodies.error)
+        bodies.error = _dyad_error(
+            error, np.sqrt(np.where(is_at_dead_centre, 0.0, size)), sines
+        )
+        self._unite_bodies(bodies, group, body_rotations)
+        # The variable of a pair is the angle about its axis from one frame to the other.
         for pair in group.pairs:
-            one, other = (
+            first_frame, other = (
                 product(bodies.within[link], frame)
                 for link, frame in zip(
                     self.mechanism.ends[pair], self.frames[pair], strict=True
                 )
             )
-            cosine, sine = (dot(one[..., k], other[..., 0]) for k in (0, 1))
+            cosine, sine = (dot(first_frame[..., k], other[..., 0]) for k in (0, 1))
             variable = self.mechanism.variables_of(pair)[0]
             bodies.values[:, variable] = np.arctan2(sine, cosine)
 
     @staticmethod
-    def _merge(bodies: _Bodies, group: Group, turns: Sequence[Array]) -> None:
-        """Make a group one body, by the rotations (n, 3, 3) of all but the first of it."""
-        for links, turn in zip(group.bodies[1:], turns, strict=True):
+    def _unite_bodies(
+        bodies: _Bodies, group: Group, body_rotations: Sequence[Array]
+    ) -> None:
+        """Unite the bodies of a group, in place.
+
+        `body_rotations` are rotations (n, 3, 3) of all bodies but the first, from their
+        axes to those of the first.
+        """
+        for links, rotation in zip(group.bodies[1:], body_rotations, strict=True):
             for link in links:
-                bodies.within[link] = product(turn, bodies.within[link])
+                bodies.within[link] = product(rotation, bodies.within[link])
 
     def _close_group(
         self, bodies: _Bodies, group: Group, determinant: float, starts: Floats
     ) -> None:
-        """Close the loops of an irreducible group by Newton's method from `starts`."""
-        columns = [self.mechanism.variables_of(pair)[0] for pair in group.pairs]
+        """Close the loops of a group that is not a dyad, and unite its bodies.
+
+        `bodies` is updated: rotations, variables, error bound and flag of dead centres.
+
+        Parameters
+        ----------
+        bodies
+            The bodies so far.
+        group
+            An irreducible group.
+        determinant
+            Sign of the determinant of its Jacobian in the assembly mode, 0 if not known.
+        starts
+            (n, variables) float64 configurations (rad) of the mechanism, from which
+            Newton's method starts.
+        """
+        group_variables = [self.mechanism.variables_of(pair)[0] for pair in group.pairs]
         loops = _GroupLoops(self, bodies, group)
-        float_values = starts[:, columns]
-        x, size, gap = loops.closed(float_values.astype(quad()))
-        flat, wrong = self._is_flat(loops, x, bodies.rounding, determinant)
-        wrong &= size <= CLOSED_STEP_RAD
-        if np.any(wrong):
-            # The other solution lies across the dead centre.
+        float_values = starts[:, group_variables]
+        x, size, gap = loops.close(float_values.astype(quad()))
+        is_at_dead_centre, is_other_mode = self._check_mode(
+            loops, x, bodies.rounding, determinant
+        )
+        is_other_mode &= size <= CLOSED_STEP_RAD
+        if np.any(is_other_mode):
+            # Newton's method has converged to the other mode, beyond the dead centre. It
+            # starts again from the opposite side.
             mirrored = x.copy()
-            mirrored[wrong] = loops.across(x)[wrong]
-            x, size, gap = loops.closed(mirrored)
-            flat, wrong = self._is_flat(loops, x, bodies.rounding, determinant)
+            mirrored[is_other_mode] = loops.estimate_other_solution(x)[is_other_mode]
+            x, size, gap = loops.close(mirrored)
+            is_at_dead_centre, is_other_mode = self._check_mode(
+                loops, x, bodies.rounding, determinant
+            )
         distance = np.max(np.abs((x - float_values.astype(quad())).astype(float)), axis=1)
         is_near = distance < NEAREST_START_RAD
-        regular = (size <= CLOSED_STEP_RAD) & ~wrong & ~flat & is_near
-        wide_error = np.maximum(bodies.error, 16.0 * bodies.rounding)
-        double = ~regular & flat & (gap <= wide_error) & is_near
+        regular_case = (
+            (size <= CLOSED_STEP_RAD) & ~is_other_mode & ~is_at_dead_centre & is_near
+        )
+        error_with_rounding = np.maximum(bodies.error, 16.0 * bodies.rounding)
+        is_double_root = (
+            ~regular_case & is_at_dead_centre & (gap <= error_with_rounding) & is_near
+        )
         sensitivity = np.linalg.norm(left_inverse(loops.at(x)[2]), axis=(1, 2))
-        error = np.where(regular, 4.0 * bodies.error * sensitivity, np.inf)
-        # At a double root the loops open by the square of the error.
-        bodies.error = np.where(double, 4.0 * np.sqrt(2.0 * wide_error), error)
-        bodies.flat |= ~regular
-        turns = loops.at(x)[0]
-        self._merge(bodies, group, turns[1:])
-        bodies.values[:, columns] = x
+        error = np.where(regular_case, 4.0 * bodies.error * sensitivity, np.inf)
+        # Near a double root the closure residual is the square of the error of the
+        # variables.
+        bodies.error = np.where(
+            is_double_root, 4.0 * np.sqrt(2.0 * error_with_rounding), error
+        )
+        bodies.is_at_dead_centre |= ~regular_case
+        body_rotations = loops.at(x)[0]
+        self._unite_bodies(bodies, group, body_rotations[1:])
+        bodies.values[:, group_variables] = x
 
     @staticmethod
-    def _is_flat(
+    def _check_mode(
         loops: "_GroupLoops", x: Array, rounding: Floats, determinant: float
     ) -> tuple[Bools, Bools]:
         """Return where a group is at its dead centre, and where it is in another mode.
 
-        A mode has a `determinant` of one sign. Beside a dead centre at a distance s^2 of
-        the input the smallest singular value of the Jacobian is about s.
+        At a distance s^2 of the input from a dead centre, the smallest singular value of
+        the Jacobian is about s. Its square is therefore compared with the rounding of the
+        inputs.
+
+        Parameters
+        ----------
+        loops
+            The loops of the group.
+        x
+            (n, pairs) variables (rad) of the group.
+        rounding
+            (n,) rounding error (rad) of the inputs.
+        determinant
+            Sign of the determinant of the Jacobian in the assembly mode, 0 if not known.
+
+        Returns
+        -------
+        is_at_dead_centre
+            (n,) whether a dead centre is within the rounding of the inputs.
+        is_other_mode
+            (n,) whether the determinant has the wrong sign, but not at a dead centre.
         """
         jacobian = loops.at(x)[2]
         finite = np.nan_to_num(jacobian)
         least = np.linalg.svd(finite, compute_uv=False)[:, -1]
-        flat = least**2 <= 8.0 * rounding
-        return flat, (np.linalg.slogdet(finite)[0] * determinant < 0.0) & ~flat
+        is_at_dead_centre = least**2 <= 8.0 * rounding
+        return is_at_dead_centre, (
+            np.linalg.slogdet(finite)[0] * determinant < 0.0
+        ) & ~is_at_dead_centre
 
 
 class _GroupLoops:
-    """The loops of a group whose bodies are known, at values (n, its pairs) in quad."""
+    """The loop equations of one group in quad precision, at n rows.
+
+    Variables are those of the pairs of the group, in its order, and bodies are numbered
+    within the group. `pair_frames` has, for each pair, its frames (n, 3, 3) in the axes of
+    its first and of its second body.
+    """
 
     def __init__(self, assembly: QuadAssembly, bodies: _Bodies, group: Group) -> None:
         self.group = group
         self.tree = LoopTree(len(group.bodies), group.ends, tuple(range(len(group.pairs))))
-        self.leads = [
+        self.pair_frames = [
             tuple(
                 product(bodies.within[link], frame)
                 for link, frame in zip(
@@ -413,36 +608,66 @@ class _GroupLoops:
         ]
 
     def at(self, values: Array) -> tuple[list[Array], Array, Floats]:
-        """Return rotations of the bodies, gaps (n, 3 loops), and the float64 Jacobian."""
-        turned = [
-            product(lead, _about_z(values[:, k])) for k, (lead, _) in enumerate(self.leads)
+        """Evaluate the loop equations at variables (n, pairs), in rad.
+
+        Returns
+        -------
+        bodies
+            (n, 3, 3) for each body: rotations from its axes to those of body 0.
+        gaps
+            (n, 3 loops) rotation vector (rad, to first order) by which each loop is open.
+        jacobian
+            (n, 3 loops, pairs) derivatives of the gaps, in float64.
+        """
+        turned_frames = [
+            product(frame_in_first, _rotate_about_z(values[:, k]))
+            for k, (frame_in_first, _) in enumerate(self.pair_frames)
         ]
-        unturned = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
-        placed: dict[int, Array] = {0: unturned}
+        identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
+        placed: dict[int, Array] = {0: identity}
         for place, parent, child in self.tree.placements:
-            turn = product(turned[place], _transpose(self.leads[place][1]))
+            rotation = product(turned_frames[place], _transpose(self.pair_frames[place][1]))
             ahead = self.group.ends[place][0] == parent
-            placed[child] = product(placed[parent], turn if ahead else _transpose(turn))
+            placed[child] = product(
+                placed[parent], rotation if ahead else _transpose(rotation)
+            )
         gaps = []
         for place in self.tree.chords:
             first, second = self.group.ends[place]
-            one = product(placed[first], turned[place])
-            other = product(placed[second], self.leads[place][1])
-            off = product(one, _transpose(other))
-            skew = off - _transpose(off)
+            first_frame = product(placed[first], turned_frames[place])
+            other = product(placed[second], self.pair_frames[place][1])
+            relative_rotation = product(first_frame, _transpose(other))
+            # The skew part of a small rotation is its rotation vector.
+            skew = relative_rotation - _transpose(relative_rotation)
             gaps.append(
                 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
             )
         vectors = [
-            rotated(placed[first], lead[..., 2])
-            for (first, _), (lead, _) in zip(self.group.ends, self.leads, strict=True)
+            rotated(placed[first], frame_in_first[..., 2])
+            for (first, _), (frame_in_first, _) in zip(
+                self.group.ends, self.pair_frames, strict=True
+            )
         ]
         jacobian = self.tree.jacobian(np.stack(vectors, axis=1).astype(float))
         bodies = [placed[body] for body in range(len(placed))]
         return bodies, np.concatenate(gaps, axis=1), jacobian
 
-    def closed(self, values: Array) -> tuple[Array, Floats, Floats]:
-        """Return where Newton's method ends, its last step and how far loops are open."""
+    def close(self, values: Array) -> tuple[Array, Floats, Floats]:
+        """Close the loops by Newton's method from variables (n, pairs), in rad.
+
+        The Jacobian is inverted in float64. The residual in quad precision decides the
+        limit.
+
+        Returns
+        -------
+        values
+            (n, pairs) variables (rad) in quad precision. If the last step is larger than
+            `CLOSED_STEP_RAD`, these are the iterates with the least gap.
+        size
+            (n,) length (rad) of the last step, the largest of any variable.
+        gap
+            (n,) largest component (rad) by which loops are open at `values`.
+        """
         n = len(values)
         values, best = values.copy(), values.copy()
         size, gap, least = np.full((3, n), np.inf)
@@ -450,8 +675,8 @@ class _GroupLoops:
         for _ in range(MAX_NEWTON_STEPS):
             _, gaps, jacobian = self.at(values)
             gap = np.max(np.abs(gaps.astype(float)), axis=1)
-            better = gap < least
-            best[better], least[better] = values[better], gap[better]
+            is_better = gap < least
+            best[is_better], least[is_better] = values[is_better], gap[is_better]
             inverse = left_inverse(jacobian).astype(quad())
             step = -rotated(inverse, gaps)
             length = np.max(np.abs(step.astype(float)), axis=1)
@@ -460,16 +685,19 @@ class _GroupLoops:
             if not np.any(active):
                 break
             values[active] += step[active]
-        # Where nothing closes, and at a double root, the nearest that was met.
-        settled = size <= CLOSED_STEP_RAD
-        values = np.where(settled[:, None], values, best)
-        return values, size, np.where(settled, gap, least)
+        # Without convergence, and at a double root, the iterate with the least gap is
+        # returned.
+        has_converged = size <= CLOSED_STEP_RAD
+        values = np.where(has_converged[:, None], values, best)
+        return values, size, np.where(has_converged, gap, least)
 
-    def across(self, values: Array) -> Array:
-        """Return about where the other solution beside a dead centre lies.
+    def estimate_other_solution(self, values: Array) -> Array:
+        """Estimate the solution on the other side of a dead centre.
 
-        Along the direction n in which the loops hardly open they are open by
-        e = s x + h x^2 / 2, with s the smallest singular value: again closed at -2 s / h.
+        `values` (n, pairs), in rad, are a solution near the dead centre, and so is the
+        result. The loops open least along the singular vector of the smallest singular
+        value s. After a distance x in this direction, they are open by e = s x + h x^2 / 2.
+        They close again at x = -2 s / h. The curvature h is measured with a step `probe`.
         """
         _, _, jacobian = self.at(values)
         left, sizes, right = np.linalg.svd(jacobian)
@@ -482,36 +710,60 @@ class _GroupLoops:
         return values + ((-2.0 * slope / bend)[:, None] * ahead).astype(quad())
 
 
-def _over(arc: HalfAngle, more: Array, less: Array) -> Array:
-    """Return the cosine of an arc less that between two axes; see `sphere.dyad`."""
-    first = 0.5 * less - 2.0 * (arc.sine * arc.sine)
-    second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * more
+def _cosine_difference(
+    arc: HalfAngle, sum_square: Array, difference_square: Array
+) -> Array:
+    """Return the difference cos(arc) - a . c for two unit axes a and c.
+
+    Of two formulas, the one without cancellation is used for each element.
+
+    Parameters
+    ----------
+    arc
+        Sine and cosine (n,) of half the arc.
+    sum_square, difference_square
+        (n,) squares |a + c|^2 and |a - c|^2.
+    """
+    first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
+    second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square
     return np.where(np.abs(arc.sine) < np.abs(arc.cosine), first, second)
 
 
-def _sine(arc: HalfAngle) -> Floats:
+def _sine_of_arc(arc: HalfAngle) -> Floats:
+    """Return the sine (n,) of an arc that is given by its half, in float64."""
     return np.asarray(2.0 * arc.sine * arc.cosine).astype(float)
 
 
 def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Floats:
-    """Return what the bodies of a dyad are off by (n,) rad.
+    """Return a bound of the error of the bodies of a dyad, after it is placed.
+
+    Away from the dead centre, the error of the body before is divided by the triple
+    product. At the dead centre the triple product is zero. The dyad is then a flat
+    spherical triangle, and the error of its angles is the square root of the error, divided
+    by the sine of an arc next to the angle. The smaller of both bounds is used.
 
     Parameters
     ----------
     error
-        (n,) rad, by how much the bodies that carry its axes are off.
+        (n,) error bound (rad) of the body that carries the outer axes.
     triple
-        (n,) the triple product of its axes, the determinant of its velocity equations.
+        (n,) absolute triple product of the axes, which is the determinant of the velocity
+        equations of the dyad. 0 at the dead centre.
     sines
-        Sines (n,) of the arcs of both bodies and of the arc between the outer axes.
+        Sines (n,) of the arcs of both bodies, and of the arc between the outer axes.
 
     Returns
     -------
-    (n,) the error over the triple product; at the dead centre, where that vanishes, the
-    angles of a spherical triangle are off by the root of the error over the sines beside
-    them. Infinite where a sine is of the size of the error: the dyad can turn about a line.
+    (n,) bound (rad). It is infinite if both bounds are, or at a dead centre with a sine
+    that is not large compared with the root of the error. The dyad can then turn about a
+    line.
     """
     least = np.minimum.reduce(sines)
-    folded = np.where(least > 0.0, np.sqrt(2.0 * error) / least, np.inf)
-    regular = np.where(triple > 0.0, error / triple, np.inf)
-    return 4.0 * (error + np.fmin(regular, np.where(folded < 0.1, folded, np.inf)))
+    dead_centre_error = np.where(least > 0.0, np.sqrt(2.0 * error) / least, np.inf)
+    regular_case = np.where(triple > 0.0, error / triple, np.inf)
+    return 4.0 * (
+        error
+        + np.fmin(
+            regular_case, np.where(dead_centre_error < 0.1, dead_centre_error, np.inf)
+        )
+    )
