@@ -1,10 +1,13 @@
-"""Rates in quad precision of a mechanism with the decimal sizes of its file.
+"""Computes rates near dead centres in quad precision, from the decimal sizes of the file.
 
-Beside a dead centre, at a distance d in angles, rates are off by the rounding of the
-geometry over d squared, relatively. Where that leaves nothing of the float64 geometry, the
-numbers of the file still determine them: 64.02 degrees is one number, and 33 digits are
-enough for d down to 1e-11. The velocity equations J r = 0 of all loops and their derivative
-are solved for the rates r of all variables and for dr.
+At a distance d (rad, in the pair variables) from a dead centre, the relative error of rates
+is the rounding error of the geometry divided by d squared. With float64 sizes, no digit of
+the rates can then be correct. The decimal numbers of the file still determine them: 64.02
+degrees is an exact number. Computations with 33 digits are sufficient down to d = 1e-11.
+
+One input moves at unit rate. The velocity equations J r = 0 of all loops are solved for the
+rates r of all variables. Their derivative with respect to the input, J dr = -dJ r, is
+solved for dr.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,30 +25,37 @@ from spherekit.motion.motion import Motion
 from spherekit.motion.quad_positions import QuadAssembly, dot, rotated
 from spherekit.planning.poles import Pole
 
-PLACED_RAD = 1e-30
-"""What links of a body are off by in quad precision: some thousand roundings."""
+PLACEMENT_ERROR_RAD = 1e-30
+"""Error bound of the orientation of a link in quad precision: some thousand rounding
+errors."""
 LARGEST_SENSITIVITY = 1e12
-"""Rates are not computed where variables move by more as loops open by one unit."""
+"""Largest norm of the inverse velocity equations, in rad of a variable per rad by which
+loops open. Rates of rows with a larger norm are not known."""
 
 
 @dataclass(frozen=True)
 class DecimalRates:
     """Rates of n rows while one input moves at unit rate, and bounds of their errors.
 
+    Rates are per unit rate of the input (rad/rad), and vectors are in ground axes.
+    Derivatives are with respect to the input. Rates and axes are in quad precision, bounds
+    in float64.
+
     Attributes
     ----------
     is_known
-        (n,) where the configuration and the rates are known; numbers elsewhere are not.
+        (n,) whether the configuration and the rates of a row were computed. The other
+        arrays are meaningless in rows where this is False.
     axes
-        (n, pairs, 3) axes of the pairs in ground axes, in quad precision like all below.
+        (n, pairs, 3) unit axes of the pairs.
     rates, changes
-        (n, pairs) rates of the pair variables and their derivatives by the input.
+        (n, pairs) rates of the pair variables, and their derivatives.
     w, dw
-        (n, links, 3) angular velocities of links and their derivatives, in ground axes.
+        (n, links, 3) angular velocities of the links, and their derivatives.
     axis_error, w_error, dw_error
-        (n,) bounds of the errors of axes, of w and of dw, of any pair or link.
+        (n,) bounds of the errors of `axes`, of `w` and of `dw`, for any pair or link.
     ends
-        First and second link of each pair.
+        First and second link of each pair, by their numbers.
     """
 
     is_known: Bools
@@ -61,10 +71,19 @@ class DecimalRates:
 
     @staticmethod
     def of(motion: Motion, driven: int) -> "DecimalRates | None":
-        """Return the rates of all rows of a motion while the input of a number moves.
+        """Compute the rates of all rows of a motion while one input moves.
 
-        None if the mechanism has contacts or redundant equations, or if no assembly modes
-        say which solutions are meant.
+        Parameters
+        ----------
+        motion
+            The n rows: inputs, configurations in float64, and assembly modes.
+        driven
+            Number of the input pair that moves at unit rate. Other inputs are locked.
+
+        Returns
+        -------
+        The rates, or None if the mechanism has contacts or redundant equations, or if an
+        assembly mode of the rows is not among those of the motion.
         """
         quad_assembly = QuadAssembly(motion.mechanism, motion.assembly)
         modes = {mode.number: mode for mode in motion.assembly_modes}
@@ -83,6 +102,7 @@ class DecimalRates:
             values[rows] = placed.rotations
             is_known[rows] = placed.status == Status.OK
         assert values is not None
+        # The axis of a pair is the last column of its frame in its first link.
         axes = np.stack(
             [
                 rotated(values[:, first], quad_assembly.frames[pair][0][:, 2])
@@ -90,52 +110,61 @@ class DecimalRates:
             ],
             axis=1,
         )
-        return _solved(motion, driven, is_known, axes)
+        return _solve_rates(motion, driven, is_known, axes)
 
     @property
     def loss(self) -> Floats:
-        """(n,) the part of the largest rate or derivative, or of 1, that may be wrong."""
-        size, swing = (
+        """(n,) the larger of the relative error bounds of `w` and `dw`.
+
+        Each bound is relative to the largest vector of any link, or to 1 if that is larger.
+        """
+        rate_size, derivative_size = (
             np.maximum(1.0, np.max(np.sqrt(dot(x, x)).astype(float), axis=1))
             for x in (self.w, self.dw)
         )
-        return np.maximum(self.w_error / size, self.dw_error / swing)
+        return np.maximum(self.w_error / rate_size, self.dw_error / derivative_size)
 
     def pole(self, pole: Pole, pair: int | None) -> tuple[dict[str, Floats], Floats]:
-        """Return the numbers of a pole and bounds of their errors.
+        """Return the quantities of a pole, and bounds of their errors.
+
+        With v the angular velocity of the second link relative to the first, and u the
+        direction of the pole, the velocity coefficient is v . u, and the acceleration
+        coefficient is dv . u.
 
         Parameters
         ----------
         pole
-            The numbers of two links.
+            Numbers of the two links.
         pair
-            The number of the pair along whose axis the pole lies, None where it lies along
-            the relative angular velocity.
+            Number of the pair whose axis is the pole. None if the direction of the pole is
+            that of v.
 
         Returns
         -------
         numbers
-            (k, n) the parts that change their sign with the direction, and ``angle``, by
-            name.
+            Arrays (k, n) in float64: "direction" and "direction_dq" with k = 3, and
+            "velocity_coefficient", "acceleration_coefficient" and "angle" with k = 1. The
+            angle is |v| divided by the sum of the speeds of both links, and 1 for a pair
+            axis.
         errors
-            (4, n) bounds, in the order of `BOUNDS`.
+            (4, n) error bounds, in the order of `BOUNDS`.
         """
         i, j = pole
         v, dv = self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
         speed = np.sqrt(dot(v, v))
-        sizes = [np.sqrt(dot(w, w)) for w in (self.w[:, i], self.w[:, j])]
-        angle = speed / (sizes[0] + sizes[1])
+        link_speeds = [np.sqrt(dot(w, w)) for w in (self.w[:, i], self.w[:, j])]
+        angle = speed / (link_speeds[0] + link_speeds[1])
         if pair is None:
             unit, rate = v / speed[:, None], speed
-            turned = (dv - dot(dv, unit)[:, None] * unit) / speed[:, None]
+            direction_change = (dv - dot(dv, unit)[:, None] * unit) / speed[:, None]
         else:
             unit = self.axes[:, pair]
             rate = dot(v, unit)
-            turned = np.cross(self.w[:, self.ends[pair][0]], unit)
+            direction_change = np.cross(self.w[:, self.ends[pair][0]], unit)
             angle = np.ones_like(angle)
         numbers: Mapping[str, Any] = {
             "direction": unit.T,
-            "direction_dq": turned.T,
+            "direction_dq": direction_change.T,
             "velocity_coefficient": rate[None],
             "acceleration_coefficient": dot(dv, unit)[None],
             "angle": angle[None],
@@ -146,22 +175,44 @@ class DecimalRates:
     def _errors(
         self, numbers: Mapping[str, Floats], speed: Floats, dv: Array, is_pair_axis: bool
     ) -> Floats:
-        """Return bounds (4, n), each with the rounding of the number to float64."""
-        swing = np.sqrt(dot(dv, dv)).astype(float)
+        """Return the error bounds of the quantities of a pole.
+
+        The rounding of each quantity to float64 is included.
+
+        Parameters
+        ----------
+        numbers
+            Arrays (k, n) as `pole` returns them.
+        speed
+            (n,) size of the relative angular velocity v.
+        dv
+            (n, 3) its derivative.
+        is_pair_axis
+            Whether the direction is the axis of a pair, and not that of v.
+
+        Returns
+        -------
+        (4, n) bounds, in the order of `BOUNDS`. The bound of the direction is infinite if v
+        may be zero within its error.
+        """
+        derivative_size = np.sqrt(dot(dv, dv)).astype(float)
+        # v and dv are differences of two links.
         v_error, dv_error = 2.0 * self.w_error, 2.0 * self.dw_error
         direction = self.axis_error
-        turned = self.w_error + self.axis_error * self._fastest
+        # A pair axis a turns at w x a.
+        direction_change = self.w_error + self.axis_error * self._largest_speed
         if not is_pair_axis:
+            # u = v / |v|, and du = (dv - (dv . u) u) / |v|
             direction = v_error / speed
-            turned = (dv_error + 2.0 * direction * swing) / speed
-        change = dv_error + direction * swing
+            direction_change = (dv_error + 2.0 * direction * derivative_size) / speed
+        acceleration_bound = dv_error + direction * derivative_size
         if not is_pair_axis:
             direction = np.where(speed <= v_error, np.inf, direction)
         bounds = {
             "direction": direction,
             "velocity_coefficient": v_error,
-            "acceleration_coefficient": change,
-            "direction_dq": turned,
+            "acceleration_coefficient": acceleration_bound,
+            "direction_dq": direction_change,
         }
         rounding = {
             name: 2.0 * EPS * np.sqrt(np.sum(numbers[name] ** 2, axis=0)) for name in bounds
@@ -171,60 +222,86 @@ class DecimalRates:
         return np.array([errors[name] for name in BOUNDS])
 
     @property
-    def _fastest(self) -> Floats:
+    def _largest_speed(self) -> Floats:
+        """(n,) the largest angular speed of any link."""
         return np.max(np.sqrt(dot(self.w, self.w)).astype(float), axis=1)
 
 
 def _rows_of_modes(
     motion: Motion, modes: Sequence[AssemblyMode]
 ) -> Iterator[tuple[AssemblyMode, Indices]]:
-    """Yield assembly modes, or the pieces of those that have any, with their rows."""
+    """Yield each assembly mode with the rows of the motion that belong to it.
+
+    A mode that changes to other modes at crossings has `pieces`. It is replaced by the
+    modes of its pieces, each with the rows at its inputs.
+    """
     for mode in modes:
         rows = np.flatnonzero(motion.assembly_mode == mode.number)
         if not mode.pieces:
             yield mode, rows
             continue
-        owners = mode.pieces_at(motion.inputs[rows, 0])
-        for number in np.unique(owners):
-            yield mode.pieces[number][1], rows[owners == number]
+        piece_numbers = mode.pieces_at(motion.inputs[rows, 0])
+        for number in np.unique(piece_numbers):
+            yield mode.pieces[number][1], rows[piece_numbers == number]
 
 
-def _solved(motion: Motion, driven: int, is_known: Bools, axes: Array) -> DecimalRates:
-    """Return the rates by the axes (n, pairs, 3) of all pairs, in quad precision."""
+def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> DecimalRates:
+    """Solve the velocity equations and their derivative, and bound the errors.
+
+    Parameters
+    ----------
+    motion
+        The n rows, which supply loops, paths and passive variables.
+    driven
+        Number of the input pair that moves at unit rate.
+    is_known
+        (n,) whether the configuration of a row is known. Rows whose velocity equations are
+        nearly singular (`LARGEST_SENSITIVITY`) become unknown in the result.
+    axes
+        (n, pairs, 3) unit axes of all pairs in ground axes, in quad precision.
+    """
     tree, free = motion.linearisation.tree, list(motion.free)
-    (moved,) = motion.mechanism.variables_of(driven)
+    (driven_variable,) = motion.mechanism.variables_of(driven)
     signs, paths = tree.signs.astype(axes.dtype), tree.paths.astype(axes.dtype)
     firsts = tree.firsts
     n, count = axes.shape[:2]
 
-    def around_loops(vectors: Array) -> Array:
-        """Return sums (n, 3 loops) of vectors (n, pairs, 3) of the pairs of each loop."""
+    def sum_around_loops(vectors: Array) -> Array:
+        """Return the sum around each loop (n, 3 loops) of vectors (n, pairs, 3)."""
         return np.sum(signs[:, :, None] * vectors[:, None], axis=2).reshape(n, -1)
 
-    def of_links(vectors: Array) -> Array:
-        """Return sums (n, links, 3) of vectors of the pairs on the way to each link."""
+    def sum_along_paths(vectors: Array) -> Array:
+        """Return sums (n, links, 3) of vectors (n, pairs, 3) on the path to each link."""
         return np.sum(paths[:, :, None] * vectors[:, None], axis=2)
 
+    # J (n, 3 loops, pairs). Its columns are the axes, with the sense in which a loop passes
+    # them.
     equations = (signs[:, None, :] * np.swapaxes(axes, 1, 2)[:, None]).reshape(n, -1, count)
     passive = equations[:, :, free]
     rates = np.zeros((n, count)).astype(axes.dtype)
-    rates[:, moved] = 1
-    rates[:, free] = _linear_solution(passive, -equations[:, :, moved])
-    w = of_links(rates[:, :, None] * axes)
-    turned = rates[:, :, None] * np.cross(w[:, firsts], axes)
+    rates[:, driven_variable] = 1
+    rates[:, free] = _solve_linear_systems(passive, -equations[:, :, driven_variable])
+    # An axis a is fixed in the first link of its pair, so its derivative is w x a.
+    w = sum_along_paths(rates[:, :, None] * axes)
+    direction_change = rates[:, :, None] * np.cross(w[:, firsts], axes)
     changes = np.zeros_like(rates)
-    changes[:, free] = _linear_solution(passive, -around_loops(turned))
-    dw = of_links(changes[:, :, None] * axes + turned)
+    changes[:, free] = _solve_linear_systems(passive, -sum_around_loops(direction_change))
+    dw = sum_along_paths(changes[:, :, None] * axes + direction_change)
 
-    # Norms alone: 33 digits leave room. Each of `count` axes on a way may be off.
+    # Bounds by norms. A loop or path has at most `count` pairs, and each axis may have an
+    # error. These bounds are much too large, but with 33 digits that does no harm.
     sensitivity = np.linalg.norm(left_inverse(passive.astype(float)), axis=(1, 2))
     is_known = is_known & (sensitivity < LARGEST_SENSITIVITY)
-    fast, bent = (np.max(np.abs(x.astype(float)), axis=1) for x in (rates, changes))
-    axis_error = 2.0 * count**2 * sensitivity * PLACED_RAD + PLACED_RAD
-    rate_error = 2.0 * count * sensitivity * fast * axis_error
-    turn_error = count * (rate_error + fast * axis_error)
-    bias_error = count * (count * fast * rate_error + fast * turn_error)
-    change_error = 2.0 * sensitivity * (count * bent * axis_error + bias_error)
+    largest_rate, largest_change = (
+        np.max(np.abs(x.astype(float)), axis=1) for x in (rates, changes)
+    )
+    axis_error = 2.0 * count**2 * sensitivity * PLACEMENT_ERROR_RAD + PLACEMENT_ERROR_RAD
+    rate_error = 2.0 * count * sensitivity * largest_rate * axis_error
+    direction_change_error = count * (rate_error + largest_rate * axis_error)
+    bias_error = count * (
+        count * largest_rate * rate_error + largest_rate * direction_change_error
+    )
+    change_error = 2.0 * sensitivity * (count * largest_change * axis_error + bias_error)
     return DecimalRates(
         is_known=is_known,
         axes=axes,
@@ -233,26 +310,27 @@ def _solved(motion: Motion, driven: int, is_known: Bools, axes: Array) -> Decima
         w=w,
         dw=dw,
         axis_error=axis_error,
-        w_error=count * (rate_error + fast * axis_error),
-        dw_error=count * (change_error + bent * axis_error) + bias_error,
+        w_error=count * (rate_error + largest_rate * axis_error),
+        dw_error=count * (change_error + largest_change * axis_error) + bias_error,
         ends=tree.ends,
     )
 
 
-def _linear_solution(matrices: Array, right: Array) -> Array:
-    """Return x (n, m) with matrices (n, m, m) x = right (n, m), by elimination.
+def _solve_linear_systems(matrices: Array, right_sides: Array) -> Array:
+    """Return solutions x (n, m) of matrices (n, m, m) x = right_sides (n, m).
 
-    Pivots are the largest entries of columns.
+    numpy.linalg has no quad precision. This is Gauss-Jordan elimination with partial
+    pivoting, for all n systems at once.
     """
-    n, m = right.shape
-    whole = np.concatenate([matrices, right[:, :, None]], axis=2)
+    n, m = right_sides.shape
+    augmented = np.concatenate([matrices, right_sides[:, :, None]], axis=2)
     rows = np.arange(n)
     for k in range(m):
-        best = k + np.argmax(np.abs(whole[:, k:, k]).astype(float), axis=1)
-        pivot_rows = whole[rows, best].copy()
-        whole[rows, best] = whole[:, k]
-        whole[:, k] = pivot_rows / pivot_rows[:, k][:, None]
-        factors = whole[:, :, k].copy()
+        pivot = k + np.argmax(np.abs(augmented[:, k:, k]).astype(float), axis=1)
+        pivot_rows = augmented[rows, pivot].copy()
+        augmented[rows, pivot] = augmented[:, k]
+        augmented[:, k] = pivot_rows / pivot_rows[:, k][:, None]
+        factors = augmented[:, :, k].copy()
         factors[:, k] = 0
-        whole -= factors[:, :, None] * whole[:, k][:, None]
-    return whole[:, :, -1]
+        augmented -= factors[:, :, None] * augmented[:, k][:, None]
+    return augmented[:, :, -1]
