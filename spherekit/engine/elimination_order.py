@@ -1,10 +1,16 @@
-"""The order in which variables are eliminated from the loop equations, chosen by numbers.
+"""Chooses the order in which variables are eliminated from the velocity equations of loops.
 
-The equations of a loop are three rows of the closure Jacobian. An order is a sequence of
-pivots; each takes a loop and solves its equations for three variables, or fewer where they
-repeat equations of loops before. An order is regular at a configuration if the axes of each
-pivot are independent there. It need not be regular at all others: where equations repeat,
-the loops that can give three variables may differ from one assembly mode to the next.
+The compiled functions of the engine solve the velocity equations J r = 0 by a fixed
+sequence of pivots, which is chosen here from numerical closure Jacobians J. The equations
+of a loop are three rows of J. A pivot is a loop with the variables for which its equations
+are solved. There are three variables, or fewer if its equations depend on those of earlier
+loops.
+
+The columns of a pivot are the axes of its variables. An elimination order is well
+conditioned at a configuration if the axes of each pivot are far from linearly dependent
+there (`MAX_AMPLIFICATION`). The same order can be badly conditioned elsewhere. With
+redundant equations, the loops that can give three variables may differ between assembly
+modes. Several orders may therefore be needed for one set of configurations.
 """
 
 from collections.abc import Sequence
@@ -17,141 +23,207 @@ from spherekit.arrays import Floats, Indices
 from spherekit.motion.loops import left_inverse
 
 Pivot = tuple[int, list[int]]
-"""A loop, and the variables that it gives, at most three."""
+"""Number of a loop, and the numbers of the variables that its equations give, at most
+three."""
 EliminationOrder = Sequence[Pivot]
-"""Pivots that together give all passive variables."""
+"""Pivots in the order of elimination. Together they give all passive variables."""
 
-REPEATED = 1e-9
-"""Equations that are left smaller than this at all configurations repeat others."""
-FLATTER = 0.2
-"""A pivot whose axes are this much flatter than the best ones may still be chosen first,
-where fewer loops have them."""
-FILL = 4
-"""A place that is filled costs so many products: others have to be done for it later."""
+REDUNDANT_SINGULAR_VALUE = 1e-9
+"""Singular values below this at all configurations count as zero, so the equations of a
+loop are redundant. Larger: nearly redundant equations give no variables; smaller: pivots
+can be rounding errors."""
+MIN_INDEPENDENCE_RATIO = 0.2
+"""Pivots whose axes are at least this independent, relative to the most independent ones,
+are chosen by their cost. Larger: better conditioned pivots; smaller: fewer products."""
+FILL_COST = 4
+"""Cost, in products, of an entry of the Jacobian that is zero before a pivot and not after
+it. Such an entry needs further products in later steps."""
 MAX_AMPLIFICATION = 100.0
-"""An order is regular if the inverse that it gives is at most so many times larger than the
-least one, that of the singular value decomposition. Larger: rows lose more digits and need
-quad precision. Smaller: more orders are needed, each with expressions of its own."""
+"""Largest norm of the inverse that an elimination order gives, relative to that of the
+smallest left inverse, if the order is well conditioned. Larger: rows lose more digits and
+need quad precision. Smaller: more orders are needed, each with expressions of its own."""
 MOST_ORDERS = 16
-"""Orders that are tried for one set of configurations. Each takes about as long to write in
-expressions as the first."""
-REFERENCES = 32
-"""Configurations at most by which one order is chosen."""
+"""Largest number of orders for one set of configurations. The expressions of each order
+take about as long to generate as those of the first."""
+MAX_CONFIGURATIONS_PER_ORDER = 32
+"""Largest number of configurations from which one order is chosen."""
 
 
 def assign_elimination_orders(
     jacobians: Floats, passive: Sequence[int]
 ) -> list[tuple[EliminationOrder, Indices]]:
-    """Return elimination orders, and the configurations at which each is regular.
+    """Choose elimination orders, and assign each configuration to one of them.
+
+    The first order is chosen for all configurations. Each further order is chosen for the
+    configurations at which no order so far is well conditioned.
 
     Parameters
     ----------
     jacobians
-        (n, 3 loops, variables) closure Jacobians of configurations.
+        (n, 3 loops, variables) closure Jacobians of n configurations.
     passive
-        Numbers of the variables that are no inputs, which are eliminated.
+        Numbers of the variables that are not inputs. These are eliminated.
 
     Returns
     -------
-    list of (EliminationOrder, (k,) indices)
-        The first order is chosen by all configurations, the next ones by those that are
-        left. Configurations at which the velocity equations are singular belong to the
-        first order, as do those that are left after `MOST_ORDERS` orders. The list is empty
-        where no order gives all variables.
+    Pairs of an order and the indices (k,) of its configurations. Configurations with
+    singular velocity equations go with the first order that is chosen for several
+    configurations. The first order in the list also gets those that remain after
+    `MOST_ORDERS` orders, and those for which no order was found. The list is empty if no
+    order gives all passive variables.
     """
-    least = inverse_sizes(jacobians[:, :, list(passive)])
+    least_sizes = inverse_sizes(jacobians[:, :, list(passive)])
     assigned: list[tuple[EliminationOrder, Indices]] = []
-    rest: list[Indices] = []
-    left = np.arange(len(jacobians))
-    while len(left) and len(assigned) < MOST_ORDERS:
-        some = left[np.unique(np.linspace(0, len(left) - 1, REFERENCES).astype(int))]
-        order = choose_elimination_order(jacobians[some], passive)
-        regular = np.zeros(len(left), dtype=bool)
+    unsolvable: list[Indices] = []
+    remaining = np.arange(len(jacobians))
+    # `remaining` are the configurations without an order yet, `unsolvable` those without
+    # any.
+    while len(remaining) and len(assigned) < MOST_ORDERS:
+        chosen_rows = remaining[
+            np.unique(
+                np.linspace(0, len(remaining) - 1, MAX_CONFIGURATIONS_PER_ORDER).astype(int)
+            )
+        ]
+        order = choose_elimination_order(jacobians[chosen_rows], passive)
+        is_well_conditioned = np.zeros(len(remaining), dtype=bool)
         if order is not None:
-            sizes = eliminated_inverse_sizes(jacobians[left], order)
-            regular = (sizes <= MAX_AMPLIFICATION * least[left]) | np.isinf(least[left])
-        if not np.any(regular):
-            # No order suits these together: the first of them gets its own.
-            order = choose_elimination_order(jacobians[left[:1]], passive)
+            sizes = eliminated_inverse_sizes(jacobians[remaining], order)
+            # Singular equations have an infinite inverse, and every order is equally bad
+            # there.
+            is_well_conditioned = (
+                sizes <= MAX_AMPLIFICATION * least_sizes[remaining]
+            ) | np.isinf(least_sizes[remaining])
+        if not np.any(is_well_conditioned):
+            # The order is badly conditioned at all of these configurations. The first of
+            # them gets an order that is chosen for it alone, so the loop always makes
+            # progress. The flag of this one is set even if there is no such order.
+            order = choose_elimination_order(jacobians[remaining[:1]], passive)
             if order is not None:
-                sizes = eliminated_inverse_sizes(jacobians[left], order)
-                regular = sizes <= MAX_AMPLIFICATION * least[left]
-            regular[0] = True
+                sizes = eliminated_inverse_sizes(jacobians[remaining], order)
+                is_well_conditioned = sizes <= MAX_AMPLIFICATION * least_sizes[remaining]
+            is_well_conditioned[0] = True
         if order is None:
-            rest.append(left[regular])
+            unsolvable.append(remaining[is_well_conditioned])
         else:
-            assigned.append((order, left[regular]))
-        left = left[~regular]
+            assigned.append((order, remaining[is_well_conditioned]))
+        remaining = remaining[~is_well_conditioned]
     if assigned:
         first_order, first_rows = assigned[0]
-        assigned[0] = first_order, np.sort(np.concatenate([first_rows, *rest, left]))
+        assigned[0] = (
+            first_order,
+            np.sort(np.concatenate([first_rows, *unsolvable, remaining])),
+        )
     return assigned
 
 
 def choose_elimination_order(
     jacobians: Floats, passive: Sequence[int]
 ) -> EliminationOrder | None:
-    """Return the order in which loops give the `passive` variables; None if none does.
+    """Choose one elimination order for several configurations.
+
+    This is Gaussian elimination of the Jacobians with a choice of the pivot in each step.
+    The same pivots are used for all configurations. A pivot is judged by the configuration
+    at which its axes are the least independent.
 
     Parameters
     ----------
     jacobians
-        (k, 3 loops, variables) those of some configurations. The worst of them counts.
+        (k, 3 loops, variables) closure Jacobians of the configurations.
     passive
         Numbers of the variables to eliminate.
+
+    Returns
+    -------
+    The order, or None if no order gives all passive variables.
     """
     k, rows, count = jacobians.shape
-    left = jacobians.reshape(k, rows // 3, 3, count).copy()
+    remaining = jacobians.reshape(k, rows // 3, 3, count).copy()
     loops = list(range(rows // 3))
     columns = list(passive)
     pivots: list[Pivot] = []
     while columns:
-        best = _most_regular(left, loops, columns)
+        best = _choose_pivot(remaining, loops, columns)
         if best is None:
             return None
         loop, chosen = best
         pivots.append(best)
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
-        solved = np.linalg.pinv(left[:, loop][:, :, chosen]) @ left[:, loop]
-        left[:, loops] -= left[:, loops][..., chosen] @ solved[:, None]
+        # Express the variables of the pivot by the others, and insert them into other
+        # loops.
+        solved = np.linalg.pinv(remaining[:, loop][:, :, chosen]) @ remaining[:, loop]
+        remaining[:, loops] -= remaining[:, loops][..., chosen] @ solved[:, None]
     return pivots
 
 
-def _most_regular(
-    left: Floats, loops: Sequence[int], columns: Sequence[int]
+def _choose_pivot(
+    remaining: Floats, loops: Sequence[int], columns: Sequence[int]
 ) -> Pivot | None:
-    """Return the pivot whose axes depend least on each other, wherever they do most.
+    """Choose the next pivot of an elimination.
 
-    Of many, one that takes few products and fills few places.
+    The independence of the axes of a pivot is the product of their singular values, divided
+    by the product of their lengths. It is 1 for axes at right angles, and 0 for dependent
+    axes. The least value of all configurations counts. Among the pivots that are at least
+    `MIN_INDEPENDENCE_RATIO` times as independent as the best one, the pivot with the lowest
+    cost is chosen.
+
+    Parameters
+    ----------
+    remaining
+        (k, loops, 3, variables) Jacobians after the steps so far.
+    loops
+        Numbers of the loops that are no pivots yet.
+    columns
+        Numbers of the variables that are not eliminated yet.
+
+    Returns
+    -------
+    The pivot, or None if no loop gives any of the variables.
     """
-    rated: list[tuple[float, int, Pivot]] = []
-    there = np.any(left[:, loops], axis=(0, 2))
-    for loop, here in zip(loops, there, strict=True):
-        rows = left[:, loop]
+    candidates: list[tuple[float, int, Pivot]] = []
+    # (loops, variables): whether the equations of a loop contain a variable.
+    contains_variable = np.any(remaining[:, loops], axis=(0, 2))
+    for loop, loop_contains in zip(loops, contains_variable, strict=True):
+        rows = remaining[:, loop]
         sizes = np.linalg.svd(rows[:, :, columns], compute_uv=False)
-        rank = np.sum(np.max(sizes, axis=0) > REPEATED)
-        used = [c for c in columns if here[c]]
-        for chosen in map(list, combinations(used, rank)) if rank else ():
-            block = rows[:, :, chosen]
-            spread = np.prod(np.linalg.norm(block, axis=1), axis=1)
-            flat = np.prod(np.linalg.svd(block, compute_uv=False), axis=1)
-            flat = np.min(flat / np.maximum(spread, 1e-300))
-            more = [c for c in used if c not in chosen]
-            users = there[np.any(there[:, chosen], axis=1)]
-            cost = FILL * np.sum(~users[:, more]) + (len(users) - 1) * (1 + len(more))
-            rated.append((flat, -cost, (loop, chosen)))
-    most = max((flat for flat, _, _ in rated), default=0.0)
-    if not most > 0.0:
+        # Number of variables that this loop gives.
+        rank = np.sum(np.max(sizes, axis=0) > REDUNDANT_SINGULAR_VALUE)
+        loop_variables = [c for c in columns if loop_contains[c]]
+        for chosen in map(list, combinations(loop_variables, rank)) if rank else ():
+            axes_of_pivot = rows[:, :, chosen]
+            lengths_product = np.prod(np.linalg.norm(axes_of_pivot, axis=1), axis=1)
+            independence = np.prod(np.linalg.svd(axes_of_pivot, compute_uv=False), axis=1)
+            independence = np.min(independence / np.maximum(lengths_product, 1e-300))
+            # Variables by which those of the pivot are expressed, and the loops that
+            # contain a variable of the pivot, this one included. Each other loop needs one
+            # product for each of these variables and one more. Entries that are zero so far
+            # are filled.
+            other_variables = [c for c in loop_variables if c not in chosen]
+            loops_with_pivot = contains_variable[
+                np.any(contains_variable[:, chosen], axis=1)
+            ]
+            cost = FILL_COST * np.sum(~loops_with_pivot[:, other_variables]) + (
+                len(loops_with_pivot) - 1
+            ) * (1 + len(other_variables))
+            candidates.append((independence, -cost, (loop, chosen)))
+    best_independence = max(
+        (independence for independence, _, _ in candidates), default=0.0
+    )
+    if not best_independence > 0.0:
         return None
-    near = (candidate for candidate in rated if candidate[0] >= FLATTER * most)
-    return max(near, key=itemgetter(1, 0))[2]
+    admissible = (
+        candidate
+        for candidate in candidates
+        if candidate[0] >= MIN_INDEPENDENCE_RATIO * best_independence
+    )
+    # Lowest cost first, then the most independent axes.
+    return max(admissible, key=itemgetter(1, 0))[2]
 
 
 def inverse_sizes(matrices: Floats) -> Floats:
-    """Return the Frobenius norms (n,) of the least left inverses of matrices (n, m, k).
+    """Return the Frobenius norms (n,) of the smallest left inverses of matrices (n, m, k).
 
-    They are infinite where a matrix is singular.
+    The norm is infinite if a matrix is singular, or if m < k.
     """
     n, rows, columns = matrices.shape
     if rows < columns:
@@ -161,20 +233,27 @@ def inverse_sizes(matrices: Floats) -> Floats:
 
 
 def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floats:
-    """Return the Frobenius norms (n,) of the left inverses that an elimination order gives.
+    """Return the Frobenius norms of the left inverses that an elimination order gives.
 
-    The steps are those of `spherekit.engine.columns.loop_inverse`, by numbers. The norms
-    are NaN where a pivot is singular.
+    This function does numerically what `spherekit.engine.columns.loop_inverse` does with
+    expressions.
 
     Parameters
     ----------
     jacobians
-        (n, 3 loops, variables) closure Jacobians.
+        (n, 3 loops, variables) closure Jacobians of n configurations.
     order
         The pivots that give all passive variables.
+
+    Returns
+    -------
+    (n,) norms of the inverses, which map right-hand sides of the equations to passive
+    variables. NaN or infinite if a pivot is singular.
     """
     n, equations, count = jacobians.shape
     loops = equations // 3
+    # The identity matrix beside the equations becomes the inverse (Gauss-Jordan
+    # elimination).
     unit = np.broadcast_to(np.eye(equations), (n, equations, equations))
     rows = np.concatenate([jacobians, unit], axis=2)
     rows = rows.reshape(n, loops, 3, count + equations)
@@ -184,7 +263,7 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
             if len(chosen) == 3:
                 inverse = left_inverse(axes)
             else:
-                # Fewer variables than equations: the normal equations, as there.
+                # Fewer variables than equations: normal equations, as in `loop_inverse`.
                 transposed = np.swapaxes(axes, 1, 2)
                 inverse = left_inverse(transposed @ axes) @ transposed
             solved = inverse @ rows[:, loop]
@@ -192,8 +271,9 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
                 if other != loop:
                     rows[:, other] -= rows[:, other][:, :, chosen] @ solved
             rows[:, loop, : len(chosen)] = solved
+        # The solved rows of each pivot are rows of the inverse.
         sizes = np.zeros(n)
         for loop, chosen in order:
-            part = rows[:, loop, : len(chosen), count:]
-            sizes += np.sum(part**2, axis=(1, 2))
+            inverse_rows = rows[:, loop, : len(chosen), count:]
+            sizes += np.sum(inverse_rows**2, axis=(1, 2))
         return np.sqrt(sizes)
