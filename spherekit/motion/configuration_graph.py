@@ -121,8 +121,8 @@ class ConfigurationGraph:
 
         Returns
         -------
-        (m,) node of each configuration, new or already present. Each new
-        node is a piece of its own.
+        (m,) node of each configuration, new or already present. Each new node is a piece of
+        its own.
         """
         nodes = self.find(sample, values)
         (new,) = np.nonzero(nodes < 0)
@@ -334,8 +334,9 @@ class ConfigurationGraph:
             node_count = len(self.sample)
             ends = self.add(sample[arrived], values[arrived])
             # Verified paths are reversible, so two of them cannot end at one node. If they
-            # do, a step has changed the mode unnoticed, and neither path is used. The same
-            # applies if the sign of the determinant has changed.
+            # do, a step has changed the mode unnoticed. Neither path of one batch is used
+            # then, nor a path of a later batch. A path that changes the sign of the
+            # determinant is not used either.
             paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
             is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
             is_sound &= (ends >= node_count) | (
@@ -406,9 +407,8 @@ class ConfigurationGraph:
 
         Returns
         -------
-        list of (n,) arrays, one for each mode: its node at each sample, or
-        -1. The mode with the most nodes comes first. Modes with equally many are sorted by
-        `first_node`.
+        list of (n,) arrays, one for each mode: its node at each sample, or -1. The mode
+        with the most nodes comes first. Modes with equally many are sorted by `first_node`.
         """
         count = len(self.sample)
         starts = np.concatenate(
@@ -486,9 +486,9 @@ def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
 
     Returns
     -------
-    The united modes, as arrays of the same kind. Each mode is put into the
-    first united mode that has no node at its samples, or next to them. The order of `modes`
-    decides, therefore.
+    The united modes, as arrays of the same kind. Each mode is put into the first united
+    mode that has no node at its samples, or next to them. The order of `modes` decides,
+    therefore.
     """
     shared: list[Indices] = []
     for mode in modes:

@@ -196,9 +196,9 @@ class SampledModes:
 
         Returns
         -------
-        The node, or None: without a reference pose, if no sample is
-        reached, if the pose has another mobility than there are inputs, or if no
-        configuration reached is a node.
+        The node, or None: without a reference pose, if no sample is reached, if the pose
+        has another mobility than there are inputs, or if no configuration reached is a
+        node.
         """
         solver, q = self.solver, self.input_grid.q
         reference = solver.reference
@@ -233,9 +233,9 @@ class SampledModes:
 
         Returns
         -------
-        The configurations at the samples, or None if no sample is reached.
-        It is also None if a group has redundant equations and the mobility by rank is not
-        the number of inputs. The mobility is appended to `mobilities`.
+        The configurations at the samples, or None if no sample is reached. It is also None
+        if a group has redundant equations and the mobility by rank is not the number of
+        inputs. The mobility is appended to `mobilities`.
         """
         driven = list(self.solver.driven)
         closed = self.solver.closure.solve(values, driven).values
@@ -294,12 +294,13 @@ class SampledModes:
         return max(MOST_ASSEMBLY_MODES, MOST_MODE_ROWS // len(self.input_grid))
 
     def _search_modes(self) -> Completeness:
-        """Search modes of a mechanism for which `_can_enumerate` is False.
+        """Search modes if the configurations at the samples were not enumerated.
 
         Without rolling contacts, or if all rolled lengths follow from the inputs, random
-        starts are made at all samples. Otherwise up to `MAX_SEARCHED_SAMPLES` samples are
-        probed until one has a configuration, but only if there is no sheet of the reference
-        pose.
+        starts are made at all samples. With rolling contacts, samples are probed before:
+        the first one, and if not all rolled lengths follow from the inputs, up to
+        `MAX_SEARCHED_SAMPLES` samples instead of random starts. This ends with the first
+        sheet, so nothing is probed if there is a sheet of the reference pose.
 
         Returns
         -------
@@ -423,8 +424,8 @@ class SampledModes:
 
         Returns
         -------
-        (modes, groups) signs of determinants, as `group_signs` describes,
-        at a regular node of each mode.
+        (modes, groups) signs of determinants, as `group_signs` describes, at a regular node
+        of each mode.
         """
         regular_nodes = [self._graph.regular_node(mode) for mode in modes]
         return group_signs(self.solver, self._graph.values[regular_nodes], 0.0)
