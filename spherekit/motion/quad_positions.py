@@ -70,8 +70,9 @@ class Placed(NamedTuple):
     error
         (n,) bound of the error of the variables (rad). Infinite if they are not reliable.
     status
-        (n,) OK; AT_SINGULARITY if a group is at its dead centre within the rounding of the
-        inputs, or if the error bound is too large; OUT_OF_REACH if the arcs do not close.
+        (n,) OK; OUT_OF_REACH if the arcs of a dyad do not close; AT_SINGULARITY if a group
+        is at its dead centre within the rounding of the inputs, or if the error bound is
+        too large. The latter includes groups other than dyads that do not close.
     exact_values
         (n, variables) pair variables (rad) in quad precision.
     rotations
@@ -265,7 +266,7 @@ class _Bodies:
     rounding
         (n,) rounding error (rad) of the inputs.
     is_out_of_reach
-        (n,) whether arcs of a group close for no input within this rounding error.
+        (n,) whether the arcs of a dyad close for no input within this rounding error.
     is_at_dead_centre
         (n,) whether a group is at its dead centre for an input within this rounding error,
         or whether its configuration is not reliable.
