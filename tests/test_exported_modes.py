@@ -254,6 +254,6 @@ def test_pages_name_the_same_modes(name):
 
 def test_the_argument_that_counts_turns_is_explained():
     """A spring follows the angle itself, of which the formulas know the reduced one."""
-    wound = replace(sk.load("four_bar"), loads=(Spring("wound", "41", 1.0),))
+    wound = replace(sk.load("four_bar"), loads=(Spring("wound", "32", 1.0),))
     text = source(formulas(wound, ["torque"]), "c")
-    assert "turns_of_41 (rad: whole turns of theta_41, 0 while it is in (-pi, pi])" in text
+    assert "turns_of_32 (rad: whole turns of theta_32, 0 while it is in (-pi, pi])" in text

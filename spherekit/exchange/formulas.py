@@ -17,7 +17,7 @@ import numpy as np
 
 from spherekit.conventions import Names, listing
 from spherekit.design.figures import INERTIAL
-from spherekit.design.variables import check_variables, design_variable
+from spherekit.design.variables import ACTIONS, check_variables, design_variable
 from spherekit.design.varied import STEADY, VariedMechanism
 from spherekit.dynamics.tabulated import StoredModel
 from spherekit.engine.expression_graph import (
@@ -45,6 +45,7 @@ from spherekit.exchange.formula_terms import (
     ModeTable,
     SeriesTable,
 )
+from spherekit.exchange.load_turns import find_swing_middles, turns_about
 from spherekit.exchange.mode_table import compare_modes, passive_variables
 from spherekit.exchange.size_arguments import check_numbers_are_followed
 from spherekit.exchange.varied_masses import masses_in_terms
@@ -116,6 +117,9 @@ def formulas(
         step = _step(terms)
         driven = (terms.places[v] for v in terms.structure.inputs)
         stands |= zip(driven, terms.sample, strict=False)
+    if all(variable.path[0] in ACTIONS for variable in variables):
+        # With other sizes of links, a pair that swings now may turn fully.
+        stands |= _turns_of_swings(made, terms, [*results.values()], stands)
     outputs, step = (substituted(x, stands) for x in ([*results.values()], step))
     units = row_quantities(made)
     motion, of_motion = _motion(terms, outputs)
@@ -213,6 +217,33 @@ def _wanted(
     return [
         x for x in every if x not in driven and any(fnmatchcase(x, y) for y in patterns)
     ]
+
+
+def _turns_of_swings(
+    mechanism: Mechanism,
+    terms: VariedTerms,
+    results: Sequence[Expr],
+    stands: dict[ExpressionNode, Expr],
+) -> dict[ExpressionNode, Expr]:
+    """Return what the turns (rad) of pairs that cannot turn fully are, by their term.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, driven at its inputs.
+    terms
+        The terms in which the results are written.
+    results
+        The results, of which some may depend on turns.
+    stands
+        What other terms stand for.
+    """
+    used = {x for x in in_order(results) if x.operation == "variable"}
+    pairs = [pair for pair, turns in terms.turns.items() if turns in used]
+    middles = find_swing_middles(mechanism, [x for x in pairs if x in mechanism.angles])
+    turns = [turns_about(terms.angle(pair), middle) for pair, middle in middles.items()]
+    keys = [terms.turns[pair] for pair in middles]
+    return dict(zip(keys, substituted(turns, stands), strict=True))
 
 
 def _step(terms: VariedTerms) -> list[Expr]:
