@@ -64,7 +64,9 @@ def test_angles_beside_folds_are_right_or_left_out(seeds):
         is_ok = rows.status == Status.OK
         # Rows in quad precision have no finite error by the float64 geometry.
         bound = rows.configuration_error
-        bound = np.where(np.isfinite(bound), bound, 1e-14)
+        # Others whose error is not known are off by the rounding of the sizes at least.
+        by_rounding = np.maximum(1e-14, 1e-17 * rows.conditioning)
+        bound = np.where(np.isfinite(bound), bound, by_rounding)
         assert np.all(away[is_ok] <= bound[is_ok])
         assert np.all(np.nan_to_num(away) < LARGEST_ANGLE_ERROR_RAD)
         judged += np.sum(np.isfinite(away))

@@ -176,4 +176,6 @@ SHIPPED = {
 def test_shipped_analyses_conform(asked):
     report = conformance(asked, mechanisms=[SHIPPED[asked]], samples=5)
     left_out = {line.name for line in report if line.verdict == "not checked"}
-    assert left_out <= {"blocks", "failed rows"}, str(report)
+    # The main table of poses has rows of samples, and these analyses read none.
+    empty = {"tables"} if asked.startswith("inverse_kinematics") else set()
+    assert left_out <= {"blocks", "failed rows"} | empty, str(report)

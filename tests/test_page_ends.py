@@ -115,14 +115,20 @@ def assert_same_ranges(tab, mechanism, tolerance=1e-7):
     numbers = tab.evaluate("spherekit.modeNumbers")
     for place, number in enumerate(numbers):
         of_page = np.sort(curve(tab, place)["ends"])
-        exact = ends_by_bisection(mechanism, number)
+        # The page may find a gap that is narrower than the samples of the bisection.
+        between = 0.5 * (of_page[1:] + of_page[:-1])
+        exact = ends_by_bisection(mechanism, number, between)
         assert len(of_page) == len(exact), (number, of_page, exact)
         assert np.allclose(of_page, exact, rtol=0.0, atol=tolerance)
 
 
-def ends_by_bisection(mechanism, number):
-    """Return the inputs (rad) at which a mode begins or ends, all bisected at once."""
+def ends_by_bisection(mechanism, number, more=()):
+    """Return the inputs (rad) at which a mode begins or ends, all bisected at once.
+
+    Samples are at degrees of the range, and at `more` inputs.
+    """
     x = np.linspace(*mechanism.inputs[0].range, 361)[1:-1]
+    x = np.unique(np.concatenate([x, more]))
     closes = evaluate_closes(mechanism, x, number)
     changes = np.flatnonzero(closes[1:] != closes[:-1])
     low, high, closes_at_low = x[changes], x[changes + 1], closes[changes]
@@ -346,6 +352,8 @@ def test_velocity_coefficients_have_the_signs_of_evaluate(open_page, name):
             (spherekit.modes[{place}].curve)"""
         )
         x = np.array([at for at, row in zip(x, values, strict=True) if row])
+        if not len(x):  # the mode does not close with the other inputs as they are
+            continue
         rows = np.array([row for row in values if row])
         q = np.tile(tab.evaluate("spherekit.state.q"), (len(x), 1))
         q[:, 0] = x

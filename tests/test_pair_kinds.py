@@ -63,7 +63,12 @@ def asks(path, classes):
                     if not isinstance(part, ast.Call)
                 ]
             case ast.Dict():
-                asked = [key for key in node.keys if key is not None]
+                # The field `points` of what is drawn is no kind of profile.
+                asked = [
+                    key
+                    for key in node.keys
+                    if key is not None and path.name != "scene_checks.py"
+                ]
             case ast.match_case():
                 asked = [node.pattern]
             case ast.Attribute(attr="rolling"):

@@ -312,7 +312,9 @@ def needed_torques(motion: Motion) -> InverseSolution:
     # derivatives.
     for name in mechanism.names_of(motion.assembly.inputs):
         field = found(motion.rows(held), request(mechanism, name, (), by_rank=True))
-        flat[held] |= field.status != Status.OK
+        # Inertia is computed in float64, by the rounded sizes. Rows whose rates are known
+        # by the decimal sizes of the file alone are too near a singularity for that.
+        flat[held] |= (field.status != Status.OK) | field.by_decimals
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     of = mechanism, rows, timing, coordinates, status

@@ -52,11 +52,11 @@ class SliderRange:
     def facts(self) -> Facts:
         """Return the ranges by name, as the JavaScript code of the page reads them."""
         return {
-            "low": self.low,
-            "high": self.high,
-            "least": self.least,
-            "most": self.most,
-            "step": self.step,
+            "low": float(self.low),
+            "high": float(self.high),
+            "least": float(self.least),
+            "most": float(self.most),
+            "step": float(self.step),
         }
 
 
@@ -92,12 +92,13 @@ def slider_range(
         value + TYPED_TO_SLIDER_RATIO * half_range,
     )
     limits = _find_format_limits(mechanism, variable)
-    if limits is None:
-        least = _find_last_accepted(document, variable, [value - half_range, least])
-        most = _find_last_accepted(document, variable, [value + half_range, most])
-    else:
+    if limits is not None:
         least = max(least, limits[0] * degrees_to_file_unit)
         most = min(most, limits[1] * degrees_to_file_unit)
+    # Other tables may allow less than the format does: a mass along an arc needs one that
+    # is neither 0 nor 180 degrees.
+    least = _find_last_accepted(document, variable, [max(value - half_range, least), least])
+    most = _find_last_accepted(document, variable, [min(value + half_range, most), most])
     # At the limit of an arc or a latitude two axes lie on one line. The slider ends one
     # step before, but still includes the number of the file.
     low = max(value - half_range, min(least + step, value))
