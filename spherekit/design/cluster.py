@@ -267,8 +267,8 @@ def _read_answer(
     Raises
     ------
     DesignError
-        If several workers ended while they computed this part, the worker could not load
-        the sweep, or the connection to the scheduler is lost.
+        If several workers ended while they held this part, the worker could not load the
+        sweep, or the connection to the scheduler is lost.
     Exception
         The error that computing the part raised on the worker.
     """
@@ -278,8 +278,9 @@ def _read_answer(
     try:
         return part_future.result()  # type: ignore[no-any-return]
     except KilledWorker:
+        # Dask blames every part that an ended worker held, also one that only waited there.
         raise DesignError(
-            f"{name}: part {part_number} ended every worker of {address} that computed it, "
+            f"{name}: every worker of {address} that held part {part_number} has ended, "
             "perhaps for want of memory; parts that are written stay, and the same command "
             "continues; give workers more memory, or ask for fewer samples"
         ) from None
