@@ -18,9 +18,12 @@ from spherekit.conventions import TURN, Status
 from spherekit.files.read import loads
 from spherekit.guarantee import Guarantee
 from spherekit.model.joints import revolute
+from spherekit.motion import configuration_graph
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.configuration_graph import ConfigurationGraph
 from spherekit.motion.elimination import assemblies
 from spherekit.motion.motion import PositionAnalysis
+from spherekit.motion.sample_configurations import enumerate_configurations
 from spherekit.planning.inputs import driven_at, plan_assembly
 
 FILES = Path(__file__).parent / "files"
@@ -274,6 +277,98 @@ def test_a_lost_configuration_is_noticed(monkeypatch):
     assert "do not cancel" in tracer.search
     counts = [count_rows(each.motion(), 7).tolist() for each in (tracer, complete)]
     assert counts[0] == counts[1]
+
+
+def graph_of(name, shape):
+    """Return the graph of a shipped mechanism at a grid, and all its configurations."""
+    tracer = PositionAnalysis(sk.load(name), samples=shape)
+    found = enumerate_configurations(tracer.solver, tracer.input_grid.q)
+    return ConfigurationGraph(tracer.solver, tracer.input_grid), found
+
+
+@pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "agile_eye", "three_rrr"])
+@pytest.mark.parametrize("distance", [0.0, 3e-13, 1e-9, 4e-7])
+def test_equal_configurations_that_are_added_together_are_one_node(name, distance):
+    shape = (3,) * len(sk.load(name).inputs)
+    graph, found = graph_of(name, shape)
+    count = len(found.sample)
+    shift = distance * np.linspace(-1.0, 1.0, found.values.shape[1])
+    nodes = graph.add(
+        np.tile(found.sample, 3),
+        np.concatenate([found.values, found.values + shift, found.values + TURN]),
+    )
+    assert len(graph.sample) == count
+    assert nodes.tolist() == 3 * list(range(count))
+    assert np.array_equal(graph.add(found.sample, found.values), np.arange(count))
+
+
+@pytest.mark.parametrize(
+    ("signs", "equal"),
+    [
+        ([1.0, -1.0], [0, 1]),
+        ([1.0, 1.0], [0, 0]),
+        ([0.0, 1.0], [0, 0]),
+        ([-1.0, 1.0, -1.0], [0, 1, 0]),
+        ([1.0, -1.0, 0.0, -1.0], [0, 1, 0, 1]),
+    ],
+)
+def test_configurations_on_both_sides_of_a_meeting_stay_two_nodes(signs, equal):
+    # Two modes that meet at inputs 1e-15 rad away are some 1e-7 rad apart, and the
+    # determinants of their Jacobians have opposite signs.
+    graph, found = graph_of("five_bar", (2, 2))
+    values = found.values[:1] + 1e-7 * np.arange(len(signs))[:, None]
+    samples = np.zeros(len(signs), dtype=int)
+    assert graph._find_equal(samples, values, np.array(signs)).tolist() == equal
+    assert graph._find_equal(np.arange(len(signs)), values, np.array(signs)).tolist() == [
+        *range(len(signs))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "at_once"),
+    [
+        ("five_bar", (4, 5), 3),
+        ("two_dof_spm", (4, 3), 16),
+        ("three_rrr", (3, 2, 2), 16),
+        ("agile_eye", (2, 2, 3), 16),
+        pytest.param("five_bar", (70, 60), 4096, marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.parametrize("kept", [3, 4], ids=["new ends", "known ends"])
+def test_faulty_paths_to_one_node_are_noticed_whatever_is_followed_together(
+    name, shape, at_once, kept, monkeypatch
+):
+    graph, found = graph_of(name, shape)
+    follow = ConfigurationGraph._follow_paths
+
+    def follow_wrongly(graph, nodes, sample):
+        # Every third path jumps to the first configuration of the sample that it leads to.
+        verified, values = follow(graph, nodes, sample)
+        for row in np.flatnonzero(nodes % 3 == 0).tolist():
+            first = found.values[found.sample == sample[row]][:1]
+            if len(first):
+                verified[row], values[row] = True, first[0]
+        return verified, values
+
+    monkeypatch.setattr(ConfigurationGraph, "_follow_paths", follow_wrongly)
+    # With three of four, the paths find the configurations that are left out.
+    known = np.arange(len(found.sample)) % 4 < kept
+    graphs = []
+    for paths in (at_once, 10**6):
+        monkeypatch.setattr(configuration_graph, "PATHS_AT_ONCE", paths)
+        graph = ConfigurationGraph(graph.solver, graph.input_grid)
+        graph.add(found.sample[known], found.values[known])
+        for direction in (2, 3):
+            targets = graph._neighbours[direction][graph.sample]
+            graph._join_along_paths(np.flatnonzero(targets >= 0), direction)
+        graphs.append(graph)
+        for sample in range(len(graph.input_grid)):
+            here = np.exp(1j * graph.values[graph.sample == sample])
+            away = np.max(np.abs(here[:, None] - here), axis=2)
+            assert np.min(away + 9.0 * np.eye(len(here)), initial=9.0) > SAME
+    assert np.array_equal(graphs[0].sample, graphs[1].sample)
+    assert np.array_equal(graphs[0]._partner, graphs[1]._partner)
+    assert np.array_equal(graphs[0]._piece, graphs[1]._piece)
 
 
 def chain_of_dyads(seed, links):

@@ -116,8 +116,9 @@ class ConfigurationGraph:
         sample
             (m,) index of the sample of each configuration.
         values
-            (m, variables) closed configurations (rad). They must differ from each other. A
-            configuration that is a node already is not added again.
+            (m, variables) closed configurations (rad). A configuration that is a node
+            already is not added again. Configurations that are equal to each other become
+            one node.
 
         Returns
         -------
@@ -125,16 +126,23 @@ class ConfigurationGraph:
         its own.
         """
         nodes = self.find(sample, values)
-        (new,) = np.nonzero(nodes < 0)
-        if not len(new):
+        (missing,) = np.nonzero(nodes < 0)
+        if not len(missing):
             return nodes
+        at = self.solver.closure.at(values[missing])
+        square = np.delete(at.jacobian, self._driven, axis=2)
+        signs = determinant_sign(square)
+        is_regular = ~flat(at, self._driven, SINGULAR_RATIO)
+        representative = self._find_equal(
+            sample[missing], values[missing], np.where(is_regular, signs, 0.0)
+        )
+        is_new = representative == np.arange(len(missing))
+        new = missing[is_new]
         first = len(self.sample)
         nodes[new] = np.arange(first, first + len(new))
-        at = self.solver.closure.at(values[new])
-        square = np.delete(at.jacobian, self._driven, axis=2)
-        self._determinant_sign = np.append(self._determinant_sign, determinant_sign(square))
-        is_regular = ~flat(at, self._driven, SINGULAR_RATIO)
-        self._is_regular = np.append(self._is_regular, is_regular)
+        nodes[missing] = nodes[missing[representative]]
+        self._determinant_sign = np.append(self._determinant_sign, signs[is_new])
+        self._is_regular = np.append(self._is_regular, is_regular[is_new])
         self.sample = np.append(self.sample, sample[new])
         self.values = np.concatenate([self.values, values[new]])
         directions = len(self._neighbours)
@@ -146,6 +154,47 @@ class ConfigurationGraph:
         self._nodes_of_piece |= {node: [np.array([node])] for node in nodes[new].tolist()}
         self._list_nodes()
         return nodes
+
+    def _find_equal(self, sample: Indices, values: Floats, signs: Floats) -> Indices:
+        """Return for each configuration the first one that is equal to it.
+
+        Parameters
+        ----------
+        sample
+            (m,) index of the sample of each configuration.
+        values
+            (m, variables) configurations (rad).
+        signs
+            (m,) signs of the determinants of their closure Jacobians, 0 at singular
+            configurations. Configurations with opposite signs differ, however near they
+            are, because a singular configuration separates them.
+
+        Returns
+        -------
+        (m,) index of the first configuration that has the same sample, no opposite sign,
+        and the same angles up to `SAME_CONFIGURATION_RAD`. It is the index of the
+        configuration itself if no earlier one is equal.
+        """
+        representative = np.arange(len(sample))
+        order = np.argsort(sample, kind="stable")
+        # Configurations of one sample follow each other in `order`. Each is compared with
+        # the one that is `offset` positions before. The largest offset comes last, so the
+        # first equal configuration is the one that remains.
+        for offset in range(1, np.max(np.bincount(sample), initial=1)):
+            earlier = order[:-offset]
+            later = order[offset:]
+            is_pair = sample[earlier] == sample[later]
+            is_pair &= signs[earlier] * signs[later] >= 0.0
+            earlier = earlier[is_pair]
+            later = later[is_pair]
+            differences = wrap(values[earlier] - values[later])[:, self._angles]
+            is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
+            representative[later[is_same]] = earlier[is_same]
+        # Equal to an equal one: follow the indices down to a configuration that stands for
+        # itself.
+        while np.any(representative != representative[representative]):
+            representative = representative[representative]
+        return representative
 
     def find(self, sample: Indices, values: Floats) -> Indices:
         """Return the nodes of configurations.
@@ -325,30 +374,36 @@ class ConfigurationGraph:
         Ends that are not nodes yet are added. Edges, partners and pieces are updated.
         """
         self._is_tried[direction, nodes] = True
+        node_count = len(self.sample)
+        starts_of_chunks = [np.empty(0, dtype=np.intp)]
+        ends_of_chunks = [np.empty(0, dtype=np.intp)]
         for first in range(0, len(nodes), PATHS_AT_ONCE):
-            starts = nodes[first : first + PATHS_AT_ONCE]
+            chunk = nodes[first : first + PATHS_AT_ONCE]
             self._progress.tell(lambda: f"{len(self._nodes_of_piece)} pieces")
-            sample = self._neighbours[direction][self.sample[starts]]
-            arrived, values = self._follow_paths(starts, sample)
-            starts = starts[arrived]
-            node_count = len(self.sample)
-            ends = self.add(sample[arrived], values[arrived])
-            # Verified paths are reversible, so two of them cannot end at one node. If they
-            # do, a step has changed the mode unnoticed. Neither path of one batch is used
-            # then, nor a path of a later batch. A path that changes the sign of the
-            # determinant is not used either.
-            paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
-            is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
-            is_sound &= (ends >= node_count) | (
-                self._determinant_sign[ends] == self._determinant_sign[starts]
-            )
-            starts, ends = starts[is_sound], ends[is_sound]
-            self._partner[direction, starts] = ends
-            self._partner[direction ^ 1, ends] = starts
-            self._is_tried[direction ^ 1, ends] = True
-            self._edges.append((starts, ends))
-            for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-                self._unite_pieces(start, end)
+            sample = self._neighbours[direction][self.sample[chunk]]
+            arrived, values = self._follow_paths(chunk, sample)
+            starts_of_chunks.append(chunk[arrived])
+            ends_of_chunks.append(self.add(sample[arrived], values[arrived]))
+        starts = np.concatenate(starts_of_chunks)
+        ends = np.concatenate(ends_of_chunks)
+        # Verified paths are reversible, so two of them cannot end at one node. If they do,
+        # a step has changed the mode unnoticed. None of the paths that were followed
+        # together is used then, nor a path of a later call. All chunks are followed before
+        # this is judged, so the result does not depend on their size. A path that changes
+        # the sign of the determinant is not used either.
+        paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
+        is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
+        is_sound &= (ends >= node_count) | (
+            self._determinant_sign[ends] == self._determinant_sign[starts]
+        )
+        starts = starts[is_sound]
+        ends = ends[is_sound]
+        self._partner[direction, starts] = ends
+        self._partner[direction ^ 1, ends] = starts
+        self._is_tried[direction ^ 1, ends] = True
+        self._edges.append((starts, ends))
+        for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+            self._unite_pieces(start, end)
 
     def _follow_paths(self, nodes: Indices, sample: Indices) -> tuple[Bools, Floats]:
         """Follow straight paths of the inputs from nodes to samples.
