@@ -13,6 +13,10 @@ import pytest
 os.environ.setdefault("CI", "true")
 os.environ.setdefault("RERUN_STRICT", "1")
 os.environ.setdefault("RUST_LOG", "error")
+# Compiled modules are kept even where the environment forbids it: else every command that a
+# test starts compiles the whole package again, which takes longer than most commands.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.path.insert(0, str(Path(__file__).parent))
 
 SWITCHES = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]

@@ -79,7 +79,9 @@ ALL = (
 QUICK = ("singularities", "statics", "eksergian")
 
 
-@pytest.mark.parametrize("more", [(), ("--only-needed",)])
+@pytest.mark.parametrize(
+    "more", [(), pytest.param(("--only-needed",), marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     "analysis",
     [pytest.param(x, marks=() if x in QUICK else pytest.mark.slow) for x in ALL],
@@ -110,9 +112,16 @@ COMMANDS = {
     "explain --only-needed": ("-a", "singularities", "--only-needed"),
     "certify": ("--at", "40"),
 }
+QUICK_COMMANDS = ("validate", "plan", "explain poles", "explain --only-needed", "certify")
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(x, marks=() if x in QUICK_COMMANDS else pytest.mark.slow)
+        for x in COMMANDS
+    ],
+)
 def test_commands_agree(command, files, capsys):
     word, *_ = command.split()
     one, other = (said(capsys, word, path, *COMMANDS[command]) for path in files)

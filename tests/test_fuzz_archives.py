@@ -20,7 +20,7 @@ from spherekit.errors import SpherekitError
 from spherekit.exchange.coupling import write_npz
 from spherekit.front.designs import sweep_of
 
-FEW, MANY = 40, 500
+FEW, MANY = 24, 500
 """Changes of each archive, by default and when there is time."""
 
 LONGEST_SECONDS = 30
@@ -183,7 +183,9 @@ MODELS = {
 }
 
 
-@pytest.fixture(scope="module", params=MODELS)
+@pytest.fixture(
+    scope="module", params=["curve", pytest.param("grid", marks=pytest.mark.slow)]
+)
 def model(request):
     return MODELS[request.param]()
 

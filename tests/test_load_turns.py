@@ -13,7 +13,7 @@ import spherekit as sk
 from spherekit.exchange.formulas import formulas
 from spherekit.exchange.source import source
 
-STARTS = np.linspace(-7.0, 12.0, 20)
+INPUT_ANGLES = np.linspace(-7.0, 12.0, 20)
 """rad, inputs in three turns."""
 
 
@@ -55,14 +55,14 @@ def test_a_spring_at_a_pair_that_swings_needs_no_turns(name):
     assert "turns_of" not in source(made, "c")
     compared = 0
     for mode in made.modes:
-        exported = exported_torques(made, STARTS, mode)
-        for q, torque in zip(STARTS, exported, strict=True):
-            law = sk.ConstantSpeed(1.0, q)
-            solution = sk.inverse_dynamics(mechanism, law, [0.0], assembly_mode=mode.number)
-            expected = float(np.ravel(solution.torques)[0])
-            if np.isfinite(expected) or np.isfinite(torque):
-                assert torque == pytest.approx(expected, rel=1e-9, abs=1e-10)
-                compared += 1
+        exported = exported_torques(made, INPUT_ANGLES, mode)
+        law = sk.ConstantSpeed(1.0, INPUT_ANGLES[0])
+        times = INPUT_ANGLES - INPUT_ANGLES[0]
+        solution = sk.inverse_dynamics(mechanism, law, times, assembly_mode=mode.number)
+        expected = np.ravel(solution.torques)
+        is_known = np.isfinite(expected) | np.isfinite(exported)
+        assert exported[is_known] == pytest.approx(expected[is_known], rel=1e-9, abs=1e-10)
+        compared += np.sum(is_known)
     assert compared >= 10
 
 

@@ -62,11 +62,13 @@ DRIVE_TO_ENDS = """async () => {
 def open_page(browser, tmp_path):
     """Opens the page of a mechanism; nothing may be said in the console."""
     messages = []
+    tabs = []
 
     def opener(mechanism, fragment="", **options):
         path = tmp_path / "page.html"
         sk.page(mechanism, path, **options)
         tab = browser.new_page(viewport={"width": 1300, "height": 900})
+        tabs.append(tab)
         tab.on("console", lambda message: messages.append(message.text))
         tab.on("pageerror", lambda error: messages.append(str(error)))
         tab.goto(f"{path.as_uri()}#{fragment}")
@@ -75,6 +77,8 @@ def open_page(browser, tmp_path):
         return tab
 
     yield opener
+    for tab in tabs:
+        tab.close()
     assert not messages
 
 
