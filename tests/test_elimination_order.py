@@ -197,3 +197,48 @@ def test_each_configuration_gets_an_order_that_is_regular_there():
     sizes = eliminated_inverse_sizes(four_bar.linearisation.jacobian, order)
     inverse = np.linalg.inv(four_bar.free_jacobian)
     assert np.allclose(sizes, np.linalg.norm(inverse, axis=(1, 2)), rtol=1e-12)
+
+
+def miura_jacobians():
+    """Return closure Jacobians that need several orders, and their passive variables."""
+    motion = PositionAnalysis(sk.load(MIURA), samples=17).motion()
+    return motion.linearisation.jacobian, motion.free
+
+
+@pytest.mark.parametrize("position", ["first", "between", "last"])
+@pytest.mark.parametrize("kind", ["zero", "two equal columns"])
+def test_singular_configurations_take_no_order_from_others(position, kind):
+    """The limit on orders is spent on configurations at which an order can be regular."""
+    jacobians, passive = miura_jacobians()
+    expected = assign_elimination_orders(jacobians, passive)
+    singular = 0.0 * jacobians
+    if kind != "zero":
+        singular = jacobians.copy()
+        # No variable but the first moves anything.
+        singular[:, :, list(passive)[1:]] = 0.0
+    n = len(jacobians)
+    mixed = np.concatenate([jacobians, singular])
+    places = {
+        "first": np.r_[n : 2 * n, 0:n],
+        "between": np.arange(2 * n).reshape(2, n).T.ravel(),
+        "last": np.arange(2 * n),
+    }[position]
+    assigned = assign_elimination_orders(mixed[places], passive)
+    assert [order for order, _ in assigned] == [order for order, _ in expected]
+    rows = np.sort(np.concatenate([some for _, some in assigned]))
+    assert np.array_equal(rows, np.arange(2 * n))
+    for order, some in assigned:
+        regular = some[places[some] < n]
+        sizes = eliminated_inverse_sizes(mixed[places][regular], order)
+        least = inverse_sizes(mixed[places][regular][:, :, list(passive)])
+        assert np.all(sizes <= MAX_AMPLIFICATION * least)
+
+
+def test_singular_configurations_alone_have_one_order():
+    """Flat Jacobians: both loops of a four-bar whose axes all lie in one plane."""
+    jacobians, passive = miura_jacobians()
+    flat = jacobians.copy()
+    flat[:, 2::3] = 0.0
+    assigned = assign_elimination_orders(flat, passive)
+    assert len(assigned) <= 1
+    assert all(np.array_equal(rows, np.arange(len(flat))) for _, rows in assigned)

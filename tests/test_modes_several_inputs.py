@@ -481,3 +481,68 @@ def test_random_chains_with_several_inputs(seed):
     pose = sk.trace(made, path=np.zeros((1, len(inputs))))
     turns, links = multi_start(made, random, 400)
     assert lacking(turns, pose.rotations[:, links], 1e-5) == 0
+
+
+@pytest.mark.parametrize(
+    ("degrees", "is_reached"),
+    [
+        ((129, -168, 83), False),
+        ((-94, 136, -159), False),
+        ((-142, 46, 154), False),
+        ((155, -139, 83), False),
+        ((10, 20, -15), True),
+        ((0, 0, 0), True),
+    ],
+)
+def test_without_a_search_the_claim_is_of_what_was_looked_for(degrees, is_reached):
+    """The mode of the reference pose alone, or all if that reaches no sample."""
+    wrist = sk.load(FILES / "coaxial_wrist.toml")
+    path = np.radians([degrees])
+    without = PositionAnalysis(wrist, path=path, search=False, independent=True)
+    searched = PositionAnalysis(wrist, path=path, independent=True)
+    if is_reached:
+        assert without.search.endswith("no others were looked for")
+        assert "the mode of the reference pose" in without.search
+        assert len(without.assembly_modes) == 1 < len(searched.assembly_modes)
+    else:
+        assert without.search == searched.search
+        assert "all configurations at the only sample" in without.search
+        assert len(without.assembly_modes) == len(searched.assembly_modes)
+    there = searched.motion().values[~searched.motion().failed]
+    alone = without.motion().values[~without.motion().failed]
+    for row in alone:
+        away = np.max(np.abs(np.exp(1j * row) - np.exp(1j * there)), axis=1)
+        assert np.min(away) < SAME
+
+
+@pytest.mark.parametrize(
+    ("name", "degrees"),
+    [
+        ("five_bar", [(20, 30), (40, 10), (60, -10)]),
+        ("two_dof_spm", [(0, 0), (10, 15), (20, 30)]),
+        ("three_rrr", [(0, 0, 0), (5, 10, -5), (10, 20, -10)]),
+        ("agile_eye", [(0, 0, 0), (20, 10, 5)]),
+        (FILES / "coaxial_wrist.toml", [(0, 0, 0), (10, -5, 8), (20, -10, 16)]),
+    ],
+)
+def test_at_inputs_together_evaluate_numbers_modes_as_a_run(name, degrees):
+    """One path of inputs, by `evaluate` and as the samples of `run`: the same numbers."""
+    mechanism = sk.load(name)
+    path = np.radians(np.array(degrees, dtype=float))
+    numbers_by_angles = []
+    tracer = PositionAnalysis(mechanism, path=path)
+    ran = tracer.motion()
+    here = sk.evaluate(mechanism, path)
+    for motion in (ran, here._motion):
+        rows = np.flatnonzero(~motion.failed)
+        numbers_by_angles.append(
+            {
+                (
+                    int(motion.sample[row]),
+                    *np.round(np.exp(1j * motion.values[row]), 7),
+                ): int(motion.assembly_mode[row])
+                for row in rows
+            }
+        )
+    assert len(numbers_by_angles[0]) > len(path)
+    assert numbers_by_angles[0] == numbers_by_angles[1]

@@ -16,6 +16,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.sphere.rotation import unit_rows
 from spherekit.workspace.inverse import output_kinematics
+from spherekit.workspace.nearest_pose import NearestPoseSearch, NormalCoordinates
 from spherekit.workspace.rows import Constraints, JointRange, bounds_of
 from spherekit.workspace.workspace import judge, nearest_in_mode
 
@@ -145,3 +146,38 @@ def test_nothing_is_offered_where_nothing_is_reached():
     bounds = bounds_of(kinematics, Constraints(limits=ranges))
     pose = np.array([[1.0, 0.0, 0.0]])
     assert nearest_in_mode(kinematics, bounds, kinematics.modes[1], pose) == [None]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize(
+    ("points", "starts", "arcs"),
+    [
+        ([0.1, 0.2], [1.0, 0.3], [0.8, 0.21]),
+        ([0.2, 0.1], [0.3, 1.0], [0.21, 0.8]),
+        ([0.1, 0.15], [1.0, 0.9], [0.8, 0.85]),
+        ([0.1, 0.4], [0.9, 0.5], [0.3, 0.41]),
+        ([0.1, 0.2], [1.0, 0.3], [1.5, 0.25]),
+    ],
+)
+def test_of_points_that_are_moved_inside_the_nearest_is_returned(
+    dimension, points, starts, arcs
+):
+    """Two points have long ways back to their starts, on axes of their own.
+
+    On axis k poses are reachable beyond `arcs[k]`, so that is the arc of the moved point.
+    """
+    chart = NormalCoordinates.around(np.eye(dimension + 1)[0])
+
+    def is_inside(poses):
+        v = np.abs(chart.coordinates(poses))
+        axis = np.argmax(v[:, :2], axis=1)
+        return np.max(v, axis=1) > np.array(arcs)[axis]
+
+    search = NearestPoseSearch(lambda poses: np.zeros((len(poses), 1)), is_inside)
+    axes = np.eye(dimension)[:2]
+    moved = search._move_inside(
+        chart, np.array(points)[:, None] * axes, np.array(starts)[:, None] * axes
+    )
+    reachable = [arc for arc, start in zip(arcs, starts, strict=True) if arc < start]
+    assert min(reachable) <= np.linalg.norm(moved) < min(reachable) + 1e-8
+    assert np.argmax(np.abs(moved)) == arcs.index(min(reachable))

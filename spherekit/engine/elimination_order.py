@@ -54,8 +54,8 @@ def assign_elimination_orders(
 ) -> list[tuple[EliminationOrder, Indices]]:
     """Choose elimination orders, and assign each configuration to one of them.
 
-    The first order is chosen for all configurations. Each further order is chosen for the
-    configurations at which no order so far is well conditioned.
+    The first order is chosen for all configurations whose equations are regular. Each
+    further order is chosen for those at which no order so far is well conditioned.
 
     Parameters
     ----------
@@ -66,18 +66,21 @@ def assign_elimination_orders(
 
     Returns
     -------
-    Pairs of an order and the indices (k,) of its configurations. Configurations with
-    singular velocity equations go with the first order that is chosen for several
-    configurations. The first order in the list also gets those that remain after
+    Pairs of an order and the indices (k,) of its configurations. The first order also gets
+    the configurations with singular velocity equations, those that remain after
     `MOST_ORDERS` orders, and those for which no order was found. The list is empty if no
     order gives all passive variables.
     """
     least_sizes = inverse_sizes(jacobians[:, :, list(passive)])
     assigned: list[tuple[EliminationOrder, Indices]] = []
-    unsolvable: list[Indices] = []
-    remaining = np.arange(len(jacobians))
-    # `remaining` are the configurations without an order yet, `unsolvable` those without
-    # any.
+    # Singular equations have an infinite inverse, and every order is equally bad there.
+    # These configurations therefore choose no order, unless there are no others.
+    is_singular = np.isinf(least_sizes)
+    has_choice = ~is_singular if not np.all(is_singular) else is_singular
+    # `remaining` are the configurations without an order yet, `left_over` those that no
+    # order is chosen for, or for which there is none.
+    remaining = np.flatnonzero(has_choice)
+    left_over: list[Indices] = [np.flatnonzero(~has_choice)]
     while len(remaining) and len(assigned) < MOST_ORDERS:
         chosen_rows = remaining[
             np.unique(
@@ -88,11 +91,11 @@ def assign_elimination_orders(
         is_well_conditioned = np.zeros(len(remaining), dtype=bool)
         if order is not None:
             sizes = eliminated_inverse_sizes(jacobians[remaining], order)
-            # Singular equations have an infinite inverse, and every order is equally bad
-            # there.
+            # The limit of singular configurations is infinite, so all of them pass. A size
+            # that is NaN would not pass otherwise.
             is_well_conditioned = (
                 sizes <= MAX_AMPLIFICATION * least_sizes[remaining]
-            ) | np.isinf(least_sizes[remaining])
+            ) | is_singular[remaining]
         if not np.any(is_well_conditioned):
             # The order is badly conditioned at all of these configurations. The first of
             # them gets an order that is chosen for it alone, so the loop always makes
@@ -103,7 +106,7 @@ def assign_elimination_orders(
                 is_well_conditioned = sizes <= MAX_AMPLIFICATION * least_sizes[remaining]
             is_well_conditioned[0] = True
         if order is None:
-            unsolvable.append(remaining[is_well_conditioned])
+            left_over.append(remaining[is_well_conditioned])
         else:
             assigned.append((order, remaining[is_well_conditioned]))
         remaining = remaining[~is_well_conditioned]
@@ -111,7 +114,7 @@ def assign_elimination_orders(
         first_order, first_rows = assigned[0]
         assigned[0] = (
             first_order,
-            np.sort(np.concatenate([first_rows, *unsolvable, remaining])),
+            np.sort(np.concatenate([first_rows, *left_over, remaining])),
         )
     return assigned
 

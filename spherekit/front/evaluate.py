@@ -96,8 +96,9 @@ class Kinematics:
 
     With several inputs and groups that are no dyads, successive rows of one mode are joined
     by verified steps. After an input at which a mode has no configuration, its number may
-    stand for another one. `search` says how the modes were found, and whether there may be
-    others.
+    stand for another one. The numbers are those of a run whose samples are the same inputs,
+    unless a mode has such a gap. They can differ from those at other inputs. `search`
+    says how the modes were found, and whether there may be others.
     """
 
     mechanism: Mechanism

@@ -108,12 +108,17 @@ class SampledModes:
         self._numbered_count = 0
         self._progress = ProgressReporter("searching the assembly modes")
 
-        is_enumerated = (search or solver.reference is None) and self._can_enumerate
-        if is_enumerated:
-            self._enumerate()
-        reference_node = self._reach_reference(is_enumerated)
-        if not is_enumerated and (search or reference_node is None):
-            self.claim = self._search_modes()
+        reference_node = None
+        if not search:
+            reference_node = self._reach_reference(is_enumerated=False)
+        if search or reference_node is None:
+            is_enumerated = self._can_enumerate
+            if is_enumerated:
+                self._enumerate()
+            if search:
+                reference_node = self._reach_reference(is_enumerated)
+            if not is_enumerated:
+                self.claim = self._search_modes()
         self.assembly_modes = self._collect_modes(reference_node, shares_numbers)
 
     @property

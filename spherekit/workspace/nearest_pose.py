@@ -231,8 +231,8 @@ class NearestPoseSearch:
 
         Returns
         -------
-        (d,) coordinates of the first improved start that `_move_inside` can make reachable,
-        or None if there is none.
+        (d,) coordinates of the nearest point that `_move_inside` makes of the improved
+        starts, or None if there is none.
         """
         v = starts.copy()
         penalty = np.ones(len(v))
@@ -321,7 +321,7 @@ class NearestPoseSearch:
     def _move_inside(
         self, chart: NormalCoordinates, v: Floats, starts: Floats
     ) -> Floats | None:
-        """Move a point at the border inside the workspace, trying nearest points first.
+        """Move points at the border inside the workspace, and return the nearest of them.
 
         Each point is first moved by `INWARD_STEPS` away from the limits that it nearly
         reaches, and then, if no such step leads inside, back towards its start.
@@ -337,10 +337,17 @@ class NearestPoseSearch:
 
         Returns
         -------
-        (d,) coordinates of a point for which `is_inside` is true. It belongs to the first
-        point, in the order of |v|, that can be moved inside. None if no point can.
+        (d,) coordinates of the moved point with the smallest |v|, for which `is_inside` is
+        true. None if no point can be moved inside.
         """
-        for k in np.argsort(np.linalg.norm(v, axis=1)):
+        nearest: Floats | None = None
+        distances = np.linalg.norm(v, axis=1)
+        for k in np.argsort(distances):
+            # The path back to a start can be long, so a point that was farther away before
+            # may be nearer afterwards. A step inside is so short that points that were
+            # farther than the nearest moved one do not become nearer than it.
+            if nearest is not None and distances[k] >= _length(nearest):
+                break
             values, gradients = self._linearise_margins(chart, v[k][None])
             lengths = np.linalg.norm(gradients[0], axis=1)
             is_active = (values[0] < 1e3 * INWARD_STEPS[-1]) & (lengths > 0.0)
@@ -348,21 +355,54 @@ class NearestPoseSearch:
             # The shortest vector whose component along the gradient of each active margin
             # is at least 1. It is NaN if there is none.
             inward_direction, _ = _solve_least_distance(normals, np.ones(len(normals)))
-            for trial_points in (
-                v[k] + np.outer(INWARD_STEPS, inward_direction),
-                v[k] + np.outer(RETURN_FRACTIONS, starts[k] - v[k]),
-            ):
-                outside = np.flatnonzero(~self.is_inside(chart.poses(trial_points)))
-                # `first_inside` is the index after the last point that is outside, so all
-                # further points are inside. Because of rounding errors the point at this
-                # index may be classified wrongly. Therefore the next one is used.
-                first_inside = 1 + np.max(outside, initial=-1)
-                if first_inside < len(trial_points):
-                    nearest: Floats = trial_points[
-                        min(first_inside + 1, len(trial_points) - 1)
-                    ]
-                    return nearest
-        return None
+            moved = self._find_first_inside(chart, v[k], inward_direction, INWARD_STEPS)
+            if moved is None:
+                moved = self._find_first_inside(
+                    chart, v[k], starts[k] - v[k], RETURN_FRACTIONS
+                )
+            if moved is None:
+                continue
+            if nearest is None or _length(moved) < _length(nearest):
+                nearest = moved
+        return nearest
+
+    def _find_first_inside(
+        self, chart: NormalCoordinates, point: Floats, direction: Floats, lengths: Floats
+    ) -> Floats | None:
+        """Return the first point on a straight path after which all others are inside.
+
+        The given points are tried first. Between the last of them that is outside and the
+        next ones, the path is then divided again until it is known to `MIN_GAIN`.
+
+        Parameters
+        ----------
+        chart
+            Normal coordinates around the target pose.
+        point, direction
+            (d,) the path is ``point + length direction``.
+        lengths
+            (m,) the lengths to try, rising.
+
+        Returns
+        -------
+        (d,) coordinates of the point, or None if the last point is outside.
+        """
+        while True:
+            is_inside = self.is_inside(chart.poses(point + np.outer(lengths, direction)))
+            # The index after the last point that is outside.
+            first = 1 + int(np.max(np.flatnonzero(~is_inside), initial=-1))
+            if first == len(lengths):
+                return None
+            # Because of rounding errors this point may be classified wrongly. Therefore the
+            # next one is used.
+            upper = lengths[min(first + 1, len(lengths) - 1)]
+            lower = lengths[first - 1] if first else 0.0
+            is_narrow = (upper - lower) * _length(direction) < MIN_GAIN
+            # Without a point outside, there is no border to be found more closely.
+            if is_narrow or not first:
+                inside: Floats = point + upper * direction
+                return inside
+            lengths = np.linspace(lower, upper, len(lengths))
 
 
 def _length(v: Floats) -> float:
