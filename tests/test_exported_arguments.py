@@ -4,6 +4,7 @@ Results with another value of the argument are compared with those of the formul
 file in which the number is changed, whose configurations are found anew.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -200,6 +201,34 @@ def test_arguments_without_effect_are_refused(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = {"sk": sk, "FILES": FILES}
     check_call(call, names, TABLES["exported_arguments"][call])
+
+
+CANCELLING = {
+    "sum": ("0.1*theta_41 + 0.2*theta_41", "-0.3*theta_41"),
+    "sines": ("0.1*sin(theta_41) + 0.2*sin(theta_41)", "-0.3*sin(theta_41)"),
+    "squares": ("sin(theta_41)**2 + cos(theta_41)**2", "-1"),
+    "double angle": ("2*sin(theta_41)*cos(theta_41)", "-sin(2*theta_41)"),
+    "large": ("1e6*theta_41/3", "-1e6*(theta_41/3)"),
+    "product": ("7.7*(theta_41 - 0.1)", "0.77 - 7.7*theta_41"),
+}
+
+
+@pytest.mark.parametrize("name", CANCELLING)
+@pytest.mark.parametrize("key", ["links.2.arc", "links.4.arc", "pairs.41.zero"])
+def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
+    """Two torques at one pair cancel for all sizes, so no size is an argument."""
+    one, other = CANCELLING[name]
+    loads = (sk.PairTorque("one", "41", one), sk.PairTorque("other", "41", other))
+    mechanism = sk.load("four_bar")
+    cancelling = replace(mechanism, loads=loads, joint_limits=())
+    made = formulas(cancelling, ["generalized_force"], vary=[key])
+    assert idle_arguments([made]) == (key,)
+    # A millionth more of one torque is an effect.
+    more = f"{one} + {'1' if name == 'large' else '1e-6'}*theta_41"
+    loads = (sk.PairTorque("one", "41", more), loads[1])
+    small = replace(mechanism, loads=loads, joint_limits=())
+    made = formulas(small, ["generalized_force"], vary=[key])
+    assert idle_arguments([made]) == ()
 
 
 def test_masses_along_axes_of_wheels_are_arguments():

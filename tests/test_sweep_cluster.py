@@ -181,6 +181,51 @@ def test_parts_of_seeing_and_blind_workers_are_one_data_set(machines, tmp_path, 
     same(swept(tmp_path / "designs", machines.address), wanted)
 
 
+class WorkerlessClient:
+    """A client whose scheduler has no workers until some time (s) of a clock."""
+
+    status = "running"
+
+    def __init__(self, monkeypatch, until):
+        self.now = 1000.0
+        self.until = self.now + until
+        monkeypatch.setattr(cluster.time, "monotonic", lambda: self.now)
+        monkeypatch.setattr(cluster.time, "sleep", self.sleep)
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+    def nthreads(self):
+        return {"tcp://worker": 1} if self.now >= self.until else {}
+
+
+@pytest.mark.parametrize(
+    ("wait", "minutes"),
+    [
+        (0.0, []),
+        (5.0, [0]),
+        (59.0, [0]),
+        (130.0, [0, 1, 2]),
+        (600.0, list(range(10))),
+        (7200.0, list(range(120))),
+    ],
+)
+def test_waiting_for_workers_is_reported_every_minute_with_a_way_out(
+    wait, minutes, monkeypatch
+):
+    said = []
+    client = WorkerlessClient(monkeypatch, wait)
+    with progress_listener(said.append):
+        cluster._await_workers(client, "tcp://here:1")
+    assert client.now >= client.until
+    assert len(said) == len(minutes)
+    for text, minute in zip(said, minutes, strict=True):
+        words = "" if not minute else f" for {minute} minute{'s' if minute > 1 else ''}"
+        assert text.startswith(f"tcp://here:1: the scheduler has no workers{words}; wait")
+        assert "dask worker tcp://here:1" in text and "Ctrl-C" in text
+        assert "parts that are written stay" in text and "without --dask" in text
+
+
 @pytest.mark.slow
 def test_workers_that_come_late_are_waited_for(machines, tmp_path, wanted):
     machines.schedule()
@@ -193,8 +238,8 @@ def test_workers_that_come_late_are_waited_for(machines, tmp_path, wanted):
 
     with progress_listener(listen):
         found = swept(tmp_path / "designs", machines.address)
-    waiting = f"{machines.address}: no workers are there yet; waiting for them"
-    assert said.count(waiting) == 1
+    waiting = f"{machines.address}: the scheduler has no workers; waiting for them. Start"
+    assert sum(text.startswith(waiting) for text in said) == 1
     same(found, wanted)
 
 

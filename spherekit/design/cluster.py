@@ -26,6 +26,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from spherekit.analysis.folder import code_identity, differences
+from spherekit.conventions import counted
 from spherekit.design.sweep import Sweep
 from spherekit.errors import DesignError, OutputError
 from spherekit.files.atomic import make_folder, write_bytes
@@ -42,6 +43,9 @@ POLL_SECONDS = 0.05
 
 CHECK_SECONDS = 2.0
 """Time (s) between two checks that the scheduler is connected and has workers."""
+
+WAITING_REPORT_SECONDS = 60.0
+"""Time (s) between two messages that say for how long there have been no workers."""
 
 VISIBLE_SECONDS = 60.0
 """Time (s) after which a file that another machine has written must be visible here.
@@ -203,19 +207,35 @@ def _connect(address: str) -> "Iterator[Client]":
 def _await_workers(client: "Client", address: str) -> None:
     """Wait until at least one worker is connected to the scheduler.
 
-    The user is told once that the command is waiting.
+    There is no limit, because workers of a queue may start hours later. The message says
+    for how long the command has been waiting, and is repeated every
+    `WAITING_REPORT_SECONDS`.
 
     Raises
     ------
     DesignError
         If the connection to the scheduler is lost.
     """
-    has_reported = False
+    start = time.monotonic()
+    next_report = start
     while not _has_workers(client, address):
-        if not has_reported:
-            tell(f"{address}: no workers are there yet; waiting for them", PATIENCE)
-            has_reported = True
+        now = time.monotonic()
+        if now >= next_report:
+            tell(_describe_waiting(address, now - start), PATIENCE)
+            next_report = now + WAITING_REPORT_SECONDS
         time.sleep(CHECK_SECONDS)
+
+
+def _describe_waiting(address: str, waited_seconds: float) -> str:
+    """Return the message that a scheduler has had no workers for a time (s)."""
+    minutes = round(waited_seconds / 60.0)
+    so_far = f" for {counted(minutes, 'minute')}" if minutes else ""
+    return (
+        f"{address}: the scheduler has no workers{so_far}; waiting for them. Start some "
+        f"with: dask worker {address}. Or stop with Ctrl-C: parts that are written stay, "
+        "and the same command continues, with another --dask ADDRESS or, without --dask, "
+        "on this machine"
+    )
 
 
 def _has_workers(client: "Client", address: str) -> bool:

@@ -11,12 +11,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import Names, listing
+from spherekit.conventions import EPS, Names, listing
 from spherekit.design.profile_numbers import numbers_of, profiles_of, tracks_of
 from spherekit.design.variables import ACTIONS, DesignVariable, designed
 from spherekit.design.varied import VariedMechanism
 from spherekit.errors import DesignError, SpherekitError
-from spherekit.exchange.formula_terms import Formulas
+from spherekit.exchange.formula_terms import FormulaFunction, Formulas
 from spherekit.model.mechanism import Mechanism
 
 RELATIVE_STEP = 1e-3
@@ -31,6 +31,17 @@ MIN_RELATIVE_EFFECT = 1e-11
 With a smaller value, rounding errors count as changes. With a larger one, weak effects are
 missed.
 """
+MIN_EFFECT_OVER_NOISE = 100.0
+"""A result whose change is smaller, relative to its rounding noise, counts as unchanged.
+
+A result such as the sum of two loads that cancel is zero up to rounding. It has no scale.
+With a smaller value, rounding errors count as changes. With a larger one, weak effects are
+missed.
+"""
+NOISE_TRIALS = 16
+"""Number of evaluations from which the rounding noise of the results is estimated."""
+NOISE_STEP = 32.0 * EPS
+"""Largest relative change of all arguments in these evaluations."""
 MIN_KINEMATIC_SCALE = 1e-3
 """Smallest scale of a result in one of the `KINEMATIC_UNITS`, in that unit.
 
@@ -176,6 +187,8 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     units = [*formulas.results.values(), *("" for _ in formulas.step)]
     floor = np.where([unit in KINEMATIC_UNITS for unit in units], MIN_KINEMATIC_SCALE, 0.0)
     scale = np.maximum(np.max(np.abs(np.nan_to_num(values_before)), axis=1), floor)
+    noise = _estimate_noise(evaluate, (motion, places, formulas.size_values))
+    least_effect = np.maximum(MIN_RELATIVE_EFFECT * scale, MIN_EFFECT_OVER_NOISE * noise)
     idle_keys = []
     for row, size in enumerate(sizes):
         changed_design = formulas.size_values
@@ -188,7 +201,39 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
             0.0,
             np.abs(values_after - values_before),
         )
-        effect = np.nan_to_num(change, nan=np.inf) > MIN_RELATIVE_EFFECT * scale[:, None]
+        effect = np.nan_to_num(change, nan=np.inf) > least_effect[:, None]
         if not np.any(effect):
             idle_keys.append(size.key)
     return idle_keys
+
+
+def _estimate_noise(
+    evaluate: FormulaFunction, arguments: tuple[Floats, Floats, Floats]
+) -> Floats:
+    """Return by how much rounding changes each result of formulas.
+
+    All arguments are changed in their last digits. The changes are pseudorandom and the
+    same in each call.
+
+    Parameters
+    ----------
+    evaluate
+        Function of the arguments that returns the results (r, n) in n configurations.
+    arguments
+        Values of the motion, the places and the sizes, as `evaluate` takes them.
+
+    Returns
+    -------
+    (r,) largest change of each result, in its unit. It is 0 for results that are NaN.
+    """
+    random = np.random.default_rng(0)
+    before = evaluate(*arguments)
+    noise = np.zeros(len(before))
+    for _ in range(NOISE_TRIALS):
+        motion, places, sizes = (
+            values * (1.0 + NOISE_STEP * random.uniform(-1.0, 1.0, values.shape))
+            for values in arguments
+        )
+        change = np.abs(evaluate(motion, places, sizes) - before)
+        noise = np.maximum(noise, np.max(np.nan_to_num(change), axis=1))
+    return noise
