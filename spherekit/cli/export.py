@@ -24,6 +24,9 @@ FILE
     sources, latex: numbers of the file that are arguments, such as links.2.arc
 --assembly-mode N-or-NAME
     assembly mode, by number or name (default: 0; sources and coupling: all)
+--crossings {end,pass}
+    sources: where curves of configurations cross, modes keep the signs of dyads (end, the
+    default), or follow the smooth curve through the crossing (pass)
 --poles [POLE ...]
     model, coupling: only these poles, as 3/1 (default: all; coupling, and model of
     several inputs: none)
@@ -72,6 +75,7 @@ def execute(options: Namespace) -> int:
         tolerance=options.tol,
         quantities=options.quantities,
         vary=options.vary,
+        crossings=options.crossings,
         at=options.at and tuple(to_radians(angle, unit) for angle in options.at),
     )
     note(options, *(f"{made.path}: {text}" for text in (made.holds, *made.notes)))

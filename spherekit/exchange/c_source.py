@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from spherekit.arrays import Floats
 from spherekit.escaping import c_comment
 from spherekit.exchange import identifiers
 from spherekit.exchange.printed import (
@@ -11,6 +12,7 @@ from spherekit.exchange.printed import (
     Source,
     calls,
     nested,
+    nested_special,
     wrapped,
 )
 
@@ -115,6 +117,62 @@ OPEN = """\
 """
 
 
+SMOOTH = """\
+{head}
+{{
+    static const double starts[{intervals}] = {{
+    {starts}}};
+    static const double places[{intervals}][{modes}][{count}] = {{
+    {places}}};
+{inputs}{moved}    int interval = 0;
+    while (interval + 1 < {intervals} && q >= starts[interval + 1])
+        ++interval;
+    for (int n = 0; n < {count}; ++n)
+        {mode}[n] = {written};
+{returned}}}
+"""
+MOVED = """\
+    if (!(q >= {low} && q <= {high})) {{
+        const double above = q - floor((q - {low}) / {period}) * {period};
+        q = above - {high} > {low} - above + {period} ? above - {period} : above;
+    }}
+"""
+SMOOTH_INPUTS = """\
+    static const double inputs[{intervals}][{modes}] = {{
+    {inputs}}};
+"""
+
+
+def _smooth_head(source: Source, scalar: str) -> str:
+    """Return the head of the function that gives the places of a mode at an input."""
+    returned = "double" if source.of.step else "void"
+    return f"{returned} {source.smooth_name}(int k, double q, {scalar} {source.mode}[])"
+
+
+def _smooth_modes(source: Source, scalar: str) -> Iterator[str]:
+    """Yield the function that gives the places of a mode on its smooth curve."""
+    if source.smooth is None:
+        return
+
+    def array(values: Floats) -> str:
+        return nested_special(values, "{}", "NAN", "INFINITY")[1:-1]
+
+    numbers = source.smooth_numbers
+    inputs = returned = ""
+    if source.of.step:
+        inputs = SMOOTH_INPUTS.format(**{**numbers, "inputs": array(numbers["inputs"])})
+        returned = "    return q == q ? inputs[interval][k] : NAN;\n"
+    value = "q == q ? places[interval][k][n] : NAN"
+    arrays = {key: array(numbers[key]) for key in ("starts", "places")}
+    yield SMOOTH.format(
+        **{**numbers, **arrays, "inputs": inputs},
+        head=_smooth_head(source, scalar),
+        moved=MOVED.format(**numbers) if source.returns else "",
+        written=value if scalar == "double" else f"{scalar}({value})",
+        returned=returned,
+    )
+
+
 def _tables(source: Source, scalar: str, constant: str, alias: str) -> Iterator[str]:
     literal = source.language.literal
     for table in source.series:
@@ -171,6 +229,8 @@ def _data(source: Source, storage: str) -> Iterator[str]:
 def c(source: Source) -> str:
     """Return C99, to be compiled on its own or included."""
     declared = [f"{_head(source, x, 'double')};" for x in source.functions]
+    if source.smooth is not None:
+        declared.append(f"{_smooth_head(source, 'double')};")
     parts = [
         f"/*\n{source.comment} */\n#include <math.h>\n",
         "/* To be declared where they are called. */",
@@ -180,6 +240,7 @@ def c(source: Source) -> str:
         *source.helpers,
         *_tables(source, "double", "double", ""),
         *(_function(source, function, "double") for function in source.functions),
+        *_smooth_modes(source, "double"),
     ]
     return "\n".join(parts)
 
@@ -198,6 +259,7 @@ def cpp(source: Source) -> str:
         *source.helpers,
         *(_TEMPLATE + text.removeprefix("static ") for text in tables),
         *(_TEMPLATE + _function(source, x, "Scalar") for x in source.functions),
+        *(_TEMPLATE + text for text in _smooth_modes(source, "Scalar")),
         "}\n\n#endif\n",
     ]
     return "\n".join(parts)

@@ -66,14 +66,75 @@ class Mode(NamedTuple):
     at
         Inputs (rad) of one configuration of the mode.
     values
-        The places of that configuration: in closed form the signs of the dyads, which are
-        the same everywhere in the mode, and otherwise the variables (rad) of all pairs.
+        The places of that configuration: in closed form the signs of the dyads, otherwise
+        the variables (rad) of all pairs. Signs are the same everywhere in the mode, unless
+        it follows its smooth curve through crossings (`SmoothModes`).
     """
 
     number: int
     name: str
     at: tuple[float, ...]
     values: tuple[float, ...]
+
+
+class SmoothModes(NamedTuple):
+    """The places of assembly modes that follow smooth curves through crossings.
+
+    The intervals divide all values of the only input. In the short intervals around a
+    crossing the places are NaN for each mode whose signs change there, because rounding
+    decides on which side of the crossing such an input is.
+
+    Attributes
+    ----------
+    low, high
+        Ends of the range of the input (rad).
+    period
+        Growth of the input (rad) after which all configurations return, infinite if they
+        never do. An input outside of the range is moved by whole periods into it, or as
+        near to it as they lead.
+    crossings
+        Inputs (rad) in the range at which curves cross.
+    starts
+        (intervals,) the input (rad) at which each interval begins; the first is -inf.
+    places
+        (intervals, modes, places) the places of each mode in each interval. They are NaN
+        if no configuration of the mode is known there.
+    inputs
+        (intervals, modes) inputs (rad) of the configurations that have these places, NaN
+        if none is known.
+    """
+
+    low: float
+    high: float
+    period: float
+    crossings: tuple[float, ...]
+    starts: tuple[float, ...]
+    places: Floats
+    inputs: Floats
+
+    def pieces(self, mode: int) -> list[tuple[float, float, Floats]]:
+        """Return where the places of a mode change.
+
+        Parameters
+        ----------
+        mode
+            Position of the mode in the table.
+
+        Returns
+        -------
+        For each change the start of the interval (rad), an input (rad) at which the new
+        places are known, and the places. Intervals in which no configuration of the mode is
+        known are left out.
+        """
+        pieces: list[tuple[float, float, Floats]] = []
+        for start, known_input, values in zip(
+            self.starts, self.inputs[:, mode], self.places[:, mode], strict=True
+        ):
+            if np.isnan(known_input) or np.any(np.isnan(values)):
+                continue
+            if not pieces or not np.array_equal(pieces[-1][2], values):
+                pieces.append((max(start, self.low), float(known_input), values))
+        return pieces
 
 
 class ModeTable(NamedTuple):
@@ -92,12 +153,16 @@ class ModeTable(NamedTuple):
         the smallest. It is 0 if no mode was compared.
     largest_difference
         Largest difference (rad) of a pair variable between the formulas and the mechanism.
+    smooth
+        The places of the modes along their smooth curves, in the order of `modes`. It is
+        None if each mode keeps its places where curves cross.
     """
 
     modes: tuple[Mode, ...]
     left_out: Names = ()
     compared: int = 0
     largest_difference: float = 0.0
+    smooth: SmoothModes | None = None
 
 
 class SeriesTable(NamedTuple):

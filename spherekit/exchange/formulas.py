@@ -17,7 +17,12 @@ import numpy as np
 
 from spherekit.conventions import Names, listing
 from spherekit.design.figures import INERTIAL
-from spherekit.design.variables import ACTIONS, check_variables, design_variable
+from spherekit.design.variables import (
+    ACTIONS,
+    DesignVariable,
+    check_variables,
+    design_variable,
+)
 from spherekit.design.varied import STEADY, VariedMechanism
 from spherekit.dynamics.tabulated import StoredModel
 from spherekit.engine.expression_graph import (
@@ -52,6 +57,8 @@ from spherekit.exchange.varied_masses import masses_in_terms
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import document_of
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Crossings
+from spherekit.motion.traced import traced
 from spherekit.numeric.chebyshev import PiecewiseChebyshev
 from spherekit.planning.inputs import driven_at, driven_pairs
 
@@ -67,6 +74,7 @@ def formulas(
     vary: Sequence[str] = (),
     input_pair: str | Sequence[str] | None = None,
     assembly_mode: int | str | None = None,
+    crossings: Crossings = "end",
 ) -> Formulas:
     """Return the formulas of quantities of a mechanism.
 
@@ -84,6 +92,9 @@ def formulas(
         The driven pairs, by default those of the mechanism.
     assembly_mode
         The only assembly mode to be named, by default all.
+    crossings
+        Whether assembly modes keep the signs of their dyads where curves cross ("end"), or
+        follow smooth curves through the crossings of the mechanism in the file ("pass").
 
     Raises
     ------
@@ -117,8 +128,10 @@ def formulas(
         step = _step(terms)
         driven = (terms.places[v] for v in terms.structure.inputs)
         stands |= zip(driven, terms.sample, strict=False)
-    if all(variable.path[0] in ACTIONS for variable in variables):
-        # With other sizes of links, a pair that swings now may turn fully.
+    passes_crossings = crossings == "pass" and bool(traced(made, "pass").mode_meetings)
+    if not passes_crossings and not any(map(_moves_links, variables)):
+        # With other sizes of links, a pair that swings now may turn fully. So may one whose
+        # mode continues through a crossing on the curve of another one.
         stands |= _turns_of_swings(made, terms, [*results.values()], stands)
     outputs, step = (substituted(x, stands) for x in ([*results.values()], step))
     units = row_quantities(made)
@@ -145,8 +158,35 @@ def formulas(
     if terms.closed_form:
         angles = [terms.angle(pair) for pair in passive_variables(terms)]
         angles = substituted(angles, stands)
-    mode_table = compare_modes(without_modes, varied, terms, angles, assembly_mode)
+    mode_table = compare_modes(
+        without_modes, varied, terms, angles, assembly_mode, crossings
+    )
     return replace(without_modes, mode_table=mode_table)
+
+
+def _moves_links(variable: DesignVariable) -> bool:
+    """Return whether configurations depend on a number of the file: a size of a link."""
+    return variable.path[0] not in ACTIONS
+
+
+def check_sizes_keep_crossings(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
+    """Refuse sizes as arguments of formulas whose modes pass through crossings.
+
+    Raises
+    ------
+    DesignError
+        If one of the keys `vary` is the size of a link.
+    """
+    document = document_of(mechanism)
+    variables = (design_variable(document, key) for key in vary)
+    keys = [variable.key for variable in variables if _moves_links(variable)]
+    if keys:
+        raise DesignError(
+            f"{document.name}: {listing(keys)}: with other sizes curves cross at other "
+            "inputs or nowhere, so a source that passes crossings is written for the sizes "
+            'of the file; leave crossings at "end", write a source for each design, or '
+            "write a page, which finds the crossings for its sizes"
+        )
 
 
 def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:

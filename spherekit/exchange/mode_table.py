@@ -11,6 +11,10 @@ that select it in the formulas (see `formula_terms`):
 - Otherwise they are the variables of all pairs at one input, at which the loops are well
   conditioned. Newton's method starts from them.
 
+If modes follow smooth curves through crossings, the inputs at which curves cross divide the
+range of the input into *intervals*, and a mode has places in each of them. Otherwise there
+is one interval.
+
 The formulas then compute each mode at several inputs. A mode that deviates from the mode of
 the mechanism is not written, and a message names the reason.
 
@@ -19,6 +23,7 @@ A *row* of a motion is one configuration: one assembly mode at one sample of the
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,10 +33,12 @@ from spherekit.design.varied import VariedMechanism
 from spherekit.engine.expression_graph import Expr
 from spherekit.engine.row_quantities import VariedTerms
 from spherekit.errors import EngineError
-from spherekit.exchange.formula_terms import Formulas, Mode, ModeTable
+from spherekit.exchange.formula_terms import Formulas, Mode, ModeTable, SmoothModes
 from spherekit.model.gears import joints_of
+from spherekit.model.study import Crossings
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.motion.closure import Closure
+from spherekit.motion.mode_meetings import SAME_INPUT_RAD
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.traced import traced
 from spherekit.numeric.crossings import wrap
@@ -65,6 +72,21 @@ value Newton's method may converge to another mode. With a smaller value the tes
 """
 NEWTON_STEPS = 8
 """Number of Newton steps in that test. Fewer steps may not converge."""
+LEAST_COMPARED_INPUTS = 4
+"""Smallest number of inputs that are compared in each interval, if the mode has as many."""
+INTERVAL_SAMPLES = 24
+"""Additional samples in each interval between crossings. Fewer: short intervals have few
+configurations that can be compared."""
+BESIDE_CROSSING_RAD = 1e-3
+"""Distance (rad) from a crossing, on both sides, at which modes are compared as well. Less:
+rounding errors of the formulas near the crossing exceed the tolerance; more: two curves
+that cross at a shallow angle are compared less closely."""
+MAX_BESIDE_RATIO = 0.1
+"""Largest such distance, relative to the distance of the next crossing."""
+UNKNOWN_AT_CROSSING_RAD = 1e-6
+"""Distance (rad) from a crossing within which sources give no numbers of a mode whose signs
+change there. `sk.evaluate` gives no rates of a dyad whose sine is smaller. Less: rates have
+fewer than four digits."""
 
 
 @dataclass(frozen=True)
@@ -80,25 +102,38 @@ class ModeCandidate:
     values
         (n, variables) variables (rad) of the pairs in the formulas, in the same
         configurations. If contacts are replaced by links, these are the pairs of the links.
+    interval
+        (n,) number of the interval in which each configuration is.
     places
-        In closed form the sign (+1 or -1) of each dyad (dyads,), otherwise the variables
-        (variables,) (rad) from which Newton's method starts.
+        (intervals, places) in closed form the sign (+1 or -1) of each dyad, otherwise the
+        variables (rad) from which Newton's method starts. An interval without
+        configurations may have NaN.
     """
 
     mode: AssemblyMode
     motion: Motion
     values: Floats
+    interval: Indices
     places: Floats
 
-    @property
-    def middle_row(self) -> int:
-        """The row of `motion` whose inputs are written to the table with the `places`."""
-        return len(self.motion) // 2
+    def find_known_input(self, interval: int) -> Floats | None:
+        """Return the inputs (inputs,) rad of one configuration in an interval, if any.
+
+        Without a closed form the places of the interval are those of this configuration.
+        """
+        row = _middle_row(self.interval, interval)
+        return None if row is None else self.motion.inputs[row]
 
     @property
     def allowed_difference(self) -> Floats:
         """(n,) largest accepted difference (rad) of a variable in each configuration."""
         return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.configuration_error
+
+
+def _middle_row(row_intervals: Indices, interval: int) -> int | None:
+    """Return the middle one of the rows in an interval, or None if there is none."""
+    rows = np.flatnonzero(row_intervals == interval)
+    return int(rows[len(rows) // 2]) if len(rows) else None
 
 
 class ModeProblem(Exception):
@@ -111,6 +146,7 @@ def compare_modes(
     terms: VariedTerms,
     angles: Sequence[Expr],
     assembly_mode: int | str | None,
+    crossings: Crossings = "end",
 ) -> ModeTable:
     """Find the assembly modes of a mechanism, and check each with the formulas.
 
@@ -125,6 +161,9 @@ def compare_modes(
         of `passive_variables`, as terms of `formulas.variables`. Otherwise not used.
     assembly_mode
         Number or name of the only assembly mode to write. By default all are written.
+    crossings
+        Whether modes keep the signs of their dyads where curves cross ("end"), or follow
+        smooth curves through the crossings ("pass").
 
     Returns
     -------
@@ -135,22 +174,39 @@ def compare_modes(
     EngineError
         If no mode can be written.
     SolveError
-        If the mechanism has no such assembly mode, or cannot be assembled.
+        If the mechanism has no such assembly mode, or cannot be assembled. With crossings
+        "pass" also if there are several inputs, or if it is not known which modes continue
+        each other.
     """
-    position_analysis = traced(varied.mechanism)
+    position_analysis = traced(varied.mechanism, crossings)
+    borders = np.zeros(0)
+    if crossings == "pass":
+        borders = np.array([x.input for x in position_analysis.mode_meetings])
     requested_modes = position_analysis.assembly_modes
     if assembly_mode is not None:
         requested_modes = (requested_modes[position_analysis.place_of(assembly_mode)],)
     sampled_motion = position_analysis.sparse(MODE_SAMPLES)
+    if len(borders):
+        inputs_by_interval = _sample_intervals(borders, *position_analysis.range)
+        sampled_motion = position_analysis.at(
+            np.union1d(sampled_motion.inputs[:, 0], inputs_by_interval)
+        )
     candidates: list[ModeCandidate] = []
     left_out: list[str] = []
     for mode in requested_modes:
         try:
             candidates.append(
-                _find_candidate(position_analysis, sampled_motion, mode, varied, terms)
+                _find_candidate(
+                    position_analysis, sampled_motion, mode, borders, varied, terms
+                )
             )
         except ModeProblem as problem:
             left_out.append(f"{mode.number} ({mode.title}): {problem}")
+    # The interval in which a smooth curve has the number of the mode.
+    first_interval = int(np.searchsorted(borders, position_analysis.numbering_input))
+    if not len(borders):
+        first_interval = 0
+    written: list[ModeCandidate] = []
     modes: list[Mode] = []
     compared: list[int] = []
     differences: list[float] = [0.0]
@@ -163,15 +219,23 @@ def compare_modes(
         )
         worst_row = int(np.argmax(relative_deviation))
         if relative_deviation[worst_row] > 1.0:
-            at = listing(f"{q:.6g}" for q in motion.inputs[worst_row])
+            worst_input = listing(f"{q:.6g}" for q in motion.inputs[worst_row])
             left_out.append(
                 f"{mode.number} ({mode.title}): the formulas do not give this mode: at the "
-                f"input {at} rad a variable differs by {deviation[worst_row]:.2g} rad"
+                f"input {worst_input} rad a variable differs by {deviation[worst_row]:.2g} rad"
             )
             continue
-        inputs = tuple(motion.inputs[candidate.middle_row].tolist())
-        places = tuple(candidate.places.tolist())
-        modes.append(Mode(mode.number, mode.title, inputs, places))
+        known_input = candidate.find_known_input(first_interval)
+        places = candidate.places[first_interval]
+        if known_input is None or np.any(np.isnan(places)):
+            # The mode has no configuration in that interval.
+            interval = int(candidate.interval[len(motion) // 2])
+            known_input = candidate.find_known_input(interval)
+            places = candidate.places[interval]
+        assert known_input is not None
+        at = tuple(known_input.tolist())
+        modes.append(Mode(mode.number, mode.title, at, tuple(places.tolist())))
+        written.append(candidate)
         compared.append(len(deviation))
         differences.append(float(np.max(deviation)))
     if not modes:
@@ -179,7 +243,88 @@ def compare_modes(
             f"{varied.mechanism.name}: no assembly mode can be written: "
             f"{'; '.join(left_out)}"
         )
-    return ModeTable(tuple(modes), tuple(left_out), min(compared), max(differences))
+    smooth = None
+    if crossings == "pass":
+        smooth = _join_places(position_analysis, borders, written)
+    return ModeTable(tuple(modes), tuple(left_out), min(compared), max(differences), smooth)
+
+
+def _sample_intervals(borders: Floats, low: float, high: float) -> Floats:
+    """Return inputs (rad) in all intervals of a range, and beside the crossings.
+
+    Parameters
+    ----------
+    borders
+        Rising inputs (rad) at which curves cross, at least one.
+    low, high
+        Ends of the range (rad).
+    """
+    gaps = np.diff(borders, prepend=-np.inf, append=np.inf)
+    distance = np.minimum(
+        BESIDE_CROSSING_RAD, MAX_BESIDE_RATIO * np.minimum(gaps[:-1], gaps[1:])
+    )
+    ends = np.unique(np.clip([low, *borders, high], low, high))
+    inside = [
+        np.linspace(start, stop, INTERVAL_SAMPLES + 2)[1:-1]
+        for start, stop in pairwise(ends)
+    ]
+    inputs = np.concatenate([borders - distance, borders + distance, *inside])
+    return inputs[(inputs >= low) & (inputs <= high)]
+
+
+def _join_places(
+    position_analysis: PositionAnalysis,
+    borders: Floats,
+    candidates: Sequence[ModeCandidate],
+) -> SmoothModes:
+    """Return the places of modes in all intervals of the input.
+
+    Parameters
+    ----------
+    position_analysis
+        The position analysis, whose modes follow smooth curves.
+    borders
+        Inputs (rad) at which curves cross.
+    candidates
+        The modes that are written.
+    """
+    low, high = position_analysis.range
+    (period,) = position_analysis.solver.periods
+    places = np.stack([candidate.places for candidate in candidates], axis=1)
+    inputs = np.full(places.shape[:2], np.nan)
+    for interval, mode in np.ndindex(*inputs.shape):
+        known_input = candidates[mode].find_known_input(interval)
+        if known_input is not None:
+            inputs[interval, mode] = known_input[0]
+    starts = [-np.inf]
+    all_places = [places[0]]
+    all_inputs = [inputs[0]]
+    gaps = np.diff(borders, prepend=-np.inf, append=np.inf)
+    for k, crossing in enumerate(borders.tolist()):
+        changes = np.any(places[k] != places[k + 1], axis=1)
+        half_width = min(UNKNOWN_AT_CROSSING_RAD, 0.25 * min(gaps[k], gaps[k + 1]))
+        starts += [crossing - half_width, crossing + half_width]
+        all_places += [
+            np.where(changes[:, None], np.nan, places[k]),
+            places[k + 1],
+        ]
+        all_inputs += [np.where(changes, np.nan, inputs[k]), inputs[k + 1]]
+    if position_analysis.solver.meshes is not None:
+        # Where wheels count the turns, curves may cross outside of the range as well, and
+        # these crossings were not looked for.
+        starts = [-np.inf, low - SAME_INPUT_RAD, *starts[1:], high + SAME_INPUT_RAD]
+        unknown = np.full_like(places[0], np.nan)
+        all_places = [unknown, *all_places, unknown]
+        all_inputs = [inputs[0] * np.nan, *all_inputs, inputs[0] * np.nan]
+    return SmoothModes(
+        low,
+        high,
+        float(period),
+        tuple(borders.tolist()),
+        tuple(starts),
+        np.array(all_places),
+        np.array(all_inputs),
+    )
 
 
 def passive_variables(terms: VariedTerms) -> dict[str, int]:
@@ -191,6 +336,7 @@ def _find_candidate(
     position_analysis: PositionAnalysis,
     sampled_motion: Motion,
     mode: AssemblyMode,
+    borders: Floats,
     varied: VariedMechanism,
     terms: VariedTerms,
 ) -> ModeCandidate:
@@ -202,6 +348,8 @@ def _find_candidate(
         The position analysis of the mechanism, and its motion at `MODE_SAMPLES` samples.
     mode
         The assembly mode.
+    borders
+        Inputs (rad) that divide the range into intervals.
     varied, terms
         The mechanism of the formulas, and the terms from which they are built.
 
@@ -209,29 +357,47 @@ def _find_candidate(
     ------
     ModeProblem
         If the mode is well conditioned at no sample, or a dyad changes its sign within the
-        mode.
+        mode and an interval.
     """
-    motion = _select_well_conditioned_rows(position_analysis, sampled_motion, mode)
+    motion = _select_well_conditioned_rows(
+        position_analysis, sampled_motion, mode, borders, terms.closed_form
+    )
+    interval = np.zeros(len(motion), dtype=np.intp)
+    if len(borders):
+        interval = np.searchsorted(borders, motion.inputs[:, 0])
     values = motion.values
     if varied.contacts is not None:
         values = varied.contacts.values(values)
-    if not terms.closed_form:
-        places = values[len(motion) // 2]
-    elif varied.contacts is None:
-        places = np.array(mode.signs, dtype=float)
-    else:
-        places = _dyad_signs(terms, values)
-    return ModeCandidate(mode, motion, values, places)
+    count = len(borders) + 1
+    if terms.closed_form and varied.contacts is None:
+        signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * count
+        return ModeCandidate(mode, motion, values, interval, np.array(signs, dtype=float))
+    places: list[Floats | None] = []
+    for number in range(count):
+        middle_row = _middle_row(interval, number)
+        if middle_row is None:
+            places.append(None)
+        elif terms.closed_form:
+            places.append(_dyad_signs(terms, values[interval == number]))
+        else:
+            places.append(values[middle_row])
+    unknown = np.full(max(len(x) for x in places if x is not None), np.nan)
+    every_place = np.array([unknown if x is None else x for x in places])
+    return ModeCandidate(mode, motion, values, interval, every_place)
 
 
 def _select_well_conditioned_rows(
-    position_analysis: PositionAnalysis, sampled_motion: Motion, mode: AssemblyMode
+    position_analysis: PositionAnalysis,
+    sampled_motion: Motion,
+    mode: AssemblyMode,
+    borders: Floats,
+    includes_neighbours: bool,
 ) -> Motion:
     """Choose configurations at which the formulas are compared with an assembly mode.
 
     Near a dead centre the variables are inaccurate, and Newton's method may converge to
-    another mode. Therefore only the better conditioned half of the configurations is used:
-    those whose `sensitivity` is at most the median.
+    another mode. Therefore only the better conditioned half of the configurations in each
+    interval is used: those whose `sensitivity` is at most the median.
 
     Parameters
     ----------
@@ -242,10 +408,15 @@ def _select_well_conditioned_rows(
         The motion of all modes at about `MODE_SAMPLES` samples.
     mode
         The assembly mode.
+    borders
+        Inputs (rad) that divide the range into intervals.
+    includes_neighbours
+        Whether the accurate rows next to each border are chosen as well.
 
     Returns
     -------
-    At most `COMPARED_INPUTS` rows of the mode, in the order of the samples.
+    Rows of the mode, in the order of the samples: about `COMPARED_INPUTS`, or
+    `LEAST_COMPARED_INPUTS` in each interval if that is more.
 
     Raises
     ------
@@ -268,10 +439,31 @@ def _select_well_conditioned_rows(
         )
     motion = sampled_motion.rows(rows)
     sensitivity = motion.sensitivity
-    well_conditioned = np.flatnonzero(sensitivity <= np.median(sensitivity))
+    if not len(borders):
+        return motion.rows(
+            _spread_well_conditioned(sensitivity, np.arange(len(rows)), COMPARED_INPUTS)
+        )
+    interval = np.searchsorted(borders, motion.inputs[:, 0])
+    interval_numbers = np.unique(interval)
+    count = max(LEAST_COMPARED_INPUTS, COMPARED_INPUTS // len(interval_numbers))
+    chosen: list[Indices] = []
+    for number in interval_numbers:
+        in_interval = np.flatnonzero(interval == number)
+        chosen.append(_spread_well_conditioned(sensitivity, in_interval, count))
+        if includes_neighbours:
+            chosen.append(in_interval[[0, -1]])
+    return motion.rows(np.unique(np.concatenate(chosen)))
+
+
+def _spread_well_conditioned(sensitivity: Floats, rows: Indices, count: int) -> Indices:
+    """Return up to `count` of the better conditioned half of some rows, evenly spread.
+
+    `sensitivity` (n,) is that of all rows.
+    """
+    well_conditioned = rows[sensitivity[rows] <= np.median(sensitivity[rows])]
     # Choose rows at even distances in the list.
-    positions = np.linspace(0, len(well_conditioned) - 1, COMPARED_INPUTS)
-    return motion.rows(well_conditioned[np.unique(np.round(positions).astype(int))])
+    positions = np.linspace(0, len(well_conditioned) - 1, count)
+    return np.asarray(well_conditioned[np.unique(np.round(positions).astype(int))])
 
 
 def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
@@ -373,9 +565,12 @@ def _compute_deviations(
     # because the variables of pairs do not depend on them.
     motion[: len(inputs)] = inputs
     if terms.closed_form:
-        places = np.stack([candidate.places for candidate in candidates], axis=1)
+        # (places, configurations): those of the interval of each configuration
+        places = np.concatenate(
+            [candidate.places[candidate.interval] for candidate in candidates]
+        ).T
         evaluate = formulas.numpy_function(angles)
-        computed = evaluate(motion, np.repeat(places, counts, axis=1), formulas.size_values)
+        computed = evaluate(motion, places, formulas.size_values)
         deviation = wrap(computed - expected[[*passive_variables(terms).values()]])
     else:
         sensitivity = np.concatenate(

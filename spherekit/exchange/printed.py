@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spherekit.conventions import counted
+from spherekit.conventions import counted, listing
 from spherekit.engine.expression_graph import Expr, ExpressionNode, in_order
 from spherekit.escaping import one_line
-from spherekit.exchange.formula_terms import Formulas
+from spherekit.exchange.formula_terms import Formulas, SmoothModes
 from spherekit.exchange.identifiers import NameRules, unique_names
 from spherekit.version import __version__
 
@@ -93,6 +93,7 @@ class Source:
         self.results = unique_names(endings)
         self.mode = "variables" if formulas.step else "mode"
         self.given = ("motion", self.mode, "size")
+        self.smooth_name = f"{self.name}_smooth_{self.mode}"
 
     @cached_property
     def functions(self) -> list[Function]:
@@ -160,16 +161,9 @@ class Source:
         for renamed in self.renamed:
             yield from wrap(renamed, WIDTH)
         yield ""
-        yield from wrap(
-            f"Loops are closed by steps of Newton's method, {self.name}_step, from the "
-            "variables of a mode below or of the sample before: repeat until what it "
-            "returns, by how much loops were open (rad), is small."
-            if of.step
-            else "Nothing is iterated; results are NaN where the mode does not close. A "
-            "mode is one side of each dyad: where a dyad is in line at an input, at a "
-            "change point, a motion without a jump may continue on the other side.",
-            WIDTH,
-        )
+        yield from wrap(self._method, WIDTH)
+        if self.smooth is not None:
+            yield from wrap(self._smooth_curves, WIDTH)
         places = "rad" if of.step else "+1 or -1: the side of a dyad"
         rows = {
             "motion": [(x.name, x.unit) for x in of.motion],
@@ -183,14 +177,101 @@ class Source:
                 place = k + self.language.index
                 yield f"  [{place}] {name}" + (f" ({note})" if note else "")
         yield from ("", "assembly modes, each with inputs (rad) at which it is known:")
-        for mode in of.modes:
+        for k, mode in enumerate(of.modes):
             values = ", ".join(f"{x:.9g}" for x in mode.values) or "none"
             at = ", ".join(f"{q:.6g}" for q in mode.at)
             yield f"  {mode.number} ({mode.name}): {self.mode} {values}; inputs {at}"
+            pieces = self.smooth.pieces(k) if self.smooth else []
+            for start, known_input, places in pieces if len(pieces) > 1 else []:
+                text = ", ".join(f"{x:.9g}" for x in places)
+                yield (
+                    f"    from {start:.6g} rad on: {self.mode} {text}; "
+                    f"input {known_input:.6g}"
+                )
         for reason in of.mode_table.left_out:
             yield from wrap(f"  not written: {reason}", WIDTH, subsequent_indent="    ")
         if of.mode_table.compared:
             yield from wrap(self._comparison, WIDTH)
+
+    @property
+    def smooth(self) -> SmoothModes | None:
+        """The modes along smooth curves, if they follow these and have places at all."""
+        return self.of.mode_table.smooth if self.of.places else None
+
+    @property
+    def _method(self) -> str:
+        """The sentences on how positions are computed."""
+        if self.of.step:
+            return (
+                f"Loops are closed by steps of Newton's method, {self.name}_step, from the "
+                "variables of a mode below or of the sample before: repeat until what it "
+                "returns, by how much loops were open (rad), is small."
+            )
+        method = "Nothing is iterated; results are NaN where the mode does not close."
+        if self.of.mode_table.smooth is not None:
+            return method
+        return method + (
+            " A mode is one side of each dyad: where a dyad is in line at an input, at a "
+            "change point, a motion without a jump may continue on the other side."
+        )
+
+    @property
+    def _smooth_curves(self) -> str:
+        """The sentences on modes that follow smooth curves through crossings."""
+        smooth = self.smooth
+        assert smooth is not None
+        range_text = f"between {smooth.low:.6g} and {smooth.high:.6g} rad"
+        if not smooth.crossings:
+            return f"A mode is a smooth curve. No curves cross {range_text}."
+        crossings = listing(f"{q + 0.0:.6g}" for q in np.round(smooth.crossings, 12))
+        if self.of.step:
+            use = (
+                f"{self.smooth_name} gives variables of a mode, and the input at which it "
+                "has them, on the same side of all crossings as an input: steps from there "
+                "pass no crossing, where Newton's method may go on along either curve."
+            )
+        else:
+            use = (
+                f"{self.smooth_name} gives the sides of the dyads of a mode at an input. "
+                "They change at crossings, and are NaN within 1e-6 rad of these."
+            )
+        if np.isfinite(smooth.period):
+            use += (
+                " An input outside of the range is moved by whole periods into it, or as "
+                "near as they lead."
+            )
+        return (
+            f"A mode is a smooth curve. Curves cross {range_text} at {crossings} rad. {use}"
+        )
+
+    @property
+    def smooth_numbers(self) -> dict[str, Any]:
+        """Names, numbers and arrays of the function that gives places at an input.
+
+        Arrays are those of `SmoothModes`; `intervals`, `modes` and `count` are the lengths
+        of the axes of the places.
+        """
+        smooth = self.smooth
+        assert smooth is not None
+        intervals, modes, count = smooth.places.shape
+        return {
+            "name": self.smooth_name,
+            "mode": self.mode,
+            "low": in_brackets(smooth.low),
+            "high": in_brackets(smooth.high),
+            "period": number(smooth.period),
+            "starts": np.array(smooth.starts),
+            "places": smooth.places,
+            "inputs": smooth.inputs,
+            "intervals": intervals,
+            "modes": modes,
+            "count": count,
+        }
+
+    @property
+    def returns(self) -> bool:
+        """Whether all configurations return after a period of the only input."""
+        return self.smooth is not None and bool(np.isfinite(self.smooth.period))
 
     @property
     def _comparison(self) -> str:
@@ -254,12 +335,23 @@ def number(x: float) -> str:
     return repr(float(x))
 
 
+def in_brackets(x: float) -> str:
+    """Return a number as text, in brackets if it is negative."""
+    return f"({number(x)})" if x < 0.0 else number(x)
+
+
 def nested(values: Any, brackets: str = "[]", literal: str = "{0}") -> str:
     """Return numbers in brackets, arrays of arrays in those of their own."""
     if np.ndim(values):
         items = (nested(item, brackets, literal) for item in values)
         return brackets[0] + ", ".join(items) + brackets[1]
     return literal.format(number(values))
+
+
+def nested_special(values: Any, brackets: str, not_a_number: str, infinity: str) -> str:
+    """Return numbers in brackets as `nested` does, with NaN and infinity by their names."""
+    text = re.sub(r"\bnan\b", not_a_number, nested(values, brackets))
+    return wrapped(re.sub(r"\binf\b", infinity, text))
 
 
 def wrapped(text: str, indent: str = "    ") -> str:

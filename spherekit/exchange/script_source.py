@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from pprint import pformat
 
+from spherekit.conventions import Facts
 from spherekit.escaping import (
     javascript_comment,
     json_text,
@@ -17,6 +18,7 @@ from spherekit.exchange.printed import (
     Source,
     calls,
     nested,
+    nested_special,
     wrapped,
 )
 
@@ -134,6 +136,51 @@ function {name}_table_{k}(s) {{
 """
 
 
+_SMOOTH_JS = """\
+export function {name}(k, q, {mode} = new Float64Array({count})) {{
+  const starts = {starts};
+  const places = {places};
+{inputs}{moved}  let interval = 0;
+  while (interval + 1 < {intervals} && q >= starts[interval + 1]) ++interval;
+  for (let n = 0; n < {count}; ++n)
+    {mode}[n] = Number.isNaN(q) ? NaN : places[interval][k][n];
+  return {returned};
+}}
+"""
+_MOVED_JS = """\
+  if (!(q >= {low} && q <= {high})) {{
+    const above = q - Math.floor((q - {low}) / {period}) * {period};
+    q = above - {high} > {low} - above + {period} ? above - {period} : above;
+  }}
+"""
+
+
+def _smooth_modes_js(source: Source) -> Iterator[str]:
+    """Yield the function that gives the places of a mode on its smooth curve."""
+    if source.smooth is None:
+        return
+    numbers, arrays = _smooth_arrays(source, "NaN", "Infinity")
+    inputs, returned = "", source.mode
+    if source.of.step:
+        inputs = f"  const inputs = {arrays['inputs']};\n"
+        returned = "Number.isNaN(q) ? NaN : inputs[interval][k]"
+    moved = _MOVED_JS.format(**numbers) if source.returns else ""
+    numbers |= {**arrays, "inputs": inputs}
+    yield _SMOOTH_JS.format(**numbers, moved=moved, returned=returned)
+
+
+def _smooth_arrays(
+    source: Source, not_a_number: str, infinity: str
+) -> tuple[Facts, dict[str, str]]:
+    """Return the numbers of smooth modes, and their arrays as texts."""
+    numbers = source.smooth_numbers
+    arrays = {
+        key: nested_special(numbers[key], "[]", not_a_number, infinity)
+        for key in ("starts", "places", "inputs")
+    }
+    return numbers, arrays
+
+
 def javascript(source: Source) -> str:
     """Return an ES module."""
     of, name = source.of, source.name
@@ -161,7 +208,7 @@ def javascript(source: Source) -> str:
         lines.append(f"  return {function.opening or to};")
         body = "\n".join(lines)
         parts.append(f"export function {function.name}({given}) {{\n{body}\n}}\n")
-    return _joined(source, parts)
+    return _joined(source, [*parts, *_smooth_modes_js(source)])
 
 
 _SERIES_JULIA = """\
@@ -181,6 +228,37 @@ function {name}_table_{k}(s)
     end
 end
 """
+
+
+_SMOOTH_JULIA = """\
+function {name}(k, q)
+    starts = {starts}
+    places = {places}
+{inputs}{moved}    interval = max(1, searchsortedlast(starts, q))
+    {mode} = isnan(q) ? fill(NaN, {count}) : Float64.(places[interval][k])
+    return {returned}
+end
+"""
+_MOVED_JULIA = """\
+    if !({low} <= q <= {high})
+        above = q - floor((q - {low}) / {period}) * {period}
+        q = above - {high} > {low} - above + {period} ? above - {period} : above
+    end
+"""
+
+
+def _smooth_modes_julia(source: Source) -> Iterator[str]:
+    """Yield the function that gives the places of a mode on its smooth curve."""
+    if source.smooth is None:
+        return
+    numbers, arrays = _smooth_arrays(source, "NaN", "Inf")
+    inputs, returned = "", source.mode
+    if source.of.step:
+        inputs = f"    inputs = {arrays['inputs']}\n"
+        returned = f"{source.mode}, isnan(q) ? NaN : inputs[interval][k]"
+    moved = _MOVED_JULIA.format(**numbers) if source.returns else ""
+    numbers |= {**arrays, "inputs": inputs}
+    yield _SMOOTH_JULIA.format(**numbers, moved=moved, returned=returned)
 
 
 def julia(source: Source) -> str:
@@ -205,7 +283,7 @@ def julia(source: Source) -> str:
         body = "\n".join(lines)
         given = f"motion, {source.mode}, size={name}_sizes"
         parts.append(f"function {function.name}({given})\n{body}\nend\n")
-    return _joined(source, parts)
+    return _joined(source, [*parts, *_smooth_modes_julia(source)])
 
 
 def _items(items: Iterable[str], indent: int = 4) -> str:
@@ -257,6 +335,45 @@ def _table_{k}(s):
 """
 
 
+_SMOOTH_PYTHON = """
+def {name}(number, q):
+    \"\"\"Return the {mode} (..., as q) of an assembly mode at inputs q (rad){more}.\"\"\"
+    starts = np.array(
+        {starts}
+    )
+    places = np.array(
+        {places}
+    )
+{inputs}    q = np.asarray(q, dtype=float)
+{moved}    interval = np.searchsorted(starts[1:], q, side="right")
+    mode = list(MODES).index(number)
+    {mode}_there = np.moveaxis(places[interval, mode], -1, 0)
+    return {returned}
+"""
+_MOVED_PYTHON = """\
+    above = q - np.floor((q - {low}) / {period}) * {period}
+    above = np.where(above - {high} > {low} - above + {period}, above - {period}, above)
+    q = np.where((q >= {low}) & (q <= {high}), q, above)
+"""
+_MORE_INPUTS = ", and inputs at which it has them"
+
+
+def _smooth_modes_python(source: Source) -> Iterator[str]:
+    """Yield the function that gives the places of a mode on its smooth curve."""
+    if source.smooth is None:
+        return
+    numbers, arrays = _smooth_arrays(source, "np.nan", "np.inf")
+    inputs = more = ""
+    returned = f"np.where(np.isnan(q), np.nan, {source.mode}_there)"
+    if source.of.step:
+        inputs = f"    inputs = np.array(\n        {arrays['inputs']}\n    )\n"
+        returned += ", np.where(np.isnan(q), np.nan, inputs[interval, mode])"
+        more = _MORE_INPUTS
+    moved = _MOVED_PYTHON.format(**numbers) if source.returns else ""
+    numbers |= {**arrays, "inputs": inputs}
+    yield _SMOOTH_PYTHON.format(**numbers, moved=moved, returned=returned, more=more)
+
+
 def python(source: Source) -> str:
     """Return functions of arrays, by NumPy."""
     parts = [_data(source, "numpy as np")]
@@ -280,7 +397,7 @@ def python(source: Source) -> str:
             f'\ndef {function.name}({given}):\n    """Return {what}."""\n'
             f'    with np.errstate(all="ignore"):\n{body}\n'
         )
-    return _joined(source, parts)
+    return _joined(source, [*parts, *_smooth_modes_python(source)])
 
 
 _SERIES_CASADI = """
@@ -303,6 +420,56 @@ def _table_{k}(s):
     return columns
 
 """
+
+
+_SMOOTH_CASADI = """
+def {name}(number, q):
+    \"\"\"Return the {mode} of an assembly mode at an input q (rad){more}.\"\"\"
+    mode = list(MODES).index(number)
+    starts = {starts}
+    places = {places}
+{inputs}{moved}    {mode}_there = ca.DM(places[0][mode])
+    {known}for interval in range(1, {intervals}):
+        is_beyond = q >= starts[interval]
+        {mode}_there = ca.if_else(
+            is_beyond, ca.DM(places[interval][mode]), {mode}_there
+        )
+{known_beyond}    return {returned}
+"""
+_MOVED_CASADI = """\
+    above = q - ca.floor((q - {low}) / {period}) * {period}
+    is_nearer_below = above - {high} > {low} - above + {period}
+    above = ca.if_else(is_nearer_below, above - {period}, above)
+    q = ca.if_else((q >= {low}) * (q <= {high}), q, above)
+"""
+
+
+def _smooth_modes_casadi(source: Source) -> Iterator[str]:
+    """Yield the function that gives the places of a mode on its smooth curve."""
+    if source.smooth is None:
+        return
+    numbers, arrays = _smooth_arrays(source, 'float("nan")', 'float("inf")')
+    inputs = more = known = known_beyond = ""
+    returned = f"{source.mode}_there"
+    if source.of.step:
+        inputs = f"    inputs = {arrays['inputs']}\n"
+        known = "known_input = ca.DM(inputs[0][mode])\n    "
+        known_beyond = (
+            "        known_input = ca.if_else(\n"
+            "            is_beyond, inputs[interval][mode], known_input\n        )\n"
+        )
+        returned += ", known_input"
+        more = _MORE_INPUTS.replace("inputs", "the input")
+    moved = _MOVED_CASADI.format(**numbers) if source.returns else ""
+    numbers |= {**arrays, "inputs": inputs}
+    yield _SMOOTH_CASADI.format(
+        **numbers,
+        moved=moved,
+        returned=returned,
+        more=more,
+        known=known,
+        known_beyond=known_beyond,
+    )
 
 
 def casadi(source: Source) -> str:
@@ -330,4 +497,4 @@ def casadi(source: Source) -> str:
         body = "\n".join([*symbols, *lines])
         doc = f'    """Return the function of {", ".join(source.given)}."""'
         parts.append(f"\ndef {function.name}():\n{doc}\n{body}\n")
-    return _joined(source, parts)
+    return _joined(source, [*parts, *_smooth_modes_casadi(source)])

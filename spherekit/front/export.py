@@ -16,7 +16,12 @@ from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
 from spherekit.errors import OutputError, PlanError
 from spherekit.exchange.coupling import CouplingTable, header, write_csv, write_npz
 from spherekit.exchange.coupling_made import coupling_table
-from spherekit.exchange.formulas import formulas, reduced_formulas
+from spherekit.exchange.formula_terms import SmoothModes
+from spherekit.exchange.formulas import (
+    check_sizes_keep_crossings,
+    formulas,
+    reduced_formulas,
+)
 from spherekit.exchange.latex import latex
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
@@ -26,6 +31,8 @@ from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism, mechanism_of
 from spherekit.files.write import dump
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Crossings
+from spherekit.motion.mode_meetings import degrees_text
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning import plan as planning
 from spherekit.planning.inputs import driven_at
@@ -74,6 +81,7 @@ OWN: Mapping[str, tuple[Kind, ...]] = {
     "quantities": (*SOURCES, "latex"),
     "vary": (*SOURCES, "latex"),
     "assembly_mode": (*SOURCES, "model", "mjcf", "coupling"),
+    "crossings": (*SOURCES,),
 }
 """What each argument belongs to, of those that not every kind has."""
 
@@ -101,6 +109,7 @@ def export(
     at: float | Sequence[float] | None = None,
     quantities: Sequence[str] | None = None,
     vary: Sequence[str] | None = None,
+    crossings: Crossings | None = None,
 ) -> Exported:
     """Write a mechanism for other programs, in the format that the file's ending says.
 
@@ -132,6 +141,14 @@ def export(
     at
         Of a MuJoCo model: the inputs (rad) of its pose, by default the first on the way
         through their ranges at which there is one.
+    quantities, vary
+        Of sources and LaTeX: what they compute, by names or patterns such as ``"theta_*"``,
+        and keys of the file, such as ``"links.2.arc"``, whose numbers are arguments.
+    crossings
+        Of sources: whether assembly modes keep the signs of their dyads where curves cross
+        (``"end"``, the default), or follow the smooth curves through the range of the only
+        input (``"pass"``), as in `evaluate`. A function of the source then gives the signs
+        at an input.
 
     Raises
     ------
@@ -156,6 +173,7 @@ def export(
         "at": at,
         "quantities": quantities,
         "vary": vary,
+        "crossings": crossings,
     }
     given: Facts = {name: x for name, x in options.items() if x is not None}
     stated = [*given, *(["assembly_mode"] if assembly_mode is not None else [])]
@@ -208,6 +226,8 @@ def _source(
     assembly_mode: int | str | None,
     given: Facts,
 ) -> Exported:
+    if given.get("crossings") == "pass":
+        check_sizes_keep_crossings(mechanism, given.get("vary", ()))
     made = formulas(mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **given)
     check_arguments([made])
     write_text(target, source(made, kind))
@@ -217,8 +237,18 @@ def _source(
         f"{listing(x.name for x in (*made.motion, *made.sizes))}, {how}: "
         f"{made.operations} operations"
     )
-    left_out = (f"left out: assembly mode {why}" for why in made.mode_table.left_out)
-    return Exported(target, holds, tuple(left_out))
+    notes = [f"left out: assembly mode {why}" for why in made.mode_table.left_out]
+    if made.mode_table.smooth is not None:
+        notes.append(_describe_crossings(made.mode_table.smooth))
+    return Exported(target, holds, tuple(notes))
+
+
+def _describe_crossings(smooth: SmoothModes) -> str:
+    """Return a sentence on the crossings that modes of a source pass."""
+    if not smooth.crossings:
+        return "no curves cross in the range of the input"
+    inputs = listing(dict.fromkeys(map(degrees_text, smooth.crossings)))
+    return f"modes follow their smooth curves through crossings at {inputs} deg"
 
 
 def _coupling(table: CouplingTable, target: Path) -> Exported:

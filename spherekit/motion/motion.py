@@ -408,6 +408,9 @@ class PositionAnalysis:
     ) -> None:
         self._follow = follow
         self.crossings = crossings
+        self.numbering_input = np.nan
+        """With crossings "pass": the input (rad) at which a smooth curve has the number and
+        the signs of the mode there."""
         self._independent = independent
         self.mechanism = driven_at(mechanism, input_pair)
         self.input_grid = sampled(self.mechanism, samples, grid, path)
@@ -480,7 +483,7 @@ class PositionAnalysis:
                     'to one side of that input, or leave crossings at "end"'
                 )
         low, high = self.input_grid.range
-        start = low + BESIDE_CROSSING
+        self.numbering_input = low + BESIDE_CROSSING
         anchor = float(self.solver.anchor[0])
         away = [abs(meeting.input - anchor) for meeting in self.mode_meetings]
         if (
@@ -488,9 +491,9 @@ class PositionAnalysis:
             and low <= anchor <= high
             and min(away, default=np.inf) > BESIDE_CROSSING
         ):
-            start = anchor
+            self.numbering_input = anchor
         self.assembly_modes = follow_smooth_curves(
-            self._every_mode, self.mode_meetings, start
+            self._every_mode, self.mode_meetings, self.numbering_input
         )
 
     @cached_property

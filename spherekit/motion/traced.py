@@ -10,6 +10,7 @@ from dataclasses import replace
 from spherekit.errors import CountError
 from spherekit.model.cache import Cache
 from spherekit.model.mechanism import Mechanism
+from spherekit.model.study import Crossings
 from spherekit.motion.motion import PositionAnalysis
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 
@@ -20,10 +21,17 @@ exports of the same few mechanisms in turn search their modes again."""
 _POSITION_ANALYSES = Cache(most=MAX_KEPT_GEOMETRIES)
 
 
-def traced(mechanism: Mechanism) -> PositionAnalysis:
-    """Return the assembly modes of a mechanism, found once for the last few geometries."""
+def traced(mechanism: Mechanism, crossings: Crossings = "end") -> PositionAnalysis:
+    """Return the assembly modes of a mechanism, found once for the last few geometries.
+
+    `crossings` says what a mode does where curves cross, as in `PositionAnalysis`.
+    """
     made = bare(mechanism)
-    return _POSITION_ANALYSES.get(made, "assembly_modes", lambda: PositionAnalysis(made))
+    return _POSITION_ANALYSES.get(
+        made,
+        f"assembly modes, crossings {crossings}",
+        lambda: PositionAnalysis(made, crossings=crossings),
+    )
 
 
 def bare(mechanism: Mechanism) -> Mechanism:

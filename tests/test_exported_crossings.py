@@ -1,0 +1,365 @@
+"""Sources whose modes follow smooth curves through crossings, against `sk.evaluate`.
+
+`sk.evaluate(..., crossings="pass")` joins modes by continuing them with their derivatives,
+and evaluates dyads by angles of spherical triangles. Sources have a table of signs. Of a
+flat-foldable vertex the fold angles have a closed form that is used as well.
+"""
+
+import ctypes
+import json
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flat_mechanisms import KINDS, file_text, sectors_of
+from languages import GCC, GPP, JULIA, NODE, compiled, script
+from test_mode_meetings import flat_loop, loaded, two_vertices
+
+import spherekit as sk
+from spherekit.cli.main import main
+from spherekit.errors import SpherekitError
+from spherekit.exchange.formulas import formulas
+from spherekit.exchange.source import source
+from spherekit.model.dynamics import Spring
+
+FILES = Path(__file__).parent / "files"
+CASES = ("flatfold_through", "parallelogram", "folding", "ff_default", "cp2")
+ANGLE_TOLERANCE_RAD = 1e-9
+"""Beside ten times the error bound of the configurations of `sk.evaluate`."""
+MAX_ERROR_RAD = 1e-7
+"""Configurations with a larger error bound are not compared."""
+RATE_ROUNDING = 1e-14
+"""Divided by the square of the distance (rad) from a crossing: rounding of rates there. The
+square of a dyad's triple product is proportional to that of the distance."""
+
+
+def case(name):
+    return sk.load(str(FILES / f"{name}.toml"))
+
+
+def c_results(path, made, row, q, language):
+    """Return the results (results, n) of a mode, by its row, at inputs q (n,)."""
+    name = made.mechanism.name
+    if language == "cpp":
+        header, path = path, path.with_suffix(".cpp")
+        calls = f"{name}_formulas::{name}"
+        path.write_text(
+            f'#include "{header.name}"\nextern "C" {{\n'
+            f"void {name}_smooth_mode(int k, double q, double *mode)\n"
+            f"{{\n    {calls}_smooth_mode(k, q, mode);\n}}\n"
+            f"void {name}(const double *q, const double *mode, const double *size, "
+            f"double *result)\n{{\n    {calls}(q, mode, size, result);\n}}\n}}\n"
+        )
+    library = compiled(path, language)
+    smooth, function = library[f"{name}_smooth_mode"], library[name]
+    numbers = ctypes.c_double * 64
+    columns = []
+    for value in q.tolist():
+        mode, result = numbers(), (ctypes.c_double * len(made.results))()
+        smooth(ctypes.c_int(row), ctypes.c_double(value), mode)
+        function(numbers(value), mode, numbers(), result)
+        columns.append([*result])
+    return np.array(columns).T
+
+
+def js_results(path, made, row, q):
+    name = made.mechanism.name
+    program = path.with_name("run.mjs")
+    program.write_text(
+        f"import {{{name} as f, {name}_smooth_mode as smooth}} from './{path.name}';\n"
+        f"const q = {json.dumps(q.tolist())};\n"
+        f"console.log(JSON.stringify(q.map(x => Array.from(f([x], smooth({row}, x), [])))))"
+    )
+    done = subprocess.run([NODE, str(program)], check=True, capture_output=True, text=True)
+    return np.array(json.loads(done.stdout), dtype=float).T
+
+
+def python_results(path, made, number, q):
+    name = made.mechanism.name
+    smooth, function = (script(path, x) for x in (f"{name}_smooth_mode", name))
+    return function(q[None], smooth(number, q), ())
+
+
+def casadi_results(path, made, number, q):
+    casadi = pytest.importorskip("casadi")
+    name = made.mechanism.name
+    symbol = casadi.SX.sym("q")
+    smooth = casadi.Function(
+        "smooth", [symbol], [script(path, f"{name}_smooth_mode")(number, symbol)]
+    )
+    function = script(path, name)()
+    columns = [np.array(function(x, smooth(x), []))[:, 0] for x in q.tolist()]
+    return np.array(columns).T
+
+
+def julia_results(path, made, row, q):
+    name = made.mechanism.name
+    program = path.with_name("run.jl")
+    program.write_text(
+        f'include("{path.name}")\nfor q in {q.tolist()}\n'
+        f"    println({name}([q], {name}_smooth_mode({row + 1}, q)))\nend\n"
+    )
+    done = subprocess.run([JULIA, str(program)], check=True, capture_output=True, text=True)
+    lines = done.stdout.replace("NaN", "nan").splitlines()
+    return np.array([[float(x) for x in line[1:-1].split(",")] for line in lines]).T
+
+
+def results_by_language(made, folder, row, q, languages):
+    """Yield the languages that are installed, and the results of each."""
+    number = made.modes[row].number
+    endings = {"c": "c", "cpp": "hpp", "js": "mjs", "julia": "jl"}
+    installed = {"c": GCC, "cpp": GPP, "js": NODE, "julia": JULIA}
+    for language in languages:
+        if not installed.get(language, True):
+            continue
+        path = folder / f"{language}_{row}_x.{endings.get(language, 'py')}"
+        path.write_text(source(made, language))
+        if language in ("c", "cpp"):
+            yield language, c_results(path, made, row, q, language)
+        elif language == "js":
+            yield language, js_results(path, made, row, q)
+        elif language == "julia":
+            yield language, julia_results(path, made, row, q)
+        elif language == "casadi":
+            yield language, casadi_results(path, made, number, q)
+        else:
+            yield language, python_results(path, made, number, q)
+
+
+def inputs_about(smooth, seed, count=24):
+    """Return inputs over three turns, and beside all crossings."""
+    random = np.random.default_rng(seed)
+    crossings = np.array(smooth.crossings)
+    distances = [-0.3, -1e-2, -1e-4, -1e-5, 1e-5, 1e-4, 1e-2, 0.3]
+    beside = (crossings[:, None] + distances).ravel()
+    anywhere = random.uniform(-2.0 * np.pi, 4.0 * np.pi, count)
+    return np.concatenate([anywhere, beside, beside - 2.0 * np.pi])
+
+
+def distances_to(smooth, q):
+    """Return the distances (n,) rad of inputs from the nearest crossing, less turns."""
+    away = np.abs(np.exp(1j * q[:, None]) - np.exp(1j * np.array(smooth.crossings)))
+    return np.min(away, axis=1, initial=2.0)
+
+
+def compare_sources(mechanism, folder, seed=0, languages=("python",)):
+    """Compare all modes of sources with `sk.evaluate`; return how many rows are equal.
+
+    The second number is that of the modes whose signs change.
+    """
+    made = formulas(mechanism, ["theta_*", "rate_*"], crossings="pass")
+    smooth = made.mode_table.smooth
+    q = inputs_about(smooth, seed)
+    compared = changed = 0
+    for row, mode in enumerate(made.modes):
+        changed += len(smooth.pieces(row)) > 1
+        there = sk.evaluate(
+            made.mechanism, q, poles=[], assembly_mode=mode.number, crossings="pass"
+        )
+        error = there.configuration_error
+        is_known = (there.status == sk.Status.OK) & (error < MAX_ERROR_RAD)
+        is_lost = there.status == sk.Status.OUT_OF_REACH
+        allowed = ANGLE_TOLERANCE_RAD + 10.0 * error[is_known]
+        compared += np.sum(is_known)
+        for language, results in results_by_language(made, folder, row, q, languages):
+            assert np.all(np.any(np.isnan(results[:, is_lost]), axis=0)), language
+            for key, values in zip(made.results, results, strict=True):
+                kind, _, pair = key.partition("_")
+                if kind == "theta":
+                    expected = there.variable(pair)[is_known]
+                    off = np.abs(np.exp(1j * values[is_known]) - np.exp(1j * expected))
+                    assert np.all(off <= allowed), (language, mode, key, np.max(off))
+                elif pair in made.mechanism.angles:
+                    expected = there.variable_coefficient(pair)[is_known]
+                    size = np.maximum(1.0, np.abs(expected)) ** 2
+                    off = np.abs(values[is_known] - expected)
+                    rounding = RATE_ROUNDING / distances_to(smooth, q)[is_known] ** 2
+                    most = 1e3 * allowed * size + rounding
+                    assert np.all(off <= most), (language, mode, key)
+    return compared, changed
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_sources_follow_smooth_curves(name, tmp_path):
+    languages = ("python", "c", "js") if name == "cp2" else ("python", "c")
+    compared, changed = compare_sources(case(name), tmp_path, languages=languages)
+    assert compared > 60 and changed == 2
+
+
+@pytest.mark.parametrize("language", ["cpp", "js", "julia", "casadi"])
+def test_other_languages_follow_them_too(language, tmp_path):
+    compared, changed = compare_sources(case("cp2"), tmp_path, languages=[language])
+    assert compared > 60 and changed == 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sources_of_random_vertices_and_change_points(seed, tmp_path):
+    compare_random(seed, tmp_path)
+
+
+@pytest.mark.slow
+def test_sources_of_many_vertices_and_change_points(tmp_path):
+    assert sum(compare_random(seed, tmp_path) for seed in range(4, 24)) > 20
+
+
+def compare_random(seed, folder):
+    random = np.random.default_rng(seed)
+    arcs = sectors_of(random, KINDS[seed % len(KINDS)])
+    low = int(random.choice([-180, -60, 0]))
+    high = low + int(random.choice([360, 360, 250]))
+    driven = str(random.choice(["c1", "c2"]))
+    mechanism = loaded(file_text(arcs, low, high, str(random.choice([0, 180])), driven))
+    return compare_sources(mechanism, folder, seed)[1]
+
+
+def test_sources_of_several_dyads_that_change_at_once(tmp_path):
+    compared, changed = compare_sources(two_vertices(), tmp_path)
+    assert compared > 100 and changed == 4
+
+
+def test_an_inner_dyad_at_a_change_point(tmp_path):
+    """A six-bar whose four-bar 70, 30, 60, 40 deg carries a further dyad."""
+    four = file_text((70, 30, 60, 40), -170, 190, zero="0")
+    more = (
+        '[links.s5]\naxes = ["d1", "d2"]\narcs = [50]\n'
+        '[links.s6]\naxes = ["d2", "d3"]\narcs = [60]\n'
+        '[pairs.d1]\ntype = "R"\nlinks = ["s4", "s5"]\n'
+        '[pairs.d2]\ntype = "R"\nlinks = ["s5", "s6"]\n'
+        '[pairs.d3]\ntype = "R"\nlinks = ["s1", "s6"]\n'
+    )
+    four = four.replace(
+        '[links.s1]\naxes = ["c1", "c2"]\narcs = [70]',
+        '[links.s1]\naxes = ["c1", "c2", "d3"]\narcs = [70, 80]\nangles = [40]',
+    ).replace(
+        '[links.s4]\naxes = ["c4", "c1"]\narcs = [40]',
+        '[links.s4]\naxes = ["c4", "c1", "d1"]\narcs = [40, 45]\nangles = [30]',
+    )
+    head, brackets, inputs = four.partition("[inputs")
+    mechanism = loaded(head + more + brackets + inputs)
+    compared, changed = compare_sources(mechanism, tmp_path)
+    assert compared > 40 and changed >= 2
+
+
+def test_a_mechanism_whose_modes_do_not_cross(tmp_path):
+    made = formulas("four_bar", ["theta_41"], crossings="pass")
+    assert made.mode_table.smooth.crossings == ()
+    assert "No curves cross between 0 and 6.28319 rad." in source(made, "js")
+    compared, changed = compare_sources(sk.load("four_bar"), tmp_path)
+    assert compared > 20 and changed == 0
+
+
+def test_fold_angles_of_a_source_keep_their_ratio():
+    """Opposite creases fold alike through the flat state (Huffman 1976)."""
+    made = formulas(case("flatfold_through"), ["theta_*"], crossings="pass")
+    smooth = made.mode_table.smooth
+    q = np.radians([-35.0, -20.0, -3.0, 3.0, 20.0, 35.0])
+    interval = np.searchsorted(smooth.starts, q) - 1
+    for row in range(2):
+        function = made.numpy_function(made.outputs)
+        angles = function(q[None], smooth.places[interval, row].T, made.size_values)
+        folds = np.tan(0.5 * angles)
+        ratios = folds / folds[list(made.results).index("theta_c1")]
+        assert np.ptp(ratios, axis=1).max() < 1e-9
+
+
+def test_command_writes_and_says_where_curves_cross(tmp_path, capsys):
+    path = tmp_path / "x.js"
+    words = ["export", str(FILES / "parallelogram.toml"), "--to", "js", "-o", str(path)]
+    assert main([*words, "--crossings", "pass"]) == 0
+    said = capsys.readouterr().err
+    assert "follow their smooth curves through crossings at 0, 180, 360 deg" in said
+    text = path.read_text()
+    assert "export function parallelogram_smooth_mode(k, q" in text
+    assert "from 3.14159 rad on: mode -1; input" in text
+    assert main([*words, "--crossings", "end"]) == 0
+    assert "smooth" not in path.read_text()
+
+
+def test_right_at_a_crossing_there_are_no_numbers():
+    made = formulas(case("cp2"), ["theta_*"], crossings="pass")
+    smooth = made.mode_table.smooth
+    for q in (np.pi, np.pi - 5e-7, np.pi + 5e-7):
+        interval = np.searchsorted(smooth.starts, q) - 1
+        assert np.all(np.isnan(smooth.places[interval]))
+
+
+def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path):
+    """The mode keeps its signs at the crossing: the comparison must not pass."""
+    from spherekit.exchange import mode_table
+
+    right = mode_table._find_candidate
+
+    def wrong(*arguments):
+        candidate = right(*arguments)
+        return replace(candidate, places=np.broadcast_to(candidate.places[1], (4, 1)))
+
+    monkeypatch.setattr(mode_table, "_find_candidate", wrong)
+    words = ["export", str(FILES / "parallelogram.toml"), "--to", "c", "--crossings"]
+    assert main([*words, "pass", "-o", str(tmp_path / "x.c")]) != 0
+    assert "the formulas do not give this mode" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_starts_of_a_triad_stand_on_both_sides_of_a_crossing(tmp_path):
+    """Steps from the start of each piece lead to the mode of `sk.evaluate`."""
+    mechanism = replace(flat_loop(), name="flat_loop")
+    made = formulas(mechanism, ["theta_*"], crossings="pass")
+    smooth = made.mode_table.smooth
+    assert len(smooth.crossings) == 1
+    path = tmp_path / "x.py"
+    path.write_text(source(made, "python"))
+    start = script(path, "flat_loop_smooth_variables")
+    step = script(path, "flat_loop_step")
+    changed = compared = 0
+    for row, mode in enumerate(made.modes):
+        changed += len(smooth.pieces(row)) > 1
+        for goal in (-0.2, -0.02, 0.02, 0.2):
+            variables, q = start(mode.number, goal)
+            there = sk.evaluate(
+                mechanism, goal, poles=[], assembly_mode=mode.number, crossings="pass"
+            )
+            if np.isnan(q) or there.status[0] != sk.Status.OK:
+                continue
+            for value in np.linspace(float(q), goal, 200):
+                for _ in range(4):
+                    variables, _ = step(np.array([value]), variables, ())
+            expected = [there.variable(x)[0] for x in mechanism.angles]
+            names = [*mechanism.angles]
+            indices = [mechanism.angles[name] for name in names]
+            off = np.abs(np.exp(1j * variables[indices]) - np.exp(1j * np.array(expected)))
+            assert np.max(off) < 1e-7, (mode, goal)
+            compared += 1
+    assert changed >= 2 and compared >= 6
+    if GCC:
+        path = tmp_path / "x.c"
+        path.write_text(source(made, "c"))
+        compiled(path, "c")
+
+
+def test_turns_are_counted_where_a_smooth_curve_turns_fully():
+    """Of a parallelogram each of the two signs swings; both smooth curves turn."""
+    arcs = {"1": 60.0, "2": 30.0, "3": 60.0, "4": 30.0}
+    flat = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)
+    wound = replace(flat, loads=(Spring("wound", "41", 1.0),))
+    passed = formulas(wound, ["torque"], crossings="pass")
+    assert "turns_of_41" in [x.name for x in passed.motion]
+    swings = replace(sk.load("four_bar"), loads=wound.loads)
+    passed = formulas(swings, ["torque"], crossings="pass")
+    assert "turns_of_41" not in [x.name for x in passed.motion]
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "words"),
+    [
+        ("five_bar", {}, "crossings are passed with one input only"),
+        ("cp2", {"vary": ["links.rod.arcs.0"]}, "links.rod.arcs.0: with other sizes"),
+    ],
+)
+def test_refusals_say_why(given, options, words, tmp_path):
+    path = str(FILES / "cp2.toml") if given == "cp2" else given
+    with pytest.raises(SpherekitError, match=words):
+        sk.export(path, tmp_path / "x.c", crossings="pass", **options)
+    with pytest.raises(SpherekitError, match="crossings does nothing but for c, cpp"):
+        sk.export(path, tmp_path / "x.tex", crossings="pass")
