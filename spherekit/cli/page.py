@@ -20,6 +20,9 @@ FILE
 --quantities [NAME ...]
     what has curves, names or patterns such as theta_* (default: velocity coefficients of
     outputs, transmission angles and, with masses, driving torques)
+--crossings {end,pass}
+    where curves of configurations cross, modes keep the signs of dyads (end, the default),
+    or follow the smooth curve through the crossing (pass)
 
 examples:
   # a page to send to a colleague, who opens it with a double click
@@ -42,6 +45,7 @@ def execute(options: Namespace) -> int:
         vary=options.vary,
         quantities=options.quantities,
         input_pair=options.input,
+        crossings=options.crossings or "end",
     )
     note(options, *(f"{made.path}: {text}" for text in (made.holds, *made.notes)))
     return 0

@@ -38,7 +38,6 @@ from spherekit.model.gears import joints_of
 from spherekit.model.study import Crossings
 from spherekit.motion.assembly_modes import AssemblyMode
 from spherekit.motion.closure import Closure
-from spherekit.motion.mode_meetings import SAME_INPUT_RAD
 from spherekit.motion.motion import Motion, PositionAnalysis
 from spherekit.motion.traced import traced
 from spherekit.numeric.crossings import wrap
@@ -222,17 +221,17 @@ def compare_modes(
             worst_input = listing(f"{q:.6g}" for q in motion.inputs[worst_row])
             left_out.append(
                 f"{mode.number} ({mode.title}): the formulas do not give this mode: at the "
-                f"input {worst_input} rad a variable differs by {deviation[worst_row]:.2g} rad"
+                f"input {worst_input} rad a variable differs by "
+                f"{deviation[worst_row]:.2g} rad"
             )
             continue
         known_input = candidate.find_known_input(first_interval)
         places = candidate.places[first_interval]
-        if known_input is None or np.any(np.isnan(places)):
-            # The mode has no configuration in that interval.
-            interval = int(candidate.interval[len(motion) // 2])
-            known_input = candidate.find_known_input(interval)
-            places = candidate.places[interval]
-        assert known_input is not None
+        if known_input is None:  # The mode has no configuration in that interval.
+            middle = len(motion) // 2
+            known_input = motion.inputs[middle]
+            if np.any(np.isnan(places)):
+                places = candidate.places[candidate.interval[middle]]
         at = tuple(known_input.tolist())
         modes.append(Mode(mode.number, mode.title, at, tuple(places.tolist())))
         written.append(candidate)
@@ -312,7 +311,8 @@ def _join_places(
     if position_analysis.solver.meshes is not None:
         # Where wheels count the turns, curves may cross outside of the range as well, and
         # these crossings were not looked for.
-        starts = [-np.inf, low - SAME_INPUT_RAD, *starts[1:], high + SAME_INPUT_RAD]
+        margin = 2.0 * UNKNOWN_AT_CROSSING_RAD
+        starts = [-np.inf, low - margin, *starts[1:], high + margin]
         unknown = np.full_like(places[0], np.nan)
         all_places = [unknown, *all_places, unknown]
         all_inputs = [inputs[0] * np.nan, *all_inputs, inputs[0] * np.nan]

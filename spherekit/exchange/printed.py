@@ -178,12 +178,12 @@ class Source:
                 yield f"  [{place}] {name}" + (f" ({note})" if note else "")
         yield from ("", "assembly modes, each with inputs (rad) at which it is known:")
         for k, mode in enumerate(of.modes):
-            values = ", ".join(f"{x:.9g}" for x in mode.values) or "none"
+            text = ", ".join(f"{x:.9g}" for x in mode.values) or "none"
             at = ", ".join(f"{q:.6g}" for q in mode.at)
-            yield f"  {mode.number} ({mode.name}): {self.mode} {values}; inputs {at}"
+            yield f"  {mode.number} ({mode.name}): {self.mode} {text}; inputs {at}"
             pieces = self.smooth.pieces(k) if self.smooth else []
-            for start, known_input, places in pieces if len(pieces) > 1 else []:
-                text = ", ".join(f"{x:.9g}" for x in places)
+            for start, known_input, signs in pieces if len(pieces) > 1 else []:
+                text = ", ".join(f"{x:.9g}" for x in signs)
                 yield (
                     f"    from {start:.6g} rad on: {self.mode} {text}; "
                     f"input {known_input:.6g}"

@@ -9,6 +9,7 @@ from spherekit.errors import OutputError
 from spherekit.files.atomic import write_text
 from spherekit.files.read import AnyMechanism
 from spherekit.front.export import Exported
+from spherekit.model.study import Crossings
 from spherekit.pages.page import PageMaker
 
 
@@ -20,6 +21,7 @@ def page(
     vary: Sequence[str] | None = None,
     quantities: Sequence[str] | None = None,
     input_pair: str | Sequence[str] | None = None,
+    crossings: Crossings = "end",
 ) -> Exported:
     """Write a mechanism as one HTML file that any browser opens and moves.
 
@@ -41,6 +43,10 @@ def page(
         have masses, driving torques.
     input_pair
         The driven pairs, by default the inputs of the mechanism.
+    crossings
+        Whether modes keep the signs of their dyads where curves cross (``"end"``), or
+        follow the smooth curves through the range of the only input (``"pass"``), as in
+        `evaluate`. The page finds the crossings for the sizes that its reader chooses.
 
     Raises
     ------
@@ -57,7 +63,7 @@ def page(
     target = Path(path)
     if target.suffix not in (".html", ".htm"):
         raise OutputError(f"{target}: pages are named *.html; give it this ending")
-    maker = PageMaker(mechanism, vary, quantities, input_pair)
+    maker = PageMaker(mechanism, vary, quantities, input_pair, crossings)
     text, curves, modes = maker.page()
     write_text(target, text)
     holds = (

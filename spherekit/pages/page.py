@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from importlib.resources import files
@@ -26,7 +27,9 @@ from spherekit.model.actions import wound_pairs
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.gears import joints_of, link_axes
 from spherekit.model.parts import Input
+from spherekit.model.study import Crossings
 from spherekit.motion.assembly_modes import Solver
+from spherekit.motion.mode_meetings import degrees_text
 from spherekit.motion.traced import assembly_by_count_or_rank, is_mobile_by_rank_only
 from spherekit.pages.sliders import slider_range
 from spherekit.pages.toml_places import text_with_places
@@ -47,6 +50,7 @@ from spherekit.version import __version__
 
 SCRIPTS = (
     "script/1_state.js",
+    "script/2_smooth_modes.js",
     "script/2_motion.js",
     "script/2_feasible_ranges.js",
     "script/3_sphere.js",
@@ -76,8 +80,10 @@ class PageMaker:
         vary: Sequence[str] | None,
         quantities: Sequence[str] | None,
         input_pair: str | Sequence[str] | None,
+        crossings: Crossings = "end",
     ) -> None:
         self.given, self.input_pair = given, input_pair
+        self.crossings = crossings
         self.mechanism = driven_at(mechanism_of(given), input_pair)
         self.document = document_of(given)
         self.inputs = self.mechanism.names_of(driven_pairs(self.mechanism))
@@ -112,7 +118,12 @@ class PageMaker:
         return [""] if len(inputs) == 1 else [f"_by_{pair}" for pair in inputs]
 
     def _formulas(self, names: Sequence[str]) -> Formulas:
-        made = formulas(self.given, names, self.keys, self.input_pair)
+        made = formulas(
+            self.given, names, self.keys, self.input_pair, crossings=self.crossings
+        )
+        self._check_smooth_curves(made)
+        # The page finds the crossings for its own sizes, so it needs no table of them.
+        made = replace(made, mode_table=made.mode_table._replace(smooth=None))
         turn_arguments = {f"turns_of_{pair}" for pair in self._wound_pairs}
         others = [
             x.name
@@ -125,10 +136,32 @@ class PageMaker:
             )
         return made
 
+    def _check_smooth_curves(self, made: Formulas) -> None:
+        """Refuse crossings of modes that a page follows by Newton's steps.
+
+        Raises
+        ------
+        EngineError
+            If positions have no closed form, and curves of modes cross.
+        """
+        smooth = made.mode_table.smooth
+        if made.step and smooth is not None and smooth.crossings:
+            inputs = listing(dict.fromkeys(map(degrees_text, smooth.crossings)))
+            raise EngineError(
+                f"{self.mechanism.name}: curves cross at {inputs} deg, and positions have "
+                "no closed form: a page follows modes by Newton's steps, which end there; "
+                'leave crossings at "end", or export a source, which has a start on each '
+                "side of a crossing"
+            )
+
     @property
     def _wound_pairs(self) -> list[str]:
-        """Return the passive pairs whose whole turns a page counts: those of one input."""
-        if len(self.inputs) > 1:
+        """Return the passive pairs whose whole turns a page counts: those of one input.
+
+        It counts none if modes pass through crossings, as turns are counted along modes
+        with constant signs.
+        """
+        if len(self.inputs) > 1 or self.crossings == "pass":
             return []
         return [x for x in wound_pairs(self.mechanism) if x not in self.inputs]
 
@@ -144,6 +177,23 @@ class PageMaker:
             "anchor": float(anchor),
             "period": float(period) if np.isfinite(period) else None,
         }
+
+    @property
+    def _passed_crossings(self) -> Facts | None:
+        """What the page knows of modes that pass through crossings, None if they do not.
+
+        `anchor` is the input (rad) of the reference pose, if it is in the range. Smooth
+        curves have the numbers of the modes there.
+        """
+        assembly = assembly_by_count_or_rank(self.mechanism)
+        if self.crossings == "end" or not assembly.has_closed_form:
+            return None
+        solver = Solver(self.mechanism, assembly)
+        (anchor,), (driven,) = solver.anchor, self.mechanism.inputs
+        low, high = driven.range
+        if solver.reference is None or not low <= anchor <= high:
+            return {"anchor": None}
+        return {"anchor": float(anchor)}
 
     def _sizes(self) -> Names:
         """Return the keys of all arcs and angles, of those that can be varied."""
@@ -374,6 +424,7 @@ class PageMaker:
                 for x in mechanism.joint_limits
             ],
             "wound": [*map(self._wound, self._wound_pairs)],
+            "crossings": self._passed_crossings,
             "moving": any(name.startswith((*LOADED, "kinetic_energy")) for name in shown),
             "plans": [*map(self._plan, self._ends, self.plans)],
             "toml": text_with_places(self.document, [x.path for x in self._numbers]),

@@ -34,9 +34,10 @@ function lastNonNegative(square, good, bad) {
   return root;
 }
 
-// Samples of a mode along an input, with a point at each end of a range and one in each gap.
+// Samples of a mode along an input, with a point at each end of a range and one in each gap. At
+// the inputs `passed` modes meet, and the mode goes on along its smooth curve.
 
-function sampleFeasibleRanges(rowAt, inputsAlong) {
+function sampleFeasibleRanges(rowAt, inputsAlong, passed = []) {
   const pointAt = x => ({x, row: rowAt(x)});
   const nodes = inputsAlong.map(pointAt), first = nodes[0], last = nodes.at(-1);
   const largestSquares = [];
@@ -64,7 +65,9 @@ function sampleFeasibleRanges(rowAt, inputsAlong) {
   meets = meets.filter((point, k) => inRange(point) && !near(point, ends) && !near(point, meets.slice(0, k)));
   // At a meeting of modes rates are not defined and may jump: the curve breaks off there.
   const besides = meets.flatMap(({x}) => [pointAt(x - BESIDE_MEETING), pointAt(x + BESIDE_MEETING)]).filter(inRange);
-  const points = [...nodes, ...ends, ...gaps, ...middles, ...besides].sort((a, b) => a.x - b.x).map(point => {
+  // Along a smooth curve they are continuous: the curve goes from the sample before to the one beyond.
+  const isBroken = ({x}) => !passed.some(other => Math.abs(other - x) < SAME_INPUT);
+  const points = [...nodes, ...ends, ...gaps, ...middles, ...besides].filter(isBroken).sort((a, b) => a.x - b.x).map(point => {
     const isUsable = point.row && inRange(point) && closes(point.row) && !near(point, meets);
     return isUsable ? point : {x: point.x, row: null};
   });

@@ -154,10 +154,8 @@ function titled({number, name}) {          // as the file calls it, or by the si
   return /^[-+~]*$/.test(said) ? `mode ${number} ${said.replaceAll("-", "−").replaceAll("~", "")}`.trim() : said;
 }
 
-const modes = rows.about.modes.map((mode, k) => {
-  const made = rows.about.closed_form ? new SignedMode(mode) : new FollowedMode(mode);
-  return Object.assign(made, {number: k, name: titled(mode), curve: null});
-});
+const KindOfMode = !rows.about.closed_form ? FollowedMode : model.crossings ? SmoothMode : SignedMode;
+const modes = rows.about.modes.map((mode, k) => Object.assign(new KindOfMode(mode), {number: k, name: titled(mode), curve: null}));
 
 // A curve: the results of a mode at the samples, its dead centres and where its outputs rest.
 

@@ -116,6 +116,7 @@ function showControls() {
   });
   others.checked = state.others;
   if (over) over.value = state.over;
+  if (model.crossings) element("crossings").textContent = crossingsText();
   if (moving) moving.value = state.moving;
   element("lost").textContent = statusText(modes[state.mode]);
   element("lost").classList.toggle("beyond", Boolean(modes[state.mode].here));
@@ -199,9 +200,14 @@ function turnKnob(event) {
   held.last = next;
   const {from, to} = inputs[knob];
   const whole = to - from > 2 * Math.PI - 1e-9;
-  if (whole && held.q < from) held.q += to - from;
-  if (whole && held.q > to) held.q -= to - from;
+  if (whole && held.q < from) { held.q += to - from; passTurn(-1); }
+  if (whole && held.q > to) { held.q -= to - from; passTurn(1); }
   setInput(knob, held.q);
+}
+
+function passTurn(way) {                   // a smooth curve may need several turns to close
+  const mode = modeAfterTurn(modes[state.mode], way, inKernel(state.sizes));
+  if (mode !== state.mode) change("mode", {mode});
 }
 
 function pinch() {

@@ -33,7 +33,7 @@ function advance(now) {
   clock = now;
   const turnsBack = x => !whole && (x > to || x < from);
   if (turnsBack(q) || (!whole && !modes[state.mode].state(state.q.with(k, clamp(q, from, to)), inKernel(state.sizes)))) way = q > state.q[k] ? -1 : 1;
-  if (whole && q > to) q -= span;
+  if (whole && q > to) { q -= span; passTurn(1); }
   setInput(k, q);
 }
 
