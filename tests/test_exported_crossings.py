@@ -19,7 +19,6 @@ from test_mode_meetings import flat_loop, loaded, two_vertices
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import SpherekitError
 from spherekit.exchange.formulas import formulas
 from spherekit.exchange.source import source
 from spherekit.model.dynamics import Spring
@@ -194,14 +193,14 @@ def test_other_languages_follow_them_too(language, tmp_path):
     assert compared > 60 and changed == 2
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_sources_of_random_vertices_and_change_points(seed, tmp_path):
     compare_random(seed, tmp_path)
 
 
 @pytest.mark.slow
 def test_sources_of_many_vertices_and_change_points(tmp_path):
-    assert sum(compare_random(seed, tmp_path) for seed in range(4, 24)) > 20
+    assert sum(compare_random(seed, tmp_path) for seed in range(2, 22)) > 20
 
 
 def compare_random(seed, folder):
@@ -219,6 +218,7 @@ def test_sources_of_several_dyads_that_change_at_once(tmp_path):
     assert compared > 100 and changed == 4
 
 
+@pytest.mark.slow
 def test_an_inner_dyad_at_a_change_point(tmp_path):
     """A six-bar whose four-bar 70, 30, 60, 40 deg carries a further dyad."""
     four = file_text((70, 30, 60, 40), -170, 190, zero="0")
@@ -348,18 +348,3 @@ def test_turns_are_counted_where_a_smooth_curve_turns_fully():
     swings = replace(sk.load("four_bar"), loads=wound.loads)
     passed = formulas(swings, ["torque"], crossings="pass")
     assert "turns_of_41" not in [x.name for x in passed.motion]
-
-
-@pytest.mark.parametrize(
-    ("given", "options", "words"),
-    [
-        ("five_bar", {}, "crossings are passed with one input only"),
-        ("cp2", {"vary": ["links.rod.arcs.0"]}, "links.rod.arcs.0: with other sizes"),
-    ],
-)
-def test_refusals_say_why(given, options, words, tmp_path):
-    path = str(FILES / "cp2.toml") if given == "cp2" else given
-    with pytest.raises(SpherekitError, match=words):
-        sk.export(path, tmp_path / "x.c", crossings="pass", **options)
-    with pytest.raises(SpherekitError, match="crossings does nothing but for c, cpp"):
-        sk.export(path, tmp_path / "x.tex", crossings="pass")

@@ -429,12 +429,12 @@ def {name}(number, q):
     starts = {starts}
     places = {places}
 {inputs}{moved}    {mode}_there = ca.DM(places[0][mode])
-    {known}for interval in range(1, {intervals}):
+    {first_input}for interval in range(1, {intervals}):
         is_beyond = q >= starts[interval]
         {mode}_there = ca.if_else(
             is_beyond, ca.DM(places[interval][mode]), {mode}_there
         )
-{known_beyond}    return {returned}
+{next_input}    return {returned}
 """
 _MOVED_CASADI = """\
     above = q - ca.floor((q - {low}) / {period}) * {period}
@@ -449,12 +449,12 @@ def _smooth_modes_casadi(source: Source) -> Iterator[str]:
     if source.smooth is None:
         return
     numbers, arrays = _smooth_arrays(source, 'float("nan")', 'float("inf")')
-    inputs = more = known = known_beyond = ""
+    inputs = more = first_input = next_input = ""
     returned = f"{source.mode}_there"
     if source.of.step:
         inputs = f"    inputs = {arrays['inputs']}\n"
-        known = "known_input = ca.DM(inputs[0][mode])\n    "
-        known_beyond = (
+        first_input = "known_input = ca.DM(inputs[0][mode])\n    "
+        next_input = (
             "        known_input = ca.if_else(\n"
             "            is_beyond, inputs[interval][mode], known_input\n        )\n"
         )
@@ -467,8 +467,8 @@ def _smooth_modes_casadi(source: Source) -> Iterator[str]:
         moved=moved,
         returned=returned,
         more=more,
-        known=known,
-        known_beyond=known_beyond,
+        first_input=first_input,
+        next_input=next_input,
     )
 
 

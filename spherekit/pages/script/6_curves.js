@@ -73,6 +73,8 @@ function fillCurves() {
   }
 }
 
+const CLOSE_SAMPLES = 1e-3;                // rad
+
 function aligned(xs, {x, values}, place, scale) {
   const column = [], whole = (2 * Math.PI) / UNIT, wraps = scale === UNIT;
   let last = NaN;
@@ -81,6 +83,8 @@ function aligned(xs, {x, values}, place, scale) {
     if (x[n] !== xs[k]) { column.push(undefined); continue; }
     const value = values[n] ? values[n][place] / scale : NaN;
     const jumps = wraps && Math.abs(value - last) > 0.5 * whole;  // an angle passes half a turn
+    // Samples beside a meeting are so close together that a gap between them would not be seen.
+    if (jumps && x[n] - x[n - 1] < CLOSE_SAMPLES) column[column.length - 1] = null;
     column.push(Number.isFinite(value) && !jumps ? value : null);
     last = value;
   }
