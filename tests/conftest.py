@@ -1,11 +1,13 @@
 """Environment of all tests, and which of them run by default.
 
-Of a test marked `many` the first case runs by default; the others are slow.
+Of a test marked `many` the first case runs by default; the others are slow. Where the mark
+says how many are slow, as `many(slow=8)`, those after them are long.
 """
 
 import os
 import shutil
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -37,10 +39,14 @@ def browser():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    seen = set()
+    cases = Counter()
     for item in items:
-        if item.get_closest_marker("many"):
-            test = item.nodeid.partition("[")[0]
-            if test in seen:
-                item.add_marker(pytest.mark.slow)
-            seen.add(test)
+        mark = item.get_closest_marker("many")
+        if mark is None:
+            continue
+        test = item.nodeid.partition("[")[0]
+        if cases[test] > mark.kwargs.get("slow", len(items)):
+            item.add_marker(pytest.mark.long)
+        elif cases[test] > 0:
+            item.add_marker(pytest.mark.slow)
+        cases[test] += 1

@@ -35,11 +35,12 @@ TEXTS = {
 """One dyad, Hooke's joint, masses and loads, two dyads, a contact, another six-bar."""
 
 
+MARKS = dict.fromkeys(TEXTS, pytest.mark.slow)
+MARKS |= {"wiper": (), "stephenson": pytest.mark.long, "watt": pytest.mark.long}
+
+
 @pytest.fixture(
-    params=[
-        pytest.param(name, marks=() if name == "wiper" else pytest.mark.slow)
-        for name in TEXTS
-    ]
+    params=[pytest.param(name, marks=MARKS[name]) for name in TEXTS]
 )
 def files(request, tmp_path):
     """Return the paths of a file without inputs and of the same with its input stated."""

@@ -80,6 +80,7 @@ def test_bars_without_length_that_close_are_singular():
     assert np.all(np.isnan(motion.values).any(axis=1))  # any angle closes the loop
 
 
+@pytest.mark.slow
 def test_a_link_of_a_triad_with_coincident_axes_is_no_traceback():
     edges = [(1, 2), (2, 3), (3, 4), (1, 4), (2, 5), (5, 8), (3, 6), (6, 8), (4, 7), (7, 8)]
     axes = random_axes(np.random.default_rng(1), 13)

@@ -119,7 +119,11 @@ def run_in(folder, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "traced"),
     [
-        (["rrr_wide.toml", "--samples", "4x4x4"], {"samples": (4, 4, 4)}),
+        pytest.param(
+            ["rrr_wide.toml", "--samples", "4x4x4"],
+            {"samples": (4, 4, 4)},
+            marks=pytest.mark.slow,
+        ),
         (["rrr_wide.toml", "--samples", "3x5x2"], {"samples": (3, 5, 2)}),
         (["rrr_wide.toml", "--samples", "40"], {"samples": 40}),
         (["dup3.study.toml"], None),
@@ -148,8 +152,8 @@ def test_a_run_has_each_configuration_once(arguments, traced, tmp_path):
     ("name", "count", "seed"),
     [
         ("three_rrr", 20, 1),
-        ("three_rrr", 30, 2),
-        ("two_dof_spm", 5, 3),
+        pytest.param("three_rrr", 30, 2, marks=pytest.mark.slow),
+        pytest.param("two_dof_spm", 5, 3, marks=pytest.mark.slow),
         ("agile_eye", 6, 4),
     ],
 )
@@ -201,8 +205,17 @@ def test_more_samples_lose_no_modes(samples):
     assert whole[samples] == 4  # the other two exist at the end of the range only
 
 
-@pytest.mark.parametrize("name", ["three_rrr", "two_dof_spm", "agile_eye"])
-@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize(
+    ("name", "backwards"),
+    [
+        ("three_rrr", False),
+        ("agile_eye", True),
+        pytest.param("three_rrr", True, marks=pytest.mark.slow),
+        pytest.param("agile_eye", False, marks=pytest.mark.slow),
+        pytest.param("two_dof_spm", False, marks=pytest.mark.slow),
+        pytest.param("two_dof_spm", True, marks=pytest.mark.slow),
+    ],
+)
 def test_inputs_many_turns_apart(name, backwards):
     made = sk.load(name)
     way = np.linspace(0.6, 1000.1, 6)[:, None] + 0.3 * np.arange(len(made.inputs))
@@ -235,7 +248,8 @@ def test_rows_of_a_mode_on_a_path_are_joined():
     assert np.max(np.abs(np.angle(np.exp(1j * (values - stop))))) < 1e-9
 
 
-def test_modes_of_dyads_at_all_samples_of_a_grid():
+@pytest.mark.parametrize("size", [15, pytest.param(35, marks=pytest.mark.slow)])
+def test_modes_of_dyads_at_all_samples_of_a_grid(size):
     """A mode that closes at few samples only is met however many there are."""
     found = 0
     for seed in range(14):
@@ -249,11 +263,11 @@ def test_modes_of_dyads_at_all_samples_of_a_grid():
         solver = Solver(made, plan_assembly(made))
         if not solver.has_closed_form:
             continue
-        tracer = PositionAnalysis(made, samples=(35, 35))
+        tracer = PositionAnalysis(made, samples=(size, size))
         motion = tracer.motion()
-        chosen = np.random.default_rng(seed).choice(35 * 35, 40, replace=False)
+        chosen = np.random.default_rng(seed).choice(size**2, size, replace=False)
         alone = [len(assemblies(solver, tracer.input_grid.q[k]).values) for k in chosen]
-        assert count_rows(motion, 35 * 35)[chosen].tolist() == alone
+        assert count_rows(motion, size**2)[chosen].tolist() == alone
         found += 1
     assert found >= 3
 
@@ -377,6 +391,7 @@ def chain_of_dyads(seed, links):
     return driven_at(made)
 
 
+@pytest.mark.slow
 def test_a_limit_of_modes_is_said():
     """A chain of dyads with more modes than are kept, on the screen and from Python."""
     made = chain_of_dyads(2, 16)
@@ -394,6 +409,7 @@ def test_a_limit_of_modes_is_said():
     assert words in result.summary["search"] and words in result._repr_html_()
 
 
+@pytest.mark.slow
 def test_a_chain_of_26_links_has_608_modes():
     made = chain_of_dyads(1, 26)
     solver = Solver(made, plan_assembly(made))
@@ -433,6 +449,7 @@ def test_a_limit_of_modes_over_samples_is_said(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.many(slow=7)
 @pytest.mark.parametrize("seed", range(16))
 def test_random_platforms_over_grids_and_paths(seed):
     """Counts of an independent formula at every sample, whatever the samples are."""
@@ -455,6 +472,7 @@ def test_random_platforms_over_grids_and_paths(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.many(slow=7)
 @pytest.mark.parametrize("seed", range(24))
 def test_random_chains_with_several_inputs(seed):
     """Dyads, triads and groups of seven bodies: all modes of each sample, each once."""

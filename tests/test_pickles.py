@@ -3,6 +3,7 @@
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -32,14 +33,15 @@ def test_runs_in_a_pool_are_those_of_this_process(tmp_path):
     """Tables, summary, failures, figures and recordings."""
     mechanisms = [
         sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": arc})
-        for arc in (15.0, 20.0, 25.0)
+        for arc in (15.0, 25.0)
     ]
     analyses = [["poles", "singularities"]] * len(mechanisms)
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(2, context) as pool:
-        found = list(pool.map(sk.run, mechanisms, analyses))
+    run = partial(sk.run, samples=61)
+    with ProcessPoolExecutor(1, context) as pool:
+        found = list(pool.map(run, mechanisms, analyses))
     for mechanism, result in zip(mechanisms, found, strict=True):
-        here = sk.run(mechanism, ["poles", "singularities"])
+        here = run(mechanism, ["poles", "singularities"])
         for name, analysis in here.results.items():
             for table in analysis.tables:
                 same(result.frame(name, table.name), here.frame(name, table.name))

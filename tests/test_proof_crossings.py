@@ -42,7 +42,7 @@ def closes_at_half_a_turn(arcs):
         return bool(longest < apart < shortest)
 
 
-@pytest.mark.many
+@pytest.mark.many(slow=11)
 @pytest.mark.parametrize("step", ["1e-6", "1e-8", "1e-10", "1e-12", "1e-14", "1e-20"])
 @pytest.mark.parametrize(("link", "sense"), [(0, ""), (1, "-"), (3, ""), (3, "-")])
 def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):

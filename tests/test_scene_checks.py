@@ -257,6 +257,7 @@ class Crooked(Asking):
         return (unchecked(Scene, 0, (WRONG[self.fault][0],)),)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "fault", ["Series as a column", "InputMarks 1-D", "SphereCurves of a plane"]
 )

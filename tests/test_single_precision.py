@@ -34,6 +34,7 @@ CASES = {
     "double_butterfly": ["theta_*", "rate_*", "B"],
 }
 """Closed forms, poles with a sign and a maximum, tables of profiles, Newton's steps."""
+QUICK = ("four_bar", "shaped_cam")
 
 
 def program(made, scalar, folder):
@@ -60,7 +61,10 @@ def program(made, scalar, folder):
 
 
 @pytest.mark.skipif(not OBJDUMP, reason="no objdump")
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name",
+    [x if x in QUICK else pytest.param(x, marks=pytest.mark.slow) for x in CASES],
+)
 def test_floats_are_computed_in_single_precision(name, tmp_path):
     """No operation in double, no conversion, and the functions of <cmath> for floats."""
     made = formulas(name, CASES[name])
@@ -84,6 +88,7 @@ def test_the_search_for_doubles_finds_them(tmp_path):
     assert len(IN_DOUBLE.findall(text)) > 79
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "five_bar", "shaped_cam"])
 def test_single_precision_is_near_long_double(name, tmp_path):
     """Results of floats are off by some 1e-7 times what the dyads enlarge it by."""

@@ -74,10 +74,15 @@ def swept(folder, address=None, **options):
 
 
 @pytest.fixture(scope="module")
-def wanted():
+def undisturbed():
+    """Return what a sweep gives in this process."""
+    return swept(None)
+
+
+@pytest.fixture(scope="module")
+def wanted(undisturbed):
     """The rows when nothing disturbs a sweep."""
-    found = swept(None)
-    return found.frame(), found.table("poles")
+    return undisturbed.frame(), undisturbed.table("poles")
 
 
 def same(found, wanted):
@@ -330,10 +335,10 @@ def test_no_scheduler_is_told(tmp_path, monkeypatch):
         swept(None, "tcp://127.0.0.1:1")
 
 
-def test_a_part_that_is_not_there_is_no_part(tmp_path, monkeypatch):
+def test_a_part_that_is_not_there_is_no_part(undisturbed, tmp_path, monkeypatch):
     """What says that it has computed it may have written elsewhere."""
     monkeypatch.setattr(cluster, "VISIBLE_SECONDS", 0.1)
-    sweep = swept(None).sweep
+    sweep = undisturbed.sweep
     with pytest.raises(OutputError, match="computed part 2, and it does not appear here"):
         cluster._take_part(None, str(tmp_path), sweep, 2)
     with pytest.raises(OutputError, match="part 2 was computed, and is not in"):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -26,6 +27,19 @@ WORDS += ["--vary", "links.2.arc=" + ",".join(map(repr, VARY["links.2.arc"])), "
 def swept(path, **options):
     how = {"analyses": ["poles"], "tables": True, "samples": 5, "workers": 1} | options
     return sk.sweep("four_bar", VARY, folder=path, **how)
+
+
+@pytest.fixture(scope="module")
+def finished_sweep(tmp_path_factory):
+    """Return a sweep of three parts and the folder that it has written."""
+    path = tmp_path_factory.mktemp("finished") / "sweep"
+    return swept(path), path
+
+
+@pytest.fixture
+def folder_of_sweep(finished_sweep, tmp_path):
+    """Return the folder of a finished sweep, which a test may change."""
+    return shutil.copytree(finished_sweep[1], tmp_path / "sweep")
 
 
 def part(path, number=1):
@@ -79,12 +93,11 @@ def test_parts_of_other_processors_are_recorded_and_said(tmp_path):
 
 
 @pytest.mark.parametrize("library", ["spherekit", "numpy", "scipy", "heyoka", "machine"])
-def test_parts_of_other_versions_are_refused(library, tmp_path, monkeypatch):
-    swept(tmp_path)
+def test_parts_of_other_versions_are_refused(library, folder_of_sweep, monkeypatch):
     code = folder.code_identity() | {library: "1.2.3"}
     monkeypatch.setattr("spherekit.design.sweep.code_identity", lambda: code)
     with pytest.raises(OutputError, match=f"by other code .{library}: .* there, 1.2.3 now"):
-        swept(tmp_path)
+        swept(folder_of_sweep)
 
 
 def rewritten(path, change):
@@ -113,7 +126,7 @@ def of_another_part(path):
 
 
 def of_another_sweep(path):
-    other = path.parents[1] / "other"
+    other = path.parents[2] / "other"
     swept(other, samples=7)
     path.write_bytes(part(other).read_bytes())
 
@@ -137,12 +150,10 @@ FAULTS = [
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_file_that_is_no_part_is_refused_in_a_sentence(fault, tmp_path, capsys):
-    """By the command; and the same command makes it when it is gone."""
-    wanted = swept(tmp_path).frame()
-    path = part(tmp_path)
+def test_a_file_that_is_no_part_is_refused_in_a_sentence(fault, folder_of_sweep, capsys):
+    path = part(folder_of_sweep)
     fault(path)
-    assert main([*WORDS, str(tmp_path)]) == 1
+    assert main([*WORDS, str(folder_of_sweep)]) == 1
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and str(path) in said
     assert (
@@ -150,16 +161,25 @@ def test_a_file_that_is_no_part_is_refused_in_a_sentence(fault, tmp_path, capsys
         or "is not a Parquet file" in said
         or ("is not the file that was written there" in said)
     )
-    path.unlink()
-    again = swept(tmp_path)
+
+
+def test_a_file_that_was_refused_is_made_again_when_it_is_gone(
+    finished_sweep, folder_of_sweep
+):
+    whole, _ = finished_sweep
+    by_pandas(part(folder_of_sweep))
+    assert main([*WORDS, str(folder_of_sweep)]) == 1
+    part(folder_of_sweep).unlink()
+    again = swept(folder_of_sweep)
     assert again.computed == 1
-    pd.testing.assert_frame_equal(again.frame(), wanted, check_exact=True)
+    pd.testing.assert_frame_equal(again.frame(), whole.frame(), check_exact=True)
 
 
 @pytest.mark.parametrize("fault", [by_pandas, of_another_part, of_another_program, cut])
-def test_a_table_that_is_no_part_is_refused_when_it_is_read(fault, tmp_path):
-    found = swept(tmp_path)
-    fault(tmp_path / "tables" / "poles" / "part-000001.parquet")
+def test_a_table_that_is_no_part_is_refused_when_it_is_read(fault, folder_of_sweep):
+    found = swept(folder_of_sweep)
+    assert found.computed == 0
+    fault(folder_of_sweep / "tables" / "poles" / "part-000001.parquet")
     assert len(found.frame()) == 80
     with pytest.raises(SpherekitError) as refused:
         found.table("poles")
