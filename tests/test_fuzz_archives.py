@@ -102,7 +102,8 @@ def rewrite(random, data):
         arrays[name] = array.ravel()[: random.integers(array.size + 1)]
     elif kind == 2:
         odd = [np.nan, np.inf, 1e300, -1.0]
-        arrays[name] = np.full_like(array, odd[random.integers(4)])
+        with np.errstate(invalid="ignore"):  # NaN has no integer
+            arrays[name] = np.full_like(array, odd[random.integers(4)])
     elif kind == 3:
         arrays[name] = array.astype(str)
     else:

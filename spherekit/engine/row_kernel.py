@@ -322,7 +322,7 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     """
     if not motion.free:
         return []
-    good = np.flatnonzero(~motion.failed & (motion.configuration_error < 1e-6))
+    good = np.flatnonzero(~motion.failed & (motion.float64_error < 1e-6))
     if not len(good):
         good = np.flatnonzero(~motion.failed)
     if not len(good):

@@ -126,7 +126,7 @@ class ModeCandidate:
     @property
     def allowed_difference(self) -> Floats:
         """(n,) largest accepted difference (rad) of a variable in each configuration."""
-        return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.configuration_error
+        return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.float64_error
 
 
 def _middle_row(row_intervals: Indices, interval: int) -> int | None:
@@ -476,9 +476,7 @@ def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
         sampled_motion.status == Status.OK
     )
     rows = np.flatnonzero(is_valid)
-    is_accurate = (
-        sampled_motion.rows(rows).configuration_error <= MAX_CONFIGURATION_ERROR_RAD
-    )
+    is_accurate = sampled_motion.rows(rows).float64_error <= MAX_CONFIGURATION_ERROR_RAD
     return np.asarray(rows[is_accurate])
 
 

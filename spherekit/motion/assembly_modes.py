@@ -21,10 +21,19 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
-from spherekit.conventions import CLOSURE_TOLERANCE, TURN, Names, Status, listing
+from spherekit.conventions import (
+    CLOSURE_TOLERANCE,
+    EPS,
+    REACH_SLACK,
+    TURN,
+    Names,
+    Status,
+    listing,
+)
 from spherekit.model.gears import joints_in_pose
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
+from spherekit.motion.fold_bounds import place_at_folds
 from spherekit.motion.groups import (
     State,
     group_variables,
@@ -73,6 +82,8 @@ def first_turns(angles: Floats) -> Floats:
 SAME_INPUT = 1e-15
 """An input that differs by less (rad, or relatively) from that of a configuration known
 exactly is the same but for rounding."""
+EXACT_ERROR_RAD = 16.0 * EPS
+"""Error bound of a configuration that is known exactly but for rounding."""
 NEAR_EXACT = 1e-5
 """A singular configuration nearer (rad) than this to one known exactly is that one."""
 BESIDE_CROSSING = 1e-4
@@ -130,12 +141,17 @@ class AssemblyMode(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluated(ArrayRows):
-    """An assembly mode at n inputs: variables, orientations, status and residual."""
+    """An assembly mode at n inputs: variables, orientations, status and residual.
+
+    `singular_error` (n,) rad bounds the errors of the variables in rows near dead centres,
+    and is NaN in other rows.
+    """
 
     values: Floats
     rotations: Floats
     status: SmallIntegers
     residual: Floats
+    singular_error: Floats
 
 
 class Solver:
@@ -279,9 +295,16 @@ class Solver:
             is_exact = self._restore_exact(q, state.values, status)
             beyond = self._past_the_end(assembly_mode, q, state, status)
             singular = ((status == Status.AT_SINGULARITY) & ~is_exact) | beyond
+            # Several dyads that are nearly in line lose as many digits as one that is, and
+            # so does a dyad between axes that nearly coincide.
+            loses_digits = state.slack > REACH_SLACK / FLAT_DYAD
+            loses_digits |= state.slenderness < FLAT_DYAD
+            singular |= (status == Status.OK) & loses_digits
+            singular_error = np.where(is_exact, EXACT_ERROR_RAD, np.nan)
             if np.any(singular):
-                self._place_singular(
-                    assembly_mode, q, np.flatnonzero(singular), state, status
+                rows = np.flatnonzero(singular)
+                singular_error[rows] = self._place_singular(
+                    assembly_mode, q, rows, state, status
                 )
             at = self.closure.at(state.values)
             values, rotations, residual = at.values, at.placed, at.gap
@@ -292,7 +315,7 @@ class Solver:
                 part[failed] = np.nan
             free = [v for v in self.angles if v not in self.driven]
             values[:, free] = wrap(values[:, free])
-            return Evaluated(values, rotations, status, residual)
+            return Evaluated(values, rotations, status, residual, singular_error)
 
     def _restore_exact(self, q: Floats, values: Floats, status: SmallIntegers) -> Bools:
         """Set singular configurations (n, variables) at inputs q that are known exactly.
@@ -354,21 +377,36 @@ class Solver:
         rows: Indices,
         state: State,
         status: SmallIntegers,
-    ) -> None:
-        """Place rows (k,) beside a dead centre again, in quad precision.
+    ) -> Floats:
+        """Place rows (k,) beside a dead centre again, and set their statuses.
 
         In float64 angles lose half their digits with each group that is at its dead
-        centre. Angles that quad precision does not know either are set to NaN.
+        centre. R pairs are therefore placed in quad precision. Contacts, and loops with
+        redundant equations, have float64 values. Angles that are not known to
+        `LARGEST_ANGLE_ERROR_RAD` are set to NaN.
+
+        Returns
+        -------
+        (k,) bounds (rad) of the errors of the variables.
         """
-        if not self._quad_assembly.is_supported:
-            return
-        placed = self._quad_assembly.place(
-            assembly_mode.signs, assembly_mode.determinants, q[rows], state.values[rows]
-        )
-        has_angles = placed.error <= LARGEST_ANGLE_ERROR_RAD
-        state.values[rows] = np.where(has_angles[:, None], placed.values, np.nan)
+        if self._quad_assembly.is_supported:
+            placed = self._quad_assembly.place(
+                assembly_mode.signs, assembly_mode.determinants, q[rows], state.values[rows]
+            )
+            values, error, new_status = placed.values, placed.error, placed.status
+        else:
+            fold = place_at_folds(self.closure, self.driven, q[rows], state.values[rows])
+            values, error = fold.values, fold.error
+            new_status = np.where(
+                fold.is_out_of_reach, Status.OUT_OF_REACH, Status.AT_SINGULARITY
+            )
+            is_regular = (status[rows] == Status.OK) & np.isfinite(error)
+            new_status[is_regular] = Status.OK
+        has_angles = error <= LARGEST_ANGLE_ERROR_RAD
+        state.values[rows] = np.where(has_angles[:, None], values, np.nan)
         was_out = status[rows] == Status.OUT_OF_REACH
-        status[rows] = np.where(was_out & ~has_angles, Status.OUT_OF_REACH, placed.status)
+        status[rows] = np.where(was_out & ~has_angles, Status.OUT_OF_REACH, new_status)
+        return error
 
     def _place(
         self,

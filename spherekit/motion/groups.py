@@ -28,7 +28,8 @@ class State:
     `variables[pair]` the numbers of their variables; `within[link]` is (n, 3, 3), from the
     link's axes to those of its body; `values` (n, variables) are the variables known so
     far. `slack` (n,) rad is what bodies may be off by: nearly straight dyads enlarge it, at
-    most to the root of rounding.
+    most to the root of rounding. `slenderness` (n,) is the least of any dyad placed, see
+    `spherekit.sphere.rotation.close_dyad`.
     """
 
     joints: tuple[Joint, ...]
@@ -38,6 +39,7 @@ class State:
     values: Floats
     lost: Bools
     slack: Floats
+    slenderness: Floats
 
     @staticmethod
     def start(
@@ -58,7 +60,10 @@ class State:
             ahead = mechanism.ends[driven][0] == parent
             within[child] = within[parent] @ (turn if ahead else transpose(turn))
         lost, slack = np.zeros(n, dtype=bool), np.full(n, REACH_SLACK)
-        return State(joints, mechanism.ends, variables, within, values, lost, slack)
+        slenderness = np.ones(n)
+        return State(
+            joints, mechanism.ends, variables, within, values, lost, slack, slenderness
+        )
 
     def copy(self) -> "State":
         """Return a state that can be assembled differently from here on."""
@@ -74,6 +79,7 @@ class State:
             values=self.values[chosen],
             lost=self.lost[chosen],
             slack=self.slack[chosen],
+            slenderness=self.slenderness[chosen],
         )
 
     @staticmethod
@@ -89,6 +95,7 @@ class State:
             values=np.concatenate([state.values for state in states]),
             lost=np.concatenate([state.lost for state in states]),
             slack=np.concatenate([state.slack for state in states]),
+            slenderness=np.concatenate([state.slenderness for state in states]),
         )
 
     def merge(self, group: Group, placed: Floats) -> None:
@@ -125,7 +132,7 @@ def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:
         frame = (joint.first, joint.second)[side]
         return state.within[state.ends[pair][side]] @ frame[:, 2]
 
-    near_turn, far_turn, sine, closes = close_dyad(
+    near_turn, far_turn, sine, slenderness, closes = close_dyad(
         axis(near, 0),
         axis(far, 0),
         (axis(near, 1), axis(middle, 1)),
@@ -135,6 +142,7 @@ def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:
     )
     grown = state.slack / np.maximum(sine, np.sqrt(REACH_SLACK))
     state.slack = np.minimum(grown, np.sqrt(REACH_SLACK))
+    state.slenderness = np.minimum(state.slenderness, slenderness)
     placed = np.broadcast_arrays(np.eye(3), near_turn, far_turn)
     state.merge(group, np.stack(placed, axis=1))
     state.read_values(group)

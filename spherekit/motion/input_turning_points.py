@@ -115,9 +115,12 @@ class ModeCoalescence:
     def __call__(self, part: int, q: Floats) -> Floats:
         """Return the function (n,) of group `part` at inputs q (n,) rad.
 
-        NaN where a complex mode is missing, infinite, or one of infinitely many.
+        NaN where a complex mode is missing, infinite, or one of infinitely many, and where
+        the product of the determinants of all modes exceeds float64.
         """
-        return np.prod(self._determinants(part, q[:, None]), axis=1).real
+        with np.errstate(over="ignore", invalid="ignore"):
+            function = np.prod(self._determinants(part, q[:, None]), axis=1).real
+        return np.where(np.isfinite(function), function, np.nan)
 
     def configurations(self, q: Floats) -> Complexes:
         """Return the variables (modes, pairs) rad of all complex modes at inputs q (k,).

@@ -19,7 +19,6 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import (
     DEFAULT_SAMPLES,
-    EPS,
     TURN,
     Names,
     Status,
@@ -39,6 +38,11 @@ from spherekit.motion.assembly_modes import (
     named,
 )
 from spherekit.motion.configuration import Configurations, configuration_curves
+from spherekit.motion.fold_bounds import (
+    bound_by_newton,
+    curvature_bound,
+    rounding_of_loops,
+)
 from spherekit.motion.guides import ModeOverGrid
 from spherekit.motion.input_grid import given_path, sampled, spread_rows
 from spherekit.motion.loops import Linearisation, LoopTree, condition, left_inverse
@@ -50,7 +54,7 @@ from spherekit.motion.mode_meetings import (
 from spherekit.motion.modes import ModeSearch
 from spherekit.numeric.zeros import ArrayRows
 from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
-from spherekit.sphere.rotation import all_finite, cross, nans, quaternion
+from spherekit.sphere.rotation import all_finite, nans, quaternion
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,8 @@ class Motion(ArrayRows):
     `timing` says when the rows happen, if that is known. `sense` (n,) is given where rows
     follow a mechanism through dead centres of its input: +1, or -1 where the input moves
     back while the mechanism moves on. `search` says how the assembly modes were found, and
-    what that says of their number.
+    what that says of their number. `singular_error` (n,) rad bounds the errors of the
+    variables in rows near dead centres, and is NaN in other rows.
     """
 
     mechanism: Mechanism
@@ -137,6 +142,7 @@ class Motion(ArrayRows):
     timing: Timing | None = None
     sense: Floats | None = None
     search: str = ""
+    singular_error: Floats | None = None
 
     def __repr__(self) -> str:
         counts = Counter(Status(code).name for code in self.status.tolist())
@@ -240,11 +246,10 @@ class Motion(ArrayRows):
     def gap(self) -> Floats:
         """(n,) rad, by how much loops may be open, in each component.
 
-        The residual; two roundings of its own, and one for each variable of a loop: for its
-        geometry, and for the numbers of the file, which float64 rounds.
+        The residual, and what rounding alone opens, see
+        `spherekit.motion.fold_bounds.rounding_of_loops`.
         """
-        rounding = EPS * (2.0 + self.linearisation.tree.longest_loop)
-        return np.nan_to_num(self.residual) + rounding
+        return np.nan_to_num(self.residual) + rounding_of_loops(self.linearisation)
 
     @property
     def bend(self) -> Floats:
@@ -257,11 +262,7 @@ class Motion(ArrayRows):
     @cached_property
     def _curvature(self) -> Floats:
         """(n,) how much a turn of all variables by one radian bends the loops, at most."""
-        vectors = self.vectors
-        apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
-        # Nearly parallel axes hardly turn each other.
-        turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
-        return self.linearisation.tree.longest_loop * turn
+        return curvature_bound(self.linearisation)
 
     @property
     def fold_error(self) -> Floats:
@@ -269,22 +270,30 @@ class Motion(ArrayRows):
         return np.sqrt(self.gap / self._curvature)
 
     @cached_property
-    def configuration_error(self) -> Floats:
-        """(n,) rad, how far variables may be off.
+    def float64_error(self) -> Floats:
+        """(n,) rad, how far variables may be off, by float64 computations alone.
 
-        The gap of the loops times `sensitivity` is the first step of Newton's method to
-        the solution, and the way there is at most twice as long while `bend` allows it:
-        infinite where it does not. Two roundings more are for the numbers. NaN where the
-        row failed or was not constructed.
+        It contains the rounding of the sizes of the file to float64, so it applies to the
+        decimal sizes as well as to the float64 numbers next to them. It is infinite near
+        dead centres (`spherekit.motion.fold_bounds.bound_by_newton`), and NaN where the row
+        failed or was not constructed.
         """
         if np.all(np.isnan(self.residual)):
             return nans(len(self))
-        with np.errstate(invalid="ignore", over="ignore"):
-            bend = self.bend
-            root = np.sqrt(np.maximum(1.0 - 2.0 * bend, 0.0))
-            moved = self.sensitivity * self.gap * 2.0 / (1.0 + root)
-        moved = np.where(bend <= 0.5, moved, np.inf)
-        return np.where(self.failed, np.nan, 2.0 * EPS + moved)
+        error = bound_by_newton(self.sensitivity, self.gap, self._curvature)
+        return np.where(self.failed, np.nan, error)
+
+    @cached_property
+    def configuration_error(self) -> Floats:
+        """(n,) rad, how far variables may be off.
+
+        It is `float64_error` where that is finite. Nearer to dead centres it is the
+        `singular_error` of the row. NaN where the row failed or was not constructed.
+        """
+        if self.singular_error is None:
+            return self.float64_error
+        is_unknown = np.isinf(self.float64_error) & np.isfinite(self.singular_error)
+        return np.where(is_unknown, self.singular_error, self.float64_error)
 
     @property
     def orientation_error(self) -> Floats:
@@ -316,7 +325,7 @@ def motion_of(solver: Solver, values: Floats) -> Motion:
     """
     at, inputs = solver.closure.at(values), values[:, list(solver.driven)]
     status = np.full(len(values), Status.OK, dtype=np.int8)
-    there = Evaluated(values, at.placed, status, at.gap)
+    there = Evaluated(values, at.placed, status, at.gap, nans(len(values)))
     return _in_rows(solver, (), inputs, np.arange(len(values)), there, False)
 
 
@@ -348,6 +357,7 @@ def _in_rows(
         status=there.status,
         residual=there.residual,
         is_path=is_path,
+        singular_error=there.singular_error,
     )
 
 

@@ -68,7 +68,8 @@ class Placed(NamedTuple):
     values
         (n, variables) pair variables (rad) in float64.
     error
-        (n,) bound of the error of the variables (rad). Infinite if they are not reliable.
+        (n,) bound of the error of `values` (rad) by the decimal sizes, with their rounding
+        to float64. Infinite if they are not reliable.
     status
         (n,) OK; OUT_OF_REACH if the arcs of a dyad do not close; AT_SINGULARITY if a group
         is at its dead centre within the rounding of the inputs, or if the error bound is
@@ -342,7 +343,9 @@ class QuadAssembly:
                     determinant = determinants[number] if determinants else 0.0
                     self._close_group(bodies, group, determinant, starts)
             values = bodies.values.astype(float)
-        error = np.where(np.all(np.isfinite(values), axis=1), bodies.error, np.inf)
+        # Two roundings are for the float64 numbers.
+        error = 2.0 * EPS + bodies.error
+        error = np.where(np.all(np.isfinite(values), axis=1), error, np.inf)
         status = np.full(len(q), Status.OK, dtype=np.int8)
         status[bodies.is_at_dead_centre | ~(error <= LARGEST_ANGLE_ERROR_RAD)] = (
             Status.AT_SINGULARITY

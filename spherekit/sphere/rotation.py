@@ -197,7 +197,7 @@ def close_dyad(
     far: tuple[Floats, Floats],
     sign: Floats | float,
     slack: Floats | float = REACH_SLACK,
-) -> tuple[Floats, Floats, Floats, Bools]:
+) -> tuple[Floats, Floats, Floats, Floats, Bools]:
     """Place the two bodies of a dyad between two known axes.
 
     Parameters
@@ -220,6 +220,9 @@ def close_dyad(
     sine
         (n,) sine of the angle between the two bodies' arcs at the middle axis, 0 at the
         dead centre of the dyad and where an arc is too short to tell.
+    slenderness
+        (n,) smallest over largest sine of the three sides of the triangle. Directions along
+        the shortest side have so much fewer digits.
     closes
         (n,) whether the arcs can reach each other. Where they can and the dyad can turn
         about one line, one of infinitely many configurations is returned.
@@ -249,7 +252,10 @@ def close_dyad(
     height = np.sin(base) * np.sin(at_first) * sides[0]
     told = ~free & np.all(sides >= SHORTEST, axis=0)
     sine = np.where(told, height / np.where(told, sides[0] * sides[1], 1.0), 0.0)
-    return near_rotation, far_rotation, sine, closes
+    every_side = np.array([length[:, 0], *np.broadcast_arrays(*np.abs(sides))])
+    largest = np.max(every_side, axis=0)
+    slenderness = np.min(every_side, axis=0) / np.where(largest > 0.0, largest, 1.0)
+    return near_rotation, far_rotation, sine, slenderness, closes
 
 
 def angles_between(first: Floats, second: Floats) -> Floats:

@@ -78,7 +78,7 @@ class Rows:
     where the kernel has the closed form in it; in the end they are those of all variables.
     `closure` (2, n) is by how much loops are open, and the error of the configuration.
     `vouched` (n,) says where the values close all loops and the kernel's numbers may be
-    given.
+    given. `singular_error` (n,) is that of a `Motion`.
     """
 
     def __init__(self, kernel: RowKernel, tracer: PositionAnalysis, q: Floats) -> None:
@@ -88,6 +88,7 @@ class Rows:
         self.closure = np.empty((2, n))
         self.vouched = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
+        self.singular_error = nans(n)
         # What has no closed form is predicted, or not known.
         blank = np.empty if kernel.has_closed_form else nans
         self.values = blank((len(tracer.mechanism.variable_owners), n))
@@ -187,6 +188,7 @@ class Rows:
             evaluated = tracer.solver.evaluate(tracer.assembly_modes[number], q, wanted)
             self.values[:, at] = evaluated.values.T
             self.status[at] = evaluated.status
+            self.singular_error[at] = evaluated.singular_error
             residual[of_mode] = evaluated.residual
         judged = late[np.isfinite(residual)]
         judging = self.kernel.judging
@@ -427,6 +429,7 @@ class BatchRunner:
             residual=rows.closure[0].copy(),
             is_path=tracer.input_grid.is_path,
             timing=None if timing is None else timing.rows(samples).repeated(modes),
+            singular_error=rows.singular_error,
         )
         if len(doubtful):
             rows.closure[1, doubtful] = motion.rows(doubtful).configuration_error

@@ -1,0 +1,73 @@
+"""Compares the configurations of a motion with the closure equations in many digits.
+
+The sizes are the decimal degrees of the file, inputs are the float64 numbers that they are.
+The equations are those of `spherekit.proof.linkage`, which shares no solver with the
+motion.
+"""
+
+import numpy as np
+
+from spherekit.conventions import EPS, Status
+from spherekit.proof.balls import Digits, exactly, floats, middles
+from spherekit.proof.gears import Written
+from spherekit.proof.linkage import Linkage
+
+DIGITS = 50
+CLOSED_RAD = 1e-40
+"""Loops that are open by less are closed, in 50 digits."""
+
+
+def _linkage(motion):
+    """Return the linkage of a motion with decimal sizes, its inputs, and its rows."""
+    mechanism = motion.mechanism
+    linkage = Linkage(mechanism, Written.of(mechanism).r_frames())
+    held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    start = exactly(motion.values)
+    start[:, held] = exactly(motion.inputs)
+    return linkage, held, start
+
+
+def deviations(motion):
+    """Return (rows,) rad how far variables are from the solution, NaN where none is found.
+
+    Newton's method starts from the rows. At a dead centre it halves the distance with each
+    step, and where nothing closes it does not converge.
+    """
+    arithmetic = Digits(DIGITS)
+    with arithmetic.within(), np.errstate(all="ignore"):
+        linkage, held, start = _linkage(motion)
+        solution = linkage.closed(start, held, arithmetic.eps)
+        away = np.max(np.abs(floats(solution.values - start)), axis=1)
+    return np.where(solution.status == Status.OK, away, np.nan)
+
+
+def deviations_beside(motion):
+    """Return how far variables and inputs are from the nearest closed configuration.
+
+    Inputs move too, so a solution is found also beside a dead centre, where nothing closes
+    at the input of the row itself.
+
+    Returns
+    -------
+    away, shift
+        (rows,) rad the largest change of a variable, and of an input in roundings of it.
+        NaN where no solution is found.
+    """
+    arithmetic = Digits(DIGITS)
+    with arithmetic.within(), np.errstate(all="ignore"):
+        linkage, held, start = _linkage(motion)
+        values = start.copy()
+        for _ in range(25):
+            placed, gaps = linkage.place(values)
+            jacobian = floats(linkage.jacobian(linkage.vectors(values, placed)))
+            jacobian = np.nan_to_num(jacobian)
+            # The residual has 50 digits, so each step gains the digits of the inverse.
+            inverse = exactly(np.linalg.pinv(jacobian, rcond=1e-7))
+            values = middles(values - np.matvec(inverse, gaps))
+        _, gaps = linkage.place(values)
+        is_closed = np.max(np.abs(floats(gaps)), axis=1) < CLOSED_RAD
+        change = np.abs(floats(values - start))
+    away = np.max(change, axis=1)
+    rounding = EPS * np.maximum(1.0, np.max(np.abs(motion.inputs), axis=1))
+    shift = np.max(change[:, held], axis=1) / rounding
+    return np.where(is_closed, away, np.nan), np.where(is_closed, shift, np.nan)

@@ -1,0 +1,67 @@
+"""Rows at folds of contacts and of redundant loops: their angles are right, or left out.
+
+They are judged by the closure equations in 50 digits with the decimal sizes of the file
+(`exact_configurations`).
+"""
+
+import numpy as np
+import pytest
+from exact_configurations import deviations, deviations_beside
+from folding_mechanisms import folding_mechanism, inputs_beside_folds
+
+from spherekit.conventions import Status
+from spherekit.errors import SpherekitError
+from spherekit.motion.motion import PositionAnalysis
+from spherekit.motion.quad_positions import LARGEST_ANGLE_ERROR_RAD
+
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+
+MOST_ROUNDINGS = 8.0
+"""Where nothing closes at the input of a row, something closes so near to it. A row at a
+dead centre can be beyond it by the rounding of the sizes."""
+MOST_ROWS = 60
+"""Rows of one mechanism that are judged."""
+
+
+def judged_rows(made, path):
+    """Check all angles at singularities, and return how many rows (known, left out)."""
+    motion = PositionAnalysis(made, path=path).motion()
+    is_singular = motion.status == Status.AT_SINGULARITY
+    left_out = int(np.sum(is_singular & motion.failed))
+    known = np.flatnonzero(is_singular & ~motion.failed)[:MOST_ROWS]
+    if not len(known):
+        return 0, left_out
+    rows = motion.rows(known)
+    bound = rows.configuration_error
+    assert np.all(bound <= LARGEST_ANGLE_ERROR_RAD)
+    away = deviations(rows)
+    has_root = np.isfinite(away)
+    assert np.all(away[has_root] <= bound[has_root])
+    if not np.all(has_root):
+        away, roundings = deviations_beside(rows.rows(~has_root))
+        assert np.all(away <= bound[~has_root])
+        assert np.all(roundings <= MOST_ROUNDINGS)
+    return len(known), left_out
+
+
+@pytest.mark.parametrize(
+    ("seeds", "least"),
+    [
+        ((0,), 6),  # a cam
+        pytest.param((5, 9, 20), 30, marks=pytest.mark.slow),
+        pytest.param(range(25), 300, marks=pytest.mark.long),
+        pytest.param(range(25, 60), 300, marks=pytest.mark.long),
+    ],
+)
+def test_angles_at_folds_are_right_or_left_out(seeds, least):
+    known = 0
+    for seed in seeds:
+        kind, made = folding_mechanism(seed)
+        if kind == "contact":  # hundreds of modes, most of which are alike
+            continue
+        try:
+            path = inputs_beside_folds(made, seed)
+            known += judged_rows(made, path)[0]
+        except SpherekitError:  # arcs that close nowhere
+            continue
+    assert known >= least
