@@ -348,3 +348,14 @@ def test_turns_are_counted_where_a_smooth_curve_turns_fully():
     swings = replace(sk.load("four_bar"), loads=wound.loads)
     passed = formulas(swings, ["torque"], crossings="pass")
     assert "turns_of_41" not in [x.name for x in passed.motion]
+
+
+@pytest.mark.slow
+def test_a_source_does_not_claim_that_searched_modes_cross_nowhere():
+    """A cam with a roller whose equivalent four-bar has the arcs 60, 10, 37 and 33 deg."""
+    text = (Path(sk.__file__).parents[1] / "mechanisms" / "roller_cam.toml").read_text()
+    text = text.partition("[mass.cam]")[0].replace("[90.0, 45.0] }", "[90.0, 57.0] }")
+    made = formulas(loaded(text), ["theta_follower_pivot"], crossings="pass")
+    assert not made.mode_table.smooth.are_all_known
+    head = " ".join(source(made, "js").replace("// ", "").split())
+    assert "as far as crossings are known. Curves may also cross at inputs" in head

@@ -93,7 +93,10 @@ class SmoothModes(NamedTuple):
         never do. An input outside of the range is moved by whole periods into it, or as
         near to it as they lead.
     crossings
-        Inputs (rad) in the range at which curves cross.
+        Inputs (rad) in the range at which curves are known to cross.
+    are_all_known
+        Whether curves cross nowhere else in the range. Crossings are not looked for in
+        groups whose modes are searched, such as those with contacts.
     starts
         (intervals,) the input (rad) at which each interval begins; the first is -inf.
     places
@@ -108,6 +111,7 @@ class SmoothModes(NamedTuple):
     high: float
     period: float
     crossings: tuple[float, ...]
+    are_all_known: bool
     starts: tuple[float, ...]
     places: Floats
     inputs: Floats

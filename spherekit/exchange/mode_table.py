@@ -34,6 +34,7 @@ from spherekit.engine.expression_graph import Expr
 from spherekit.engine.row_quantities import VariedTerms
 from spherekit.errors import EngineError
 from spherekit.exchange.formula_terms import Formulas, Mode, ModeTable, SmoothModes
+from spherekit.guarantee import Guarantee
 from spherekit.model.gears import joints_of
 from spherekit.model.study import Crossings
 from spherekit.motion.assembly_modes import AssemblyMode
@@ -317,13 +318,14 @@ def _join_places(
         all_places = [unknown, *all_places, unknown]
         all_inputs = [inputs[0] * np.nan, *all_inputs, inputs[0] * np.nan]
     return SmoothModes(
-        low,
-        high,
-        float(period),
-        tuple(borders.tolist()),
-        tuple(starts),
-        np.array(all_places),
-        np.array(all_inputs),
+        low=low,
+        high=high,
+        period=float(period),
+        crossings=tuple(borders.tolist()),
+        are_all_known=position_analysis.claim.guarantee is Guarantee.COMPLETE,
+        starts=tuple(starts),
+        places=np.array(all_places),
+        inputs=np.array(all_inputs),
     )
 
 

@@ -27,6 +27,11 @@ _CIRCULAR = ("sin", "cos", "tan", "asin", "acos", "atan")
 CALLS = (*_CIRCULAR, "sqrt", "exp", "log", "tanh", "cosh", "sinh")
 """Functions of one argument."""
 WIDTH = 84
+OTHER_CROSSINGS = (
+    "Curves may also cross at inputs that are not known: crossings are found with dyads, "
+    "triads and trains of wheels only"
+)
+"""Said of mechanisms whose crossings may not all be known."""
 
 
 @dataclass(frozen=True)
@@ -221,8 +226,11 @@ class Source:
         smooth = self.smooth
         assert smooth is not None
         range_text = f"between {smooth.low:.6g} and {smooth.high:.6g} rad"
-        if not smooth.crossings:
+        unknown = "" if smooth.are_all_known else f" {OTHER_CROSSINGS}."
+        if not smooth.crossings and smooth.are_all_known:
             return f"A mode is a smooth curve. No curves cross {range_text}."
+        if not smooth.crossings:
+            return f"A mode is a smooth curve as far as crossings are known.{unknown}"
         crossings = listing(f"{q + 0.0:.6g}" for q in np.round(smooth.crossings, 12))
         if self.of.step:
             use = (
@@ -241,7 +249,8 @@ class Source:
                 "near as they lead."
             )
         return (
-            f"A mode is a smooth curve. Curves cross {range_text} at {crossings} rad. {use}"
+            f"A mode is a smooth curve. Curves cross {range_text} at {crossings} rad. "
+            f"{use}{unknown}"
         )
 
     @property

@@ -25,6 +25,7 @@ from spherekit.exchange.formulas import (
 from spherekit.exchange.latex import latex
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.posed import posed
+from spherekit.exchange.printed import OTHER_CROSSINGS
 from spherekit.exchange.size_arguments import check_arguments
 from spherekit.exchange.source import source
 from spherekit.files.atomic import write_text
@@ -245,10 +246,12 @@ def _source(
 
 def _describe_crossings(smooth: SmoothModes) -> str:
     """Return a sentence on the crossings that modes of a source pass."""
+    unknown = "" if smooth.are_all_known else f". {OTHER_CROSSINGS}"
     if not smooth.crossings:
-        return "no curves cross in the range of the input"
+        known = "" if smooth.are_all_known else "are known to "
+        return f"no curves {known}cross in the range of the input{unknown}"
     inputs = listing(dict.fromkeys(map(degrees_text, smooth.crossings)))
-    return f"modes follow their smooth curves through crossings at {inputs} deg"
+    return f"modes follow their smooth curves through crossings at {inputs} deg{unknown}"
 
 
 def _coupling(table: CouplingTable, target: Path) -> Exported:

@@ -106,7 +106,13 @@ class PageMaker:
             self.keys = tuple(key for key in self.keys if key not in idle)
             return self.page()
         self.notes += (f"left out: assembly mode {x}" for x in rows.mode_table.left_out)
-        text = self._assembled(self.model(shown, rows.results), _kernels(kernels))
+        if self.crossings == "pass" and rows.step:
+            self.notes.append(
+                "no curves are known to cross with the sizes of the file; where they do "
+                "with others, modes end, as positions have no closed form"
+            )
+        model = self.model(shown, rows.results, has_closed_form=not rows.step)
+        text = self._assembled(model, _kernels(kernels))
         return text, len(shown), len(rows.modes)
 
     # Quantities, and what is drawn.
@@ -178,17 +184,13 @@ class PageMaker:
             "period": float(period) if np.isfinite(period) else None,
         }
 
-    @property
-    def _passed_crossings(self) -> Facts | None:
-        """What the page knows of modes that pass through crossings, None if they do not.
+    def _passed_crossings(self) -> Facts:
+        """Return what the page is told of modes that pass through crossings.
 
-        `anchor` is the input (rad) of the reference pose, if it is in the range. Smooth
-        curves have the numbers of the modes there.
+        `anchor` is the input (rad) of the reference pose, at which smooth curves have the
+        numbers of the modes. It is None if it is not in the range.
         """
-        assembly = assembly_by_count_or_rank(self.mechanism)
-        if self.crossings == "end" or not assembly.has_closed_form:
-            return None
-        solver = Solver(self.mechanism, assembly)
+        solver = Solver(self.mechanism, assembly_by_count_or_rank(self.mechanism))
         (anchor,), (driven,) = solver.anchor, self.mechanism.inputs
         low, high = driven.range
         if solver.reference is None or not low <= anchor <= high:
@@ -380,7 +382,12 @@ class PageMaker:
     def _numbers(self) -> list[DesignVariable]:
         return [design_variable(self.document, key) for key in self.keys]
 
-    def model(self, shown: Sequence[str], computed: Iterable[str] = ()) -> Facts:
+    def model(
+        self,
+        shown: Sequence[str],
+        computed: Iterable[str] = (),
+        has_closed_form: bool = True,
+    ) -> Facts:
         """Return what the page's scripts read.
 
         Parameters
@@ -389,7 +396,11 @@ class PageMaker:
             The quantities that have curves.
         computed
             The quantities that the page computes at every sample.
+        has_closed_form
+            Whether positions follow from signs of dyads. If not, modes are followed by
+            Newton's steps, which pass no crossings.
         """
+        passes_crossings = self.crossings == "pass" and has_closed_form
         signed = self._signed_poles([*computed])
         mechanism = self.mechanism
         return {
@@ -424,7 +435,7 @@ class PageMaker:
                 for x in mechanism.joint_limits
             ],
             "wound": [*map(self._wound, self._wound_pairs)],
-            "crossings": self._passed_crossings,
+            "crossings": self._passed_crossings() if passes_crossings else None,
             "moving": any(name.startswith((*LOADED, "kinetic_energy")) for name in shown),
             "plans": [*map(self._plan, self._ends, self.plans)],
             "toml": text_with_places(self.document, [x.path for x in self._numbers]),

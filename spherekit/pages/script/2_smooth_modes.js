@@ -28,7 +28,7 @@ class SmoothMode {
   }
   placesAt(x, sizes) {
     this.settle(sizes);
-    return this.pieces.findLast(({from}) => x >= from).places;
+    return this.pieces.findLast(({from}) => !(x < from)).places;  // of an input NaN, any
   }
   rowAt(q, sizes) {
     return evaluated(rows, q, this.placesAt(q[0], sizes), sizes);
