@@ -248,8 +248,8 @@ def _describe_crossings(smooth: SmoothModes) -> str:
     """Return a sentence on the crossings that modes of a source pass."""
     unknown = "" if smooth.are_all_known else f". {OTHER_CROSSINGS}"
     if not smooth.crossings:
-        known = "" if smooth.are_all_known else "are known to "
-        return f"no curves {known}cross in the range of the input{unknown}"
+        verb = "cross" if smooth.are_all_known else "are known to cross"
+        return f"no curves {verb} in the range of the input{unknown}"
     inputs = listing(dict.fromkeys(map(degrees_text, smooth.crossings)))
     return f"modes follow their smooth curves through crossings at {inputs} deg{unknown}"
 
