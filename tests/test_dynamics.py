@@ -243,6 +243,7 @@ def test_a_crossing_of_curves_is_passed_where_that_is_asked():
     assert table["theta_21"].to_numpy() == pytest.approx(moved[:, 0], abs=1e-9)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("off", "end"), [(1e-12, "singularity"), (1e-9, "time")])
 def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(

@@ -122,6 +122,7 @@ def test_a_kernel_of_arrays_gives_each_column_alone():
     assert np.allclose(more, out[: len(more), 3:5], 1e-13, 1e-13)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "roller_cam"])
 def test_second_derivatives_are_slopes_of_the_first(name):
     made = with_masses(load(name))

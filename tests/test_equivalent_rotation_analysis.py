@@ -400,6 +400,7 @@ def test_base_that_moves():
 WRIST = str(Path(__file__).parent / "files" / "coaxial_wrist.toml")
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("angle", [90.0, -50.0, 20.0])
 def test_the_end_is_in_the_mode_of_the_start(angle):
     """Equal motor angles turn a coaxial wrist as a whole about the axis of its motors.
@@ -414,6 +415,7 @@ def test_the_end_is_in_the_mode_of_the_start(angle):
     assert np.array(told["axis"]) * np.sign(angle) == pytest.approx([0, 0, 1], abs=1e-9)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("mode", ["1", "2", "3"])
 def test_every_mode_of_the_start_has_its_end(mode):
     text = f"start=m1=0+m2=0+m3=0,end=m1=10+m2=10+m3=10,samples=3,mode={mode}"

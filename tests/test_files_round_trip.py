@@ -145,8 +145,11 @@ def random_mechanism(seed):
     )
 
 
+SEEDS = [*range(10), *(pytest.param(x, marks=pytest.mark.slow) for x in range(10, 40))]
+
+
 @pytest.mark.parametrize("unit", UNITS)
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", SEEDS)
 def test_random_mechanisms(seed, unit, tmp_path):
     mechanism = random_mechanism(seed)
     path = tmp_path / "written.toml"
@@ -159,7 +162,7 @@ def test_random_mechanisms(seed, unit, tmp_path):
 
 def test_every_radian_can_be_written_in_degrees():
     random = np.random.default_rng(7)
-    angles = [*random.uniform(-13, 13, 9_000), *10.0 ** random.uniform(-300, 1, 2_000)]
+    angles = [*random.uniform(-13, 13, 2_500), *10.0 ** random.uniform(-300, 1, 1_000)]
     angles += [5e-324, 1e-310, 2.2250738585072014e-308, -5e-324]
     longest = 0
     for angle in map(float, angles):

@@ -82,6 +82,7 @@ def test_load_change_an_arc_and_sweep(assembly_mode):
     assert turn.frame(degrees=True)["q"].max() == pytest.approx(360.0)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "single_flier", "roller_cam"])
 def test_one_input_is_a_row_of_many_and_a_row_of_a_run(name):
     mechanism = sk.load(name)

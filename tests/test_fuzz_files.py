@@ -19,7 +19,7 @@ PLACED = re.compile(r"damaged\.toml(:\d+)?: \S")
 TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40)
 
 
-@settings(max_examples=200 * EFFORT)
+@settings(max_examples=100 * EFFORT)
 @given(files | TEXTS)
 def test_damaged_mechanism_files(text):
     """Read a text; what is refused names file and line, what is read can be written."""

@@ -89,6 +89,7 @@ def planar_limit(scale, rocker=0.8, ground=1.0):
     return made.with_sizes(angle_unit="deg", arcs=sizes)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("scale", [0.01, 0.003, 0.1, 1.0, 10.0])
 def test_small_arcs_alone_are_not_near_type_ii(scale):
     """The planar four-bar has its least transmission angle where the crank is in line.
@@ -103,6 +104,7 @@ def test_small_arcs_alone_are_not_near_type_ii(scale):
     assert not any("of type II" in text for text in summary["warnings"])
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("scale", [0.01, 1.0, 10.0])
 def test_a_nearly_folded_dyad_is_near_type_ii_at_any_scale(scale):
     """The triangle with the sides 1.2, 0.701 and 0.5 is nearly flat."""

@@ -74,6 +74,7 @@ CASES = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name, keys, pair, link", CASES)
 def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link):
     mechanism, document = sk.load(name), document_of(name)
@@ -105,6 +106,7 @@ def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link):
                 assert row[figure] == pytest.approx(value, rel=1e-9, abs=1e-9), figure
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name, middle", [("four_bar", "43"), ("stephenson", "56")])
 def test_figures_of_analyses_are_those_of_their_tables(name, middle):
     """The plane of the fourth link of form ii gave another angle in six-bars."""

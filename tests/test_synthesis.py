@@ -144,6 +144,7 @@ def test_rows_that_no_other_beats():
     assert nondominated(wanted, modes).tolist() == np.flatnonzero(~beaten).tolist()
 
 
+@pytest.mark.slow
 def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
     found = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
     arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
@@ -302,6 +303,7 @@ values = [[10.0, 20.0, 30.0], [0.0, 0.0, 0.6, 0.8]]
         sk.synthesize(path)
 
 
+@pytest.mark.slow
 def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
     arcs = {"1": 80.0, "2": 25.0, "3": 75.0, "4": 60.0}
     given = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)

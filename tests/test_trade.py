@@ -188,6 +188,7 @@ def test_the_cheapest_depends_on_the_number_of_samples_and_of_alike_ones_on_the_
     assert given.cheapest(4e-16) is alike[2]
 
 
+@pytest.mark.slow
 def test_missing_numbers_are_not_chosen():
     """The first great circles of the Stephenson fail where two of its poles meet."""
     made = sk.load("stephenson")
@@ -303,6 +304,7 @@ def test_a_run_takes_a_stored_trade(capsys, stored):
         assert each.reason or str(each.setting) == each.name
 
 
+@pytest.mark.slow
 def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
     capsys, tmp_path, monkeypatch
 ):

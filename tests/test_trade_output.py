@@ -72,9 +72,12 @@ def test_settings_with_one_reason_are_in_one_line():
     ]
 
 
-def test_everything_is_in_the_chart():
+@pytest.mark.parametrize(
+    "tolerances", [(None, 1e-5), pytest.param((1e-30, 1e5), marks=pytest.mark.slow)]
+)
+def test_everything_is_in_the_chart(tolerances):
     trade = made()
-    for tolerance in (None, 1e-5, 1e-30, 1e5):
+    for tolerance in tolerances:
         (chart, _) = scene(trade, tolerance).primitives
         labels = [curve.label for curve in chart.curves]
         assert any("numpy s 64" in label for label in labels)

@@ -67,6 +67,7 @@ def paper():
     return form.rotation_between(start, stop, (-1, 1, 1))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", CLOSED)
 def test_all_analyses_judge_a_configuration_alike(name):
     """Inverse kinematics, workspace, singularities and rotation: one number, one type."""

@@ -52,6 +52,7 @@ def columns(curve, s):
     return np.concatenate([*rows, there.curvature[None], there.curvature_rate[None]])
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("kind", ["circle", "fourier", "closed", "open"])
 def test_what_a_curve_changes_by_is_its_difference(kind, backwards):
@@ -71,6 +72,7 @@ def test_what_a_curve_changes_by_is_its_difference(kind, backwards):
     assert np.all(off < [3e-5] * 7 + [1e-3])
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("kind", ["circle", "fourier", "closed", "open"])
 def test_the_second_derivative_of_the_curvature(kind):
     made, _ = curves(kind)

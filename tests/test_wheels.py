@@ -207,6 +207,7 @@ def test_two_inputs_of_a_differential_in_any_range():
         assert np.max(turned(carrier - 0.5 * np.sum(motion.inputs[held], axis=1))) < 1e-9
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("shift", [0.0, -360.0, 360.0])
 def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
     """Along a closed curve that swings to and fro an input is met as often each way.

@@ -46,8 +46,13 @@ VAGUE = ("found", "own", "each", "known")
 """Words that no local is called, for a noun of the field says more."""
 
 
+ANY_RETIRED = re.compile("|".join(RETIRED))
+
+
 def retired(text):
     """Return the retired words of a text."""
+    if not ANY_RETIRED.search(text):
+        return []
     found = []
     for pattern, allowed in RETIRED.items():
         rest = re.sub(allowed, "", text) if allowed else text

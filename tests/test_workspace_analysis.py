@@ -195,6 +195,7 @@ def loop_case():
     return mechanism, kinematics, bounds_of(kinematics, wanted)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("signs", [(1, 1, 1), (-1, 1, -1)])
 def test_mechanism_with_a_loop_within(loop_case, signs):
     """Brute force by the position analysis of the graph, in matrices."""
