@@ -157,7 +157,6 @@ def test_bearings_that_lock_are_refused(tmp_path):
     for refused in (
         lambda: sk.simulate(rub, start, 1.0, engine="compiled"),
         lambda: sk.reference_simulation(rub, start, 1e-3),
-        lambda: sk.simulate(rub, start, 1.0, scheme="paper"),
         lambda: sk.export(rub, tmp_path / "stored.npz"),
     ):
         with pytest.raises(sk.SpherekitError, match="the reaction of pair 14"):

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from spherekit.dynamics.simulation import (
     Forecast,
     Simulation,
     SimulationEnd,
-    by_differences,
 )
 from spherekit.dynamics.start import PoseStart, Problem, Torques, prepare
 from spherekit.engine.equation import LOOSEST, compiling_time
@@ -55,8 +53,6 @@ def simulate(
     check: bool = False,
     engine: Engine = "auto",
     compact: bool = True,
-    scheme: Literal["series", "paper"] = "series",
-    step: float | None = None,
     seen: Callable[[Simulation], None] | None = None,
 ) -> Simulation:
     """Return the motion of a mechanism of any mobility under its loads.
@@ -95,9 +91,6 @@ def simulate(
         what is asked, kinks of loads included; the result says which, and why.
     compact
         False compiles longer for about two thirds of the time of solving.
-    scheme, step
-        ``"paper"`` takes the source's finite differences instead, with equal steps (s)
-        and without events; see `spherekit.dynamics.simulation`.
     seen
         Is given the simulation so far, every few seconds while NumPy's engine solves it;
         not where a one-sided contact may end it earlier.
@@ -129,10 +122,10 @@ def simulate(
     start = start if isinstance(start, PoseStart) else Start.of(start)
     need_allowed(mechanism, engine, tolerance)
     passes = crossings == "pass"
-    if passes and (engine == "compiled" or scheme == "paper"):
+    if passes and engine == "compiled":
         raise EngineError(
             f"{mechanism.name}: only NumPy's engine passes crossings",
-            "leave engine and scheme out, or crossings",
+            "leave engine or crossings out",
         )
     problem = prepare(
         mechanism, start, until, torque, input_pair, assembly_mode, switches, passes
@@ -140,15 +133,6 @@ def simulate(
     if any(pair.one_sided for pair in mechanism.pairs):
         seen = None
     problem = replace(problem, seen=seen, compact=compact)
-    if scheme == "paper":
-        if engine == "compiled":
-            raise EngineError(
-                f"{mechanism.name}: the scheme of the source is not compiled",
-                "leave engine or scheme out",
-            )
-        return by_differences(problem, step if step is not None else until / 1000.0)
-    if step is not None:
-        raise SolveError('simulate: step does nothing without scheme = "paper"')
     return (_checked if check else _solved)(problem, tolerance, engine)
 
 

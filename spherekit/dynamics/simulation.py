@@ -1,16 +1,8 @@
-"""A motion that follows from the loads: dense output, events, and what was checked.
+"""A motion that follows from the loads: dense output, events, and what was checked."""
 
-The direct problem by finite differences of the input, as its source proposes.
-
-Offered to compare with: the scheme is of first order, and ends at dead centres of the
-input (Di Gregorio 2024, eqs. (30), (31)).
-"""
-
-import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -21,8 +13,6 @@ from spherekit.arrays import Floats
 from spherekit.conventions import TURN, counted
 from spherekit.dynamics.coordinates import (
     InputMotion,
-    by_variables,
-    inertia,
     inertia_matrix,
     single,
 )
@@ -32,11 +22,10 @@ from spherekit.dynamics.forces import (
     rates_by_time,
     transmitted,
 )
-from spherekit.dynamics.path import StatePath, Step, Traced, through_steps
-from spherekit.dynamics.start import STANDSTILL, Problem
+from spherekit.dynamics.path import StatePath, Traced
+from spherekit.dynamics.start import Problem
 from spherekit.dynamics.state import Dynamics, EquationOfMotion
 from spherekit.errors import SolveError
-from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.mechanism import Mechanism
 from spherekit.motion.motion import Timing
 from spherekit.sphere.rotation import max_abs
@@ -386,75 +375,3 @@ class Simulation:
         traced = self.path.at(t)
         whole = TURN * traced.turns
         return traced, self.equation.at(t, traced.states, traced.frames, whole, second)
-
-
-REASON = "the scheme of the source is written with NumPy only"
-
-
-def by_differences(problem: Problem, step: float) -> Simulation:
-    """Return the motion at equal time steps (s), linear in between.
-
-    With D the step, q_1 = q_0 + q'_0 D, and q_{i+1} = (D^2 Q - 1/2 dB/dq (q_i - q_{i-1})^2)
-    / B + 2 q_i - q_{i-1}, where Q is taken at q_i and (q_i - q_{i-1}) / D.
-    """
-    started = time.perf_counter()
-    count = _steps(problem, step)
-    (driven,), equation, values = problem.driven, problem.equation, problem.values
-    closure = equation.closure
-    change = float(problem.speed[0] * problem.frame[0, driven]) * step
-    work = np.zeros(len(equation.loads.names))
-    end = SimulationEnd("time", problem.until, OVER)
-    states: list[Floats] = []
-    frames: list[Floats] = []
-    while True:
-        motion = by_variables(closure, values[None], [driven])
-        masses = inertia(equation.mechanism, motion)
-        B = masses.B.item()
-        dB = masses.dB.item()
-        seen = replace(motion, values=motion.values + problem.whole)
-        number = len(states)
-        speed = change / step
-        t = number * step
-        forces = equation.loads.parts(seen, np.array([[speed]]), np.array([t]))[0, 0]
-        states.append(np.concatenate([values, [np.sqrt(B) * speed], work]))
-        frames.append(motion.rates / np.linalg.norm(motion.rates))
-        if number == count:
-            break
-        work = work + step * forces * speed
-        if number:
-            change += (step**2 * float(np.sum(forces)) - 0.5 * dB * change**2) / B
-        with np.errstate(invalid="ignore"):
-            closed = closure.solve(values[None] + motion.rates[0] * change, [driven])
-        if not (closed.gap[0] < 1e-12 and frames[-1][0, 0, driven] > STANDSTILL):
-            end = SimulationEnd(
-                "singularity", t, "the input is at a dead centre, where q' is endless"
-            )
-            break
-        values = closed.values[0]
-    path = [
-        Step(k * step, step, one, (other - one)[None] / step, frames[k])
-        for k, (one, other) in enumerate(pairwise(states))
-    ]
-    if not path:
-        raise cannot_leave(problem, end.message)
-    closures = closure.at(np.array(states)[:-1, : equation.variables])
-    report = EngineReport("numpy", REASON, 0.0, time.perf_counter() - started, number)
-    traced = through_steps(path, problem.turns, float(np.max(closures.gap)))
-    return Simulation(equation, problem.driven, traced, (), end, report)
-
-
-def _steps(problem: Problem, step: float) -> int:
-    """Return how many steps there are; `SolveError` where the scheme is none of it."""
-    name = problem.equation.mechanism.name
-    count = round(problem.until / step) if step > 0.0 else 0
-    if count < 1 or abs(count * step - problem.until) > 1e-9 * problem.until:
-        raise SolveError(
-            f"{name}: step is {step:g} s, but the time {problem.until:g} s must be a whole "
-            "number of steps"
-        )
-    if problem.equation.freedoms > 1:
-        raise SolveError(
-            f"{name}: the scheme of the source is of one input; leave scheme out"
-        )
-    need_no_rubbing(problem.equation.mechanism, "the scheme of the source does not know")
-    return count
