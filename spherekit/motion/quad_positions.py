@@ -7,9 +7,11 @@ different in this module. The links have the decimal sizes of the file, 64.02 de
 example, and not the nearest float64 numbers. All computations have 33 digits.
 
 The groups of the mechanism are placed one after another. A dyad is placed by the closed
-form of `spherekit.sphere.dyad`, any other group by Newton's method, which starts from
-float64 values. A bound of the error of the placed bodies is updated with each group, to
-first order. Mechanisms with contacts, or with redundant equations, are not supported.
+form of `spherekit.sphere.dyad`, any other group by Newton's method. Near a dead centre of
+such a group, the residual at its fold tells whether the group closes, and from where
+Newton's method starts. A bound of the error of the placed bodies is updated with each
+group, to first order. Mechanisms with contacts, or with redundant equations, are not
+supported, see `spherekit.motion.fold_bounds`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,9 +44,25 @@ a decimal number of degrees, as that of pi for 180 degrees."""
 LARGEST_ANGLE_ERROR_RAD = 1e-5
 """Configurations with a larger error bound have the status AT_SINGULARITY, and
 `Solver.evaluate` returns NaN for their variables."""
-MAX_NEWTON_STEPS = 150
-"""Newton steps for one group. Near a double root, each step halves the distance to it, and
-about 55 steps are needed for 33 digits of the closure residual."""
+MAX_NEWTON_STEPS = 40
+"""Newton steps for one group. A step gains about 16 digits at most, since the Jacobian is
+inverted in float64, and few near a dead centre."""
+MAX_FOLD_STEPS = 6
+"""Newton steps to the fold of a group. Each gains about eight digits."""
+FOLD_PROBE_RAD = 1e-4
+"""The step over which the curvature at a fold is measured."""
+FOLD_STEP_RAD = 1e-12
+"""The fold is found if the last step is smaller. Its residual is then known to the square
+of this."""
+LEAST_SECOND_SINGULAR_VALUE = 1e-4
+"""At a fold, the second smallest singular value is larger than this part of the largest.
+Smaller: a second fold nearby can be missed."""
+LEAST_CURVATURE = 1e-3
+"""Smaller curvatures (1/rad) of f are not told from those of third order."""
+FOLD_SAFETY = 2.0
+"""Error bounds at a fold are enlarged by this factor, for terms of third order."""
+LARGEST_NEWTON_STEP_RAD = 0.1
+"""Newton's method is given up if a step is larger."""
 CLOSED_STEP_RAD = 1e-27
 """Newton's method has converged to a simple root if its last step is smaller."""
 NEAREST_START_RAD = 1e-3
@@ -71,9 +89,9 @@ class Placed(NamedTuple):
         (n,) bound of the error of `values` (rad) by the decimal sizes, with their rounding
         to float64. Infinite if they are not reliable.
     status
-        (n,) OK; OUT_OF_REACH if the arcs of a dyad do not close; AT_SINGULARITY if a group
-        is at its dead centre within the rounding of the inputs, or if the error bound is
-        too large. The latter includes groups other than dyads that do not close.
+        (n,) OK; OUT_OF_REACH if a group does not close for any input within its rounding;
+        AT_SINGULARITY if a group is at its dead centre within the rounding of the inputs,
+        or if the error bound is too large.
     exact_values
         (n, variables) pair variables (rad) in quad precision.
     rotations
@@ -267,7 +285,7 @@ class _Bodies:
     rounding
         (n,) rounding error (rad) of the inputs.
     is_out_of_reach
-        (n,) whether the arcs of a dyad close for no input within this rounding error.
+        (n,) whether a group closes for no input within this rounding error.
     is_at_dead_centre
         (n,) whether a group is at its dead centre for an input within this rounding error,
         or whether its configuration is not reliable.
@@ -343,8 +361,8 @@ class QuadAssembly:
                     determinant = determinants[number] if determinants else 0.0
                     self._close_group(bodies, group, determinant, starts)
             values = bodies.values.astype(float)
-        # Two roundings are for the float64 numbers.
-        error = 2.0 * EPS + bodies.error
+        # The rounding to float64, and that of bringing angles into one turn.
+        error = 4.0 * EPS + bodies.error
         error = np.where(np.all(np.isfinite(values), axis=1), error, np.inf)
         status = np.full(len(q), Status.OK, dtype=np.int8)
         status[bodies.is_at_dead_centre | ~(error <= LARGEST_ANGLE_ERROR_RAD)] = (
@@ -501,7 +519,8 @@ class QuadAssembly:
     ) -> None:
         """Close the loops of a group that is not a dyad, and unite its bodies.
 
-        `bodies` is updated: rotations, variables, error bound and flag of dead centres.
+        `bodies` is updated: rotations, variables, error bound and the two flags. Near a
+        dead centre, the sign of the residual at the fold tells whether the group closes.
 
         Parameters
         ----------
@@ -517,77 +536,106 @@ class QuadAssembly:
         """
         group_variables = [self.mechanism.variables_of(pair)[0] for pair in group.pairs]
         loops = _GroupLoops(self, bodies, group)
-        float_values = starts[:, group_variables]
-        x, size, gap = loops.close(float_values.astype(quad()))
-        is_at_dead_centre, is_other_mode = self._check_mode(
-            loops, x, bodies.rounding, determinant
+        start = starts[:, group_variables].astype(quad())
+        fold = loops.find_fold(start)
+        # By how much the errors of earlier bodies, and the rounding of the inputs, open the
+        # loops in the direction of the residual of the fold.
+        loop_scale = np.sqrt(3.0 * group.loops)
+        tolerance = loop_scale * (
+            len(group.pairs) * bodies.error + len(self.assembly.inputs) * bodies.rounding
         )
-        is_other_mode &= size <= CLOSED_STEP_RAD
-        if np.any(is_other_mode):
-            # Newton's method has converged to the other mode, beyond the dead centre. It
-            # starts again from the opposite side.
-            mirrored = x.copy()
-            mirrored[is_other_mode] = loops.estimate_other_solution(x)[is_other_mode]
-            x, size, gap = loops.close(mirrored)
-            is_at_dead_centre, is_other_mode = self._check_mode(
-                loops, x, bodies.rounding, determinant
-            )
-        distance = np.max(np.abs((x - float_values.astype(quad())).astype(float)), axis=1)
-        is_near = distance < NEAREST_START_RAD
-        regular_case = (
-            (size <= CLOSED_STEP_RAD) & ~is_other_mode & ~is_at_dead_centre & is_near
-        )
-        error_with_rounding = np.maximum(bodies.error, 16.0 * bodies.rounding)
-        is_double_root = (
-            ~regular_case & is_at_dead_centre & (gap <= error_with_rounding) & is_near
-        )
+        is_flat = fold.is_known & (np.abs(fold.residual) <= tolerance)
+        has_no_root = fold.residual * np.sign(fold.curvature) > tolerance
+        is_out_of_reach = fold.is_known & has_no_root
+
+        # Newton's method starts from a root of the quadratic, which is on the side of the
+        # fold that belongs to the assembly mode.
+        root = fold.estimate_root(loops, start, determinant)
+        x, size = loops.close(np.where(fold.is_known[:, None], root, start))
+        jacobian = np.nan_to_num(loops.at(x)[2])
+        is_other_mode = np.linalg.slogdet(jacobian)[0] * determinant < 0.0
+        least = np.linalg.svd(jacobian, compute_uv=False)[:, -1]
+        # At a distance s^2 of the input from a dead centre, the smallest singular value is
+        # about s. Without a known fold, its square is compared with the rounding.
+        is_doubtful = ~fold.is_known & (least**2 <= 8.0 * bodies.rounding)
+        is_near = _largest_change(x, start) < NEAREST_START_RAD
+        is_regular = (size <= CLOSED_STEP_RAD) & is_near & ~is_other_mode
+        is_regular &= ~is_flat & ~is_out_of_reach & ~is_doubtful
+
         sensitivity = np.linalg.norm(left_inverse(loops.at(x)[2]), axis=(1, 2))
-        error = np.where(regular_case, 4.0 * bodies.error * sensitivity, np.inf)
-        # Near a double root the closure residual is the square of the error of the
-        # variables.
-        bodies.error = np.where(
-            is_double_root, 4.0 * np.sqrt(2.0 * error_with_rounding), error
-        )
-        bodies.is_at_dead_centre |= ~regular_case
+        error = np.where(is_regular, 4.0 * bodies.error * sensitivity, np.inf)
+        # Both roots are within this distance of the fold.
+        fold_error = FOLD_SAFETY * np.sqrt(2.0 * tolerance / np.abs(fold.curvature))
+        bodies.error = np.where(is_flat, fold_error, error)
+        bodies.is_at_dead_centre |= ~is_regular
+        bodies.is_out_of_reach |= is_out_of_reach
+        x = np.where(is_flat[:, None], fold.values, x)
         body_rotations = loops.at(x)[0]
         self._unite_bodies(bodies, group, body_rotations[1:])
         bodies.values[:, group_variables] = x
 
-    @staticmethod
-    def _check_mode(
-        loops: "_GroupLoops", x: Array, rounding: Floats, determinant: float
-    ) -> tuple[Bools, Bools]:
-        """Return where a group is at its dead centre, and where it is in another mode.
 
-        At a distance s^2 of the input from a dead centre, the smallest singular value of
-        the Jacobian is about s. Its square is therefore compared with the rounding of the
-        inputs.
+@dataclass(frozen=True)
+class _Fold:
+    """The fold of a group near given variables, at n rows.
+
+    Along the right singular vector v of the smallest singular value of the Jacobian, loops
+    open by f(x) = e + h x^2 / 2 in the direction of the left singular vector u, where x is
+    the distance from the fold. The group closes at the roots of f.
+
+    Attributes
+    ----------
+    values
+        (n, pairs) variables (rad) at the fold, in quad precision.
+    direction
+        (n, pairs) unit vector v.
+    residual, curvature
+        (n,) e (rad) and h (1/rad).
+    is_known
+        (n,) whether there is one fold nearby. Otherwise the other numbers have no meaning.
+    """
+
+    values: Array
+    direction: Floats
+    residual: Floats
+    curvature: Floats
+    is_known: Bools
+
+    def estimate_root(
+        self, loops: "_GroupLoops", start: Array, determinant: float
+    ) -> Array:
+        """Estimate the root of f that belongs to an assembly mode.
 
         Parameters
         ----------
         loops
             The loops of the group.
-        x
-            (n, pairs) variables (rad) of the group.
-        rounding
-            (n,) rounding error (rad) of the inputs.
+        start
+            (n, pairs) float64 configurations (rad).
         determinant
-            Sign of the determinant of the Jacobian in the assembly mode, 0 if not known.
+            Sign of the determinant of the Jacobian in the mode, 0 if not known. The root
+            nearer to `start` is taken then.
 
         Returns
         -------
-        is_at_dead_centre
-            (n,) whether a dead centre is within the rounding of the inputs.
-        is_other_mode
-            (n,) whether the determinant has the wrong sign, but not at a dead centre.
+        (n, pairs) variables (rad) in quad precision; those of the fold if f has no root.
         """
-        jacobian = loops.at(x)[2]
-        finite = np.nan_to_num(jacobian)
-        least = np.linalg.svd(finite, compute_uv=False)[:, -1]
-        is_at_dead_centre = least**2 <= 8.0 * rounding
-        return is_at_dead_centre, (
-            np.linalg.slogdet(finite)[0] * determinant < 0.0
-        ) & ~is_at_dead_centre
+        distance = np.sqrt(np.maximum(-2.0 * self.residual / self.curvature, 0.0))
+        roots = [
+            self.values + ((side * distance)[:, None] * self.direction).astype(quad())
+            for side in (1.0, -1.0)
+        ]
+        if determinant:
+            jacobian = np.nan_to_num(loops.at(roots[0])[2])
+            is_first = np.linalg.slogdet(jacobian)[0] * determinant > 0.0
+        else:
+            is_first = _largest_change(roots[0], start) < _largest_change(roots[1], start)
+        return np.where(is_first[:, None], roots[0], roots[1])
+
+
+def _largest_change(values: Array, start: Array) -> Floats:
+    """Return the largest difference (n,) of any variable, in float64, from (n, pairs)."""
+    return np.max(np.abs((values - start).astype(float)), axis=1)
 
 
 class _GroupLoops:
@@ -656,7 +704,7 @@ class _GroupLoops:
         bodies = [placed[body] for body in range(len(placed))]
         return bodies, np.concatenate(gaps, axis=1), jacobian
 
-    def close(self, values: Array) -> tuple[Array, Floats, Floats]:
+    def close(self, values: Array) -> tuple[Array, Floats]:
         """Close the loops by Newton's method from variables (n, pairs), in rad.
 
         The Jacobian is inverted in float64. The residual in quad precision decides the
@@ -665,53 +713,62 @@ class _GroupLoops:
         Returns
         -------
         values
-            (n, pairs) variables (rad) in quad precision. If the last step is larger than
-            `CLOSED_STEP_RAD`, these are the iterates with the least gap.
+            (n, pairs) variables (rad) in quad precision.
         size
-            (n,) length (rad) of the last step, the largest of any variable.
-        gap
-            (n,) largest component (rad) by which loops are open at `values`.
+            (n,) length (rad) of the last step, the largest of any variable. Newton's method
+            has converged if it is at most `CLOSED_STEP_RAD`.
         """
         n = len(values)
-        values, best = values.copy(), values.copy()
-        size, gap, least = np.full((3, n), np.inf)
+        values = values.copy()
+        size = np.full(n, np.inf)
         active = np.ones(n, dtype=bool)
         for _ in range(MAX_NEWTON_STEPS):
             _, gaps, jacobian = self.at(values)
-            gap = np.max(np.abs(gaps.astype(float)), axis=1)
-            is_better = gap < least
-            best[is_better], least[is_better] = values[is_better], gap[is_better]
             inverse = left_inverse(jacobian).astype(quad())
             step = -rotated(inverse, gaps)
             length = np.max(np.abs(step.astype(float)), axis=1)
             size = np.where(active, length, size)
-            active &= (length > CLOSED_STEP_RAD) & (length < 0.1)
+            active &= (length > CLOSED_STEP_RAD) & (length < LARGEST_NEWTON_STEP_RAD)
             if not np.any(active):
                 break
             values[active] += step[active]
-        # Without convergence, and at a double root, the iterate with the least gap is
-        # returned.
-        has_converged = size <= CLOSED_STEP_RAD
-        values = np.where(has_converged[:, None], values, best)
-        return values, size, np.where(has_converged, gap, least)
+        return values, size
 
-    def estimate_other_solution(self, values: Array) -> Array:
-        """Estimate the solution on the other side of a dead centre.
+    def find_fold(self, values: Array) -> _Fold:
+        """Find the fold near variables (n, pairs), in rad.
 
-        `values` (n, pairs), in rad, are a solution near the dead centre, and so is the
-        result. The loops open least along the singular vector of the smallest singular
-        value s. After a distance x in this direction, they are open by e = s x + h x^2 / 2.
-        They close again at x = -2 s / h. The curvature h is measured with a step `probe`.
+        There the slope of f is zero and the loops close in all other directions. Both
+        conditions are solved by Newton's method.
         """
-        _, _, jacobian = self.at(values)
-        left, sizes, right = np.linalg.svd(jacobian)
-        ahead, side = right[:, -1], left[:, :, -1]
-        probe = 1e-4
-        _, gaps, _ = self.at(values + (probe * ahead).astype(quad()))
-        slope = sizes[:, -1]
-        opened = np.sum(gaps.astype(float) * side, axis=1)
-        bend = 2.0 * (opened - slope * probe) / probe**2
-        return values + ((-2.0 * slope / bend)[:, None] * ahead).astype(quad())
+        values = values.copy()
+        start = values.copy()
+        is_known = np.ones(len(values), dtype=bool)
+        for _ in range(MAX_FOLD_STEPS):
+            _, gaps, jacobian = self.at(values)
+            left, sizes, right = np.linalg.svd(np.nan_to_num(jacobian))
+            direction, side = right[:, -1], left[:, :, -1]
+            # The change of the Jacobian along v, by a central difference.
+            jacobians = [
+                self.at(values + (step * direction).astype(quad()))[2]
+                for step in (FOLD_PROBE_RAD, -FOLD_PROBE_RAD)
+            ]
+            bend = (jacobians[0] - jacobians[1]) / (2.0 * FOLD_PROBE_RAD)
+            curvature = np.vecdot(side, np.matvec(bend, direction))
+            along = -sizes[:, -1] / curvature
+            # The inverse of the Jacobian without its smallest singular value.
+            parts = np.swapaxes(right[:, :-1], 1, 2) / sizes[:, None, :-1]
+            inverse = parts @ np.swapaxes(left[:, :, :-1], 1, 2)
+            step = -rotated(inverse.astype(quad()), gaps)
+            step = step + (along[:, None] * direction).astype(quad())
+            length = np.max(np.abs(step.astype(float)), axis=1)
+            is_known &= length < NEAREST_START_RAD
+            values = np.where(is_known[:, None], values + step, values)
+        is_known &= length < FOLD_STEP_RAD
+        is_known &= _largest_change(values, start) < NEAREST_START_RAD
+        is_known &= sizes[:, -2] > LEAST_SECOND_SINGULAR_VALUE * sizes[:, 0]
+        is_known &= np.abs(curvature) > LEAST_CURVATURE
+        residual = np.sum(self.at(values)[1] * side.astype(quad()), axis=1).astype(float)
+        return _Fold(values, direction, residual, curvature, is_known)
 
 
 def _cosine_difference(

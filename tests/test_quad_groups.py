@@ -1,0 +1,122 @@
+"""Groups closed by Newton's method in quad precision, at both sides of dead centres.
+
+A dyad can be closed in this way too, so that spherical triangles in 60 digits say what is
+right. Triads have no closed form: two modes meet at their dead centre, on one side of it.
+"""
+
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+from chains import grown
+from exact_configurations import deviations
+from special_mechanisms import four_bar
+
+from spherekit.conventions import EPS, Status
+from spherekit.model.parts import Input
+from spherekit.motion.motion import PositionAnalysis
+from spherekit.motion.quad_positions import QuadAssembly
+
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
+
+
+def diagonal_cosine(frame, crank, crank_angle):
+    """Return the cosine of the arc that coupler and rocker span (mpmath numbers)."""
+    across = mp.sin(frame) * mp.sin(crank) * mp.cos(crank_angle)
+    return mp.cos(frame) * mp.cos(crank) + across
+
+
+def dead_centres(arcs):
+    """Return the crank angles (mpmath) at which coupler and rocker are in line."""
+    frame, crank, coupler, rocker = arcs
+    cosines = [
+        (mp.cos(line) - mp.cos(frame) * mp.cos(crank)) / (mp.sin(frame) * mp.sin(crank))
+        for line in (coupler + rocker, coupler - rocker)
+    ]
+    return [mp.acos(cosine) for cosine in cosines if abs(cosine) < 1]
+
+
+def closes(arcs, crank_angle):
+    """Return whether coupler and rocker reach each other (mpmath numbers)."""
+    frame, crank, coupler, rocker = arcs
+    cosine = diagonal_cosine(frame, crank, crank_angle)
+    return mp.cos(coupler + rocker) <= cosine <= mp.cos(coupler - rocker)
+
+
+SEEDS = [range(3), pytest.param(range(3, 60), marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("seeds", SEEDS)
+def test_a_dyad_closed_as_a_group_is_a_spherical_triangle(seeds):
+    counts = dict.fromkeys((Status.OK, Status.OUT_OF_REACH, Status.AT_SINGULARITY), 0)
+    for seed in seeds:
+        random = np.random.default_rng(seed)
+        degrees = [float(np.round(x, 2)) for x in random.uniform(20.0, 120.0, 4)]
+        with mp.workdps(60):
+            arcs = [mp.radians(mp.mpf(repr(arc))) for arc in degrees]
+            edges = [float(edge) for edge in dead_centres(arcs)]
+        if not edges:
+            continue
+        off = random.choice([-1.0, 1.0], 12) * 10.0 ** -random.uniform(8.0, 17.0, 12)
+        q = np.unique(random.choice(edges, 12) + off)
+        made = replace(four_bar(degrees), inputs=(Input("21", 0.0, 6.0),))
+        assembly = PositionAnalysis(made, samples=9).assembly
+        quad_assembly = QuadAssembly(made, assembly)
+        nothing = np.zeros((len(q), 4))
+        triangles = [quad_assembly.place([s], (), q[:, None], nothing) for s in (1, -1)]
+        starts = triangles[0].values + 1e-9 * random.normal(size=(len(q), 4))
+        groups = [quad_assembly.place([0], (s,), q[:, None], starts) for s in (1.0, -1.0)]
+        for group in groups:
+            for row, status in enumerate(group.status.tolist()):
+                counts[Status(status)] += 1
+                beside = min(abs(q[row] - edge) for edge in edges)
+                if beside > 64.0 * EPS:
+                    with mp.workdps(60):
+                        reach = closes(arcs, mp.mpf(float(q[row])))
+                    assert status == (Status.OK if reach else Status.OUT_OF_REACH)
+                # The sign of the determinant names one of the two triangles.
+                away = [_difference(group, triangle, row) for triangle in triangles]
+                if status != Status.OUT_OF_REACH:
+                    assert min(away) <= group.error[row] + 1e-15
+            assert np.all(group.error[group.status == Status.OK] < 1e-14)
+        is_ok = groups[0].status == Status.OK
+        for row in np.flatnonzero(is_ok):
+            assert _difference(groups[0], groups[1], row) > 1e-9
+    assert min(counts.values()) > 0
+
+
+def _difference(placed, other, row):
+    """Return the largest difference (rad) of an angle, less whole turns."""
+    change = placed.exact_values[row] - other.exact_values[row]
+    return np.max(np.abs(np.remainder(change.astype(float) + np.pi, 2.0 * np.pi) - np.pi))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 11])
+def test_modes_of_triads_end_at_their_dead_centre(seed):
+    """Two modes on one side of the end of a mode, and none on the other."""
+    made = grown(np.random.default_rng(seed), 8, True)
+    made = replace(made, inputs=(Input(made.inputs[0].pair, -1.5, 1.5),))
+    guides = [mode.guide for mode in PositionAnalysis(made, samples=5).assembly_modes]
+    ends = {
+        float(guide.inputs[side])
+        for guide in guides
+        if guide is not None
+        for side in (0, -1)
+        if guide.ends[side] == Status.OUT_OF_REACH
+    }
+    ends = sorted(ends)[:4]
+    assert ends
+    off = np.array([1e-7, 1e-9, 1e-11, 1e-12, 1e-13])
+    path = np.unique(np.add.outer(ends, np.concatenate([off, -off])))
+    motion = PositionAnalysis(made, path=path[:, None]).motion()
+    rows = motion.rows(np.flatnonzero(motion.status == Status.OK))
+    away = deviations(rows)
+    assert np.all(away <= rows.configuration_error)
+    # The end is the last node of a curve, at most 1e-9 rad from the dead centre.
+    status = motion.status.reshape(-1, motion.samples)
+    for end in ends:
+        near = [np.argmin(np.abs(path - (end + s * 1e-7))) for s in (1, -1)]
+        before, after = sorted(np.sum(status[:, near] == Status.OK, axis=0))
+        assert after - before == 2
