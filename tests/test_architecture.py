@@ -18,7 +18,8 @@ from spherekit.analysis.execution import Execution
 from spherekit.model.study import Study
 
 LAYERS = """
-arrays errors conventions escaping guarantee version progress > api_validation
+arrays errors conventions escaping guarantee version progress library_warnings >
+api_validation
 argument_validation budget lazy_imports markup processor resources > numeric > sphere >
 model region > files planning > motion > rates > engine > singular output guidance proof >
 dynamics workspace > analysis > tradeoff design > figures view > exchange > pages >

@@ -237,8 +237,14 @@ def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
     located = singularities(curves)
     lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, located)]
     if clear_of:
+        position = _decimal("--clear-of", clear_of)
+        if not (curves.whole or float(low) <= float(position) <= float(high)):
+            raise AnalysisError(
+                f"--clear-of {clear_of}: nothing is proven there; give an input from {low} "
+                f"to {high}, or another --range"
+            )
         with bits(80):
-            q = middle(written.input_angle(_decimal("--clear-of", clear_of)))
+            q = middle(written.input_angle(position))
         lines.append(
             f"  within {np.degrees(located.clearance(q)):.9f} deg of {clear_of} there is "
             "no singularity, in any mode"

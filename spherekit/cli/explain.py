@@ -71,11 +71,13 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     from spherekit.analysis.running.cost import counts_of
     from spherekit.analysis.running.expected import expected
     from spherekit.analysis.study import needs_of, requests_for
+    from spherekit.motion.input_grid import check_sample_counts
     from spherekit.motion.traced import assembly_by_count_or_rank, is_mobile_by_rank_only
     from spherekit.planning.inputs import driven_pairs
     from spherekit.planning.poles import describe
 
     mechanism = study.mechanism
+    check_sample_counts(mechanism, study.samples)
     assembly = assembly_by_count_or_rank(mechanism)
     by_rank = is_mobile_by_rank_only(mechanism)
     requests = requests_for(mechanism, needs_of(mechanism, analyses), by_rank)

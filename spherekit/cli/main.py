@@ -57,6 +57,7 @@ def _executed(words: list[str]) -> int:
     """Run a command line and return its exit status."""
     from spherekit.cli.grammar import USAGE, fill, home_of, parser
     from spherekit.errors import SpherekitError
+    from spherekit.library_warnings import warnings_as_sentences
     from spherekit.progress import progress_listener
     from spherekit.resources import need_space
 
@@ -79,7 +80,10 @@ def _executed(words: list[str]) -> int:
         log.addHandler(logging.StreamHandler())
     try:
         need_space(LEAST_SPACE, "numerical libraries need")
-        with progress_listener(None if options.quiet else say):
+        with (
+            progress_listener(None if options.quiet else say),
+            warnings_as_sentences(say, options.traceback),
+        ):
             return int(home_of(options.command).execute(options))
     except SpherekitError as problem:
         if options.traceback:

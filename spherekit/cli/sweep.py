@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.main import note
 from spherekit.cli.study import STUDY, TIMED, study_from
 from spherekit.conventions import Lines, counted, numbered, with_units, without_numbers
+from spherekit.escaping import terminal_text
 
 if TYPE_CHECKING:
     from spherekit.design.sweep_parts import SweepResult
@@ -123,13 +124,14 @@ def _tell(result: "SweepResult") -> None:
     for line in _reasons(frame[failed]):
         print(line)
     if result.folder:
+        folder_text = terminal_text(str(result.folder))
         print(
-            f"{counted(result.sweep.parts, 'part')} in {result.folder}, "
+            f"{counted(result.sweep.parts, 'part')} in {folder_text}, "
             f"{result.computed} computed now; read with pandas.read_parquet",
             file=sys.stderr,
         )
     for folder in result.data_sets if result.sweep.tables else ():
-        print(f"  {folder}", file=sys.stderr)
+        print(f"  {terminal_text(str(folder))}", file=sys.stderr)
 
 
 def _reasons(failed: Any) -> Lines:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from spherekit.errors import DesignError, SpherekitError
+from spherekit.library_warnings import warnings_as_sentences
 
 if TYPE_CHECKING:
     from spherekit.design.sweep import Sweep
@@ -70,14 +71,20 @@ def work() -> None:
     threading.Thread(
         target=_receive_numbers, args=(messages, waiting_numbers), daemon=True
     ).start()
-    while True:
-        number = waiting_numbers.get()
-        try:
-            sweep.write(folder, number)
-        except Exception as fault:
-            _send(answers, Computed(number, _picklable_error(fault)))
-        else:
-            _send(answers, Computed(number))
+    with warnings_as_sentences(_report_warning, shows_source=False):
+        while True:
+            number = waiting_numbers.get()
+            try:
+                sweep.write(folder, number)
+            except Exception as fault:
+                _send(answers, Computed(number, _picklable_error(fault)))
+            else:
+                _send(answers, Computed(number))
+
+
+def _report_warning(text: str) -> None:
+    """Print a warning to standard error, which this process shares with its parent."""
+    print(f"spherekit: {text}", file=sys.stderr, flush=True)
 
 
 def _take_standard_output() -> BinaryIO:

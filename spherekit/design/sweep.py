@@ -55,6 +55,9 @@ They are all combinations of listed values, a scrambled Sobol sequence, a Latin 
 or independent random numbers of uniform distribution.
 """
 
+MOST_DESIGNS = 2**30
+"""Largest number of designs. The Sobol sequence of SciPy has no more points."""
+
 Values = Sequence[float] | tuple[float, float, int] | tuple[float, float]
 
 
@@ -161,14 +164,14 @@ class DesignSpace:
         scheme
             One of `SCHEMES`; by default ``"grid"``, or ``"sobol"`` if `designs` is given.
         seed
-            Seed of the random numbers, at least 0.
+            Seed of the random numbers, at least 0. A grid has none.
 
         Raises
         ------
         DesignError
             If there is no variation, a range without a count is in a grid, the number of
-            designs is missing or is given for a grid, the scheme is unknown, or the seed is
-            negative.
+            designs is missing, exceeds `MOST_DESIGNS` or is given for a grid, the scheme is
+            unknown, or the seed is negative or is given for a grid.
         """
         if not variations:
             raise DesignError("nothing is varied: give --vary KEY=LOW:HIGH:COUNT")
@@ -191,8 +194,17 @@ class DesignSpace:
                         "or give --designs N"
                     )
             designs = math.prod(len(item.values or ()) for item in variations)
+            if seed != 0:
+                raise DesignError(
+                    f"seed: found {seed}; a grid has no random numbers, so a seed does "
+                    "nothing there: leave it out, or give how many designs"
+                )
         if designs is None or designs < 1:
             raise DesignError(f"{chosen}: give how many designs, at least 1")
+        if designs > MOST_DESIGNS:
+            raise DesignError(
+                f"{chosen}: found {designs} designs; at most {MOST_DESIGNS} are possible"
+            )
         if seed < 0:
             raise DesignError(f"seed: found {seed}; a seed is a whole number from 0 on")
         return DesignSpace(tuple(variations), chosen, designs, seed)

@@ -87,6 +87,10 @@ class DesignAt:
         columns = None if profiles is None else profiles.columns(values)
         outputs = kernel.at(samples, places, self.sizes[:, None], columns, turns)
         closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
+        if not kernel.columns:
+            # Figures of sizes and inputs alone read no column of a configuration.
+            none = np.zeros((0, len(values)))
+            return closed, none, np.zeros((len(self.values), *none.shape))
         made = outputs[kernel.reaches :].reshape(-1, len(kernel.columns), len(values))
         changes = np.zeros((len(self.values), *made.shape[1:]))
         for variable, slopes in enumerate(self.slopes.T):

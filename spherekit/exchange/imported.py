@@ -1,5 +1,6 @@
 """Mechanism files from MJCF and URDF."""
 
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -71,7 +72,7 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     ('1', '2', '3', '4')
     """
     where = Path(path)
-    if within is not None and not within >= 0.0:
+    if within is not None and not 0.0 <= within < math.inf:
         raise FileError(f"{where}: within is {within}; it has to be a distance in m")
     model = ForeignModel(where)
     name = re.sub(r"[^A-Za-z0-9_]", "_", model.name) or where.stem

@@ -1,5 +1,6 @@
 """The sampled values of the inputs: a path through them, or a grid over their ranges."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,10 @@ from spherekit.errors import SolveError
 from spherekit.model.mechanism import Mechanism
 from spherekit.model.parts import Input
 from spherekit.sphere.rotation import all_finite
+
+MOST_SAMPLES = 2**40
+"""Largest number of samples. NumPy has no arrays of many more. Fewer samples can already
+exceed the memory, which is reported when it happens."""
 
 
 @dataclass(frozen=True)
@@ -79,19 +84,46 @@ def sampled(
                 f"{mechanism.name}: inputs.{item.pair}: the range from `from` to `to` is "
                 f"empty, both are {item.start:.6g} rad; give another `to`, greater or less"
             )
+    check_sample_counts(mechanism, samples)
     if isinstance(samples, Sequence):
-        if len(samples) != len(inputs):
-            raise SolveError(
-                f"{mechanism.name}: samples: {'x'.join(map(str, samples))} is of "
-                f"{counted(len(samples), 'input')}, but it has "
-                f"{counted(len(inputs), 'input')} ({listing(i.pair for i in inputs)}); "
-                "give one number for each, as 361 or 41x21"
-            )
         return grid(inputs, samples)
     if wants_grid:
         return grid(inputs, [samples] * len(inputs))
     columns = [_spaced(item.start, item.stop, samples) for item in inputs]
     return InputGrid(np.stack(columns, axis=1), (samples,))
+
+
+def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> None:
+    """Check that numbers of samples fit the inputs of a mechanism.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its inputs.
+    samples
+        Number of samples along a path, or along each input of a grid.
+
+    Raises
+    ------
+    SolveError
+        If a grid has another number of axes than there are inputs, or there are more than
+        `MOST_SAMPLES` samples.
+    """
+    inputs = mechanism.inputs
+    counts = samples if isinstance(samples, Sequence) else (samples,)
+    text = "x".join(map(str, counts))
+    if isinstance(samples, Sequence) and len(samples) != len(inputs):
+        raise SolveError(
+            f"{mechanism.name}: samples: {text} is of "
+            f"{counted(len(samples), 'input')}, but it has "
+            f"{counted(len(inputs), 'input')} ({listing(i.pair for i in inputs)}); "
+            "give one number for each, as 361 or 41x21"
+        )
+    if math.prod(counts) > MOST_SAMPLES:
+        raise SolveError(
+            f"{mechanism.name}: samples: found {text}; at most {MOST_SAMPLES} samples are "
+            "possible, and a run of a million is already fine"
+        )
 
 
 def grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:

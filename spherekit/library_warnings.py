@@ -1,0 +1,70 @@
+"""Reports warnings of libraries as plain sentences, without the path of a source file.
+
+A warning of NumPy or SciPy, such as "invalid value encountered in divide", arises where an
+operation has no result. Wherever spherekit expects this and checks the result, the warning
+is silenced at the operation itself (``np.errstate``, ``warnings.catch_warnings``). Any
+other warning is therefore a fault of spherekit or of a plugin, and may concern results.
+It must not be lost, but the path and the line of a source file mean nothing to the user.
+"""
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
+
+
+@contextmanager
+def warnings_as_sentences(
+    report: Callable[[str], None], shows_source: bool
+) -> Iterator[None]:
+    """Report each warning that is raised within the block once, as one sentence.
+
+    Parameters
+    ----------
+    report
+        Function that gets the sentence.
+    shows_source
+        Whether the sentence also names the file and the line, as ``--traceback`` asks for.
+    """
+    reported: set[str] = set()
+
+    def report_warning(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        """Report a warning; the parameters are those of `warnings.showwarning`."""
+        text = " ".join(str(message).split()).rstrip(".")
+        if text in reported:
+            return
+        reported.add(text)
+        if shows_source:
+            where = f"it arose in {filename}, line {lineno}"
+        else:
+            where = "--traceback shows where it arose"
+        if category is UserWarning:
+            # A sentence that is written for users, by spherekit itself or a library.
+            report(f"warning: {text}")
+            return
+        report(
+            f"warning: {_name_library(filename)} reports: {text}; this was not expected "
+            f"and may concern results, so check those without a status; {where}"
+        )
+
+    with warnings.catch_warnings():
+        warnings.showwarning = report_warning
+        yield
+
+
+def _name_library(filename: str) -> str:
+    """Return the name of the package that a source file belongs to."""
+    parts = Path(filename).parts
+    if "site-packages" in parts[:-1]:
+        after = parts[len(parts) - parts[::-1].index("site-packages")]
+        return after.removesuffix(".py")
+    # Warnings of compiled functions are attributed to the line that calls them.
+    return "a numerical library"

@@ -1,0 +1,254 @@
+"""Every option of every command with absurd values: one sentence, or what it asks for.
+
+The options are those of the parser, so a new option is tried without a change here. What is
+accepted is listed by the meaning of the value; everything else has to be refused.
+"""
+
+import contextlib
+import io
+import re
+import warnings
+from pathlib import Path
+
+import pytest
+
+from spherekit.cli.grammar import COMMANDS, fill, parser
+from spherekit.cli.main import main
+
+FILES = Path(__file__).parent / "files"
+ANALYSIS = ["-a", "poles:only=4/1", "--samples", "3"]
+BASES = {
+    "new": ["mechanism", "fresh"],
+    "validate": ["four_bar"],
+    "plan": ["four_bar"],
+    "explain": ["four_bar", *ANALYSIS],
+    "certify": ["four_bar", "--range", "10", "12"],
+    "run": ["four_bar", *ANALYSIS],
+    "sweep": ["four_bar", *ANALYSIS, "--vary", "links.2.arc=20,25", "--workers", "1"],
+    "synthesize": [str(FILES / "synthesis_small.toml"), "--designs", "64", "--starts", "1"],
+    "trade": ["four_bar", *ANALYSIS, "--rounds", "1"],
+    "export": ["four_bar", "--to", "c"],
+    "page": ["four_bar"],
+    "import": [str(FILES / "spm45_ball.xml")],
+    "view": [str(FILES / "sizes.toml"), "--png", "x.png"],
+    "mechanisms": [],
+    "analyses": [],
+    "completion": ["bash"],
+}
+"""A command line of each command, to which an option is added."""
+
+ABSURD = (
+    "",
+    "-1",
+    "0",
+    "99999999999999999999",
+    "nan",
+    "inf",
+    "1e400",
+    "text",
+    "wrong.key=3",
+    "folder",
+    "rubbish.toml",
+    "no/such/file.toml",
+    "/proc/self/mem",
+    ",",
+    "=",
+    "1x1x1",
+    "é\u202e\n",
+)
+QUICK = ("", "-1", "99999999999999999999", "nan", "text", "folder")
+"""Values that are tried by default."""
+
+OPENS_A_WINDOW = {"--help", "--version", "--view", "--web", "--serve"}
+NAMES_A_FILE = {"--output", "--out"}
+"""These take any text, and write to a file or folder of that name."""
+
+MEANINGFUL = {
+    ("run", "--duration"): {"99999999999999999999"},
+    ("sweep", "--duration"): {"99999999999999999999"},
+    ("trade", "--duration"): {"99999999999999999999"},
+    ("run", "--assembly-mode"): {"0"},
+    ("sweep", "--assembly-mode"): {"0"},
+    ("trade", "--assembly-mode"): {"0"},
+    ("export", "--assembly-mode"): {"0"},
+    ("run", "--tol"): {"99999999999999999999"},
+    ("trade", "--tol"): {"99999999999999999999"},
+    ("run", "--verify"): {"99999999999999999999"},  # all rows, as there are fewer
+    ("sweep", "--seed"): {"0"},  # the default
+    ("synthesize", "--seed"): {"0", "99999999999999999999"},
+    ("synthesize", "--starts"): {"99999999999999999999"},
+    ("sweep", "--workers"): {"99999999999999999999"},  # at most one for each part
+    ("certify", "--tolerance"): {"0"},
+    ("import", "--within"): {"99999999999999999999", "0"},
+    ("view", "--sample"): {"0"},
+}
+"""Values that mean what they say for an option."""
+
+ENDLESS = {("trade", "--rounds"): {"99999999999999999999"}}
+"""Values that ask for work without end, which reports how far it is and can be stopped."""
+
+
+def options_of(command):
+    """Return the actions of the parser of a command."""
+    top = parser()
+    fill(top, [command])
+    return top._subparsers._group_actions[0].choices[command]._actions
+
+
+def cases():
+    """Yield the command, the words of the option and the value, quick ones unmarked."""
+    for command in COMMANDS:
+        for action in options_of(command):
+            names = [name for name in action.option_strings if name.startswith("--")]
+            if set(names) & OPENS_A_WINDOW or not names:
+                continue
+            name = names[0]
+            if action.nargs == 0:
+                yield pytest.param(command, name, None, id=f"{command} {name} twice")
+                continue
+            for value in ABSURD:
+                if value in ENDLESS.get((command, name), ()):
+                    continue
+                words = f"{command} {name} {value.encode('unicode_escape').decode()}"
+                is_quick = value in QUICK and command not in ("trade", "view", "synthesize")
+                marks = () if is_quick else pytest.mark.slow
+                yield pytest.param(command, name, value, id=words, marks=marks)
+
+
+def run_command(words):
+    """Return the status of a command, and what it printed to stderr."""
+    output, errors = io.StringIO(), io.StringIO()
+    with (
+        contextlib.redirect_stdout(output),
+        contextlib.redirect_stderr(errors),
+        warnings.catch_warnings(),
+    ):
+        warnings.simplefilter("always", RuntimeWarning)
+        try:
+            status = main(words)
+        except SystemExit as left:
+            status = left.code
+    return status, errors.getvalue()
+
+
+@pytest.mark.parametrize(("command", "option", "value"), list(cases()))
+def test_absurd_options_are_refused_in_a_sentence(
+    command, option, value, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "rubbish.toml").write_bytes(bytes(range(256)))
+    (action,) = (a for a in options_of(command) if option in a.option_strings)
+    added = [option, option] if value is None else [f"{option}={value}"]
+    if isinstance(action.nargs, int) and action.nargs > 1:
+        added = [option, *[value] * action.nargs]
+    if option == "--traceback" and command in ("view", "synthesize"):
+        pytest.skip("shows the trace of an error, as it says")
+    status, errors = run_command([command, *BASES[command], *added])
+    assert status in range(5)
+    assert "Traceback" not in errors and not re.search(r"Warning\b|\.py:\d", errors)
+    assert "this was not expected" not in errors, errors
+    assert "\u202e" not in errors
+    if value is None or option in NAMES_A_FILE:
+        return
+    if value in MEANINGFUL.get((command, option), ()):
+        assert status == 0, errors
+        return
+    assert status in (1, 2), (status, errors)
+    assert errors.startswith("spherekit"), errors
+
+
+@pytest.mark.parametrize("more", [[], ["--starts", "2"], ["--seed", "3"]])
+def test_a_synthesis_that_reads_no_configuration_ends(more, tmp_path, monkeypatch):
+    """An objective of sizes alone has no columns of configurations."""
+    monkeypatch.chdir(tmp_path)
+    words = [str(FILES / "synthesis_small.toml"), "--designs", "64", "--starts", "1", *more]
+    status, errors = run_command(["synthesize", *words])
+    assert status in (0, 1) and "Traceback" not in errors
+
+
+def test_every_command_has_a_line_to_start_from():
+    assert set(BASES) == set(COMMANDS)
+
+
+@pytest.mark.parametrize("shows_source", [False, True])
+@pytest.mark.parametrize(
+    ("expression", "words"),
+    [
+        ("np.float64(1.0) / np.float64(0.0)", "divide by zero encountered in"),
+        ("np.log(np.float64(-1.0))", "invalid value encountered in log"),
+        ("np.exp(np.float64(1e4))", "overflow encountered in exp"),
+        ("np.array([1e300]) * 1e300", "overflow encountered in multiply"),
+        ("np.nanmax(np.array([np.nan]))", "All-NaN"),
+        ("np.mean(np.array([]))", "Mean of empty slice"),
+    ],
+)
+def test_a_warning_of_a_library_is_one_sentence(
+    expression, words, shows_source, monkeypatch
+):
+    import numpy as np
+
+    from spherekit.cli import mechanisms
+
+    def execute(options):
+        for _ in range(3):
+            eval(expression, {"np": np})
+        return 0
+
+    monkeypatch.setattr(mechanisms, "execute", execute)
+    status, errors = run_command(["mechanisms", *["--traceback"] * shows_source])
+    assert status == 0
+    lines = [line for line in errors.splitlines() if words in line]
+    assert len(lines) == 1, errors
+    assert lines[0].startswith("spherekit: warning: ") and "reports" in lines[0]
+    assert ("it arose in" in lines[0]) == shows_source
+    assert (".py" in errors) == shows_source or "<string>" in errors
+
+
+@pytest.mark.parametrize(
+    ("words", "fragments"),
+    [
+        (["run", "four_bar", "--samples", "9" * 20], ["samples: found 9", "at most"]),
+        (["trade", "four_bar", "--samples", "9" * 30], ["samples: found 9", "at most"]),
+        (["explain", "four_bar", "--samples", "9" * 20], ["samples: found 9", "at most"]),
+        (["explain", "four_bar", "--samples", "1x1x1"], ["1x1x1 is of 3 inputs"]),
+        (["explain", "five_bar", "--samples", "1x1x1"], ["3 inputs, but it has 2 inputs"]),
+        (
+            ["run", "five_bar", "--samples", "9999999x9999999"],
+            ["samples: found 9999999x9999999", "at most"],
+        ),
+        (
+            [
+                "sweep",
+                "four_bar",
+                "--vary",
+                "links.2.arc=1,2",
+                "-a",
+                "poles",
+                "--seed",
+                "7",
+            ],
+            ["seed: found 7", "a grid has no random numbers"],
+        ),
+        (
+            ["sweep", "four_bar", "--vary", "links.2.arc=1:2", "--designs", "9" * 12],
+            ["designs; at most", "1073741824"],
+        ),
+        (
+            ["import", str(FILES / "spm45_ball.xml"), "--within", "inf"],
+            ["within is inf", "a distance in m"],
+        ),
+        (
+            ["certify", "four_bar", "--range", "10", "12", "--clear-of", "300"],
+            ["--clear-of 300: nothing is proven there", "10 to 12"],
+        ),
+    ],
+)
+def test_what_was_accepted_or_failed_without_a_sentence(
+    words, fragments, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    status, errors = run_command(words)
+    assert status == 1
+    for fragment in fragments:
+        assert fragment in errors, errors
