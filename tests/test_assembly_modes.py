@@ -86,6 +86,7 @@ def test_all_seven_body_groups_of_eight_bars_are_eliminated():
     assert flier == {joint: count for count, some in found.items() for joint in some}
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("chain", "driven", "roots", "count", "starts"),
     [

@@ -90,6 +90,7 @@ def test_friction_recovers_the_torque_that_drove_it():
         assert table["tau"].to_numpy() == pytest.approx(want, abs=1e-7)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "name", ["four_bar", "five_bar", pytest.param("two_dof_spm", marks=pytest.mark.long)]
 )

@@ -45,6 +45,7 @@ def borne(name, seed=3, distance=0.7):
     return made.with_loads(*made.loads, *bearings), joint
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", STARTS)
 def test_links_that_bearings_alone_hold_give_the_same_loads(name):
     made, joint = borne(name)

@@ -37,6 +37,7 @@ def many_turns():
     return PositionAnalysis(sk.load("four_bar"), path=np.linspace(0.5, -25.0, 161)[:, None])
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("size", [1, 7, 100])
 def test_blocks_go_on_where_the_one_before_ended(size):
     """Over gaps too, and through JSON; with one input, and along a path of several."""
@@ -103,6 +104,7 @@ def data_of(result, name):
     return {table.name: found.data[table.name] for table in found.tables}
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("course", COURSES)
 def test_eksergian_in_blocks_and_at_once(course):
     """Up to the rounding of a motion evaluated in other blocks."""

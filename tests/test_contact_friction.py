@@ -78,6 +78,7 @@ def by_hand(mechanism, coefficient, rest, t, mode):
     return np.array(rows).T
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("coefficient", "rest"), [(0.2, 0.5), (0.6, -2.0)])
 @pytest.mark.parametrize("mode", [0, 1])
 def test_newton_and_euler_by_hand(cam, coefficient, rest, mode):
@@ -104,6 +105,7 @@ def test_newton_and_euler_by_hand(cam, coefficient, rest, mode):
     assert power == pytest.approx(traction * slip, abs=1e-7) and np.all(power < 0.0)
 
 
+@pytest.mark.slow
 def test_energy_of_a_motion_goes_into_friction(cam):
     mechanism = cam(0.3, 0.9)
     found = sk.simulate(mechanism, sk.Start(0.3, 2.0), 1.2, torque="0.5*cos(t)", check=True)

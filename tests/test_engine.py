@@ -220,6 +220,7 @@ def case_of(name):
 CASES = "paper", "stephenson", "rocker", "four_bar", "roller_cam", "planetary_bevel"
 
 
+@pytest.mark.many
 @compiled
 @pytest.mark.parametrize("case", CASES)
 def test_both_engines_find_the_same_motion(case):
@@ -249,6 +250,7 @@ def kite(*arcs):
     return replace(four_bar(np.radians(arcs)), loads=())
 
 
+@pytest.mark.many
 @compiled
 @pytest.mark.parametrize("arcs", [(60, 40, 60, 40), (60, 50, 70, 40)])
 @pytest.mark.parametrize("assembly_mode", [0, 1])
@@ -356,6 +358,7 @@ def geared_five_bar():
     return Mechanism("geared", "g", tuple("gabcd"), pairs, posed, inputs, masses=masses)
 
 
+@pytest.mark.slow
 @compiled
 def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monkeypatch):
     """Of a loop too many the equations chosen at one pose are dependent at another.

@@ -170,6 +170,7 @@ def turn_singularity(form, normals, modes):
     return np.abs(np.linalg.det(cross(axes, elbows)))
 
 
+@pytest.mark.slow
 def test_any_symmetric_arcs_have_the_form():
     random = np.random.default_rng(12)
     for _ in range(6):

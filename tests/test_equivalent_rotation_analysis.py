@@ -193,6 +193,7 @@ def test_nearest_reachable_pose_is_offered():
     assert findings(ran("two_dof_spm", again + ",samples=2"))["feasible"]
 
 
+@pytest.mark.slow
 def test_end_of_the_reach_on_the_way():
     """The closed form of where legs end against samples, over random pairs of poses."""
     form = mid_plane_form(sk.load("two_dof_spm"))
@@ -369,6 +370,7 @@ def test_page_of_a_schedule(table_3, listener):
     assert plots["plots/ddq/61"] == pytest.approx(frame["ddq_61"].to_numpy())
 
 
+@pytest.mark.slow
 def test_pages_where_the_rotation_ends_early():
     """Rows beyond the reach are NaN, and no page fails for it."""
     text = "start=a1=40+a2=50+a3=60,end=ux=0+uy=0+uz=1+angle=170,samples=9,speed=10"

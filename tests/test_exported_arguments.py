@@ -128,6 +128,7 @@ def check_all(given, least):
     assert len(accepted) >= least, accepted
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("given, least", [("shaped_cam", 1), ("bevel_pair", 2)])
 def test_arguments_have_their_effect_or_are_refused(given, least):
     check_all(given, least)

@@ -198,6 +198,7 @@ def test_modes_of_shipped_mechanisms(name, tmp_path):
     assert check_modes(mechanism, tmp_path, least=0.1) < 1e-7
 
 
+@pytest.mark.slow
 def test_working_modes_of_a_coaxial_wrist(tmp_path):
     """All eight, by the inverse kinematics: its inputs are the angles of the head."""
     mechanism = sk.InverseKinematics(case("coaxial_wrist")).mechanism

@@ -58,6 +58,7 @@ def test_an_axis_on_the_rim_is_drawn_by_a_direction_of_its_own(name, sense):
         assert not np.any(turns < 0.0), stretch
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("samples", [9, 37, 91])
 def test_paths_of_axes_are_as_far_from_the_middle_as_the_axes(samples):
     """P31 of the four-bar is on the rim where the crank points along an axis."""

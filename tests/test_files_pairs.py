@@ -196,6 +196,7 @@ def test_profiles_that_are_no_curves_are_named(points, words):
         sk.trace(made)
 
 
+@pytest.mark.slow
 def test_a_run_names_the_roller_that_is_too_large_for_a_concave_cam():
     """A cam with a waist: the concave radius there is below that of a 30 deg roller."""
     waist = 'kind = "fourier"\ncentre_xyz = [0.0, 0.0, 1.0]\ncosines = [25.0, 0.0, 9.0]\n'

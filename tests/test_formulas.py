@@ -25,6 +25,8 @@ from spherekit.files.write import document_of
 SEVERAL = ["four_bar", "double_butterfly", "shaped_cam", "five_bar", "planetary_bevel"]
 """A closed form, Newton's method, profiles, two inputs, wheels."""
 EVERY = [*SEVERAL, *(name for name in sk.mechanisms() if name not in SEVERAL)]
+MARKS = dict.fromkeys(EVERY[:16], pytest.mark.slow)
+MARKS |= dict.fromkeys(("four_bar", "shaped_cam", "five_bar"), ())
 ROWS = 200
 
 
@@ -97,7 +99,7 @@ def samples(made, seed=1):
 
 
 @pytest.mark.parametrize(
-    "name", [x if x in SEVERAL else pytest.param(x, marks=pytest.mark.slow) for x in EVERY]
+    "name", [pytest.param(x, marks=MARKS.get(x, pytest.mark.long)) for x in EVERY]
 )
 def test_sources_return_what_the_terms_do(name, tmp_path):
     """C to 4 units of the last place, others to 1e-14 or what one unit of a sample does."""

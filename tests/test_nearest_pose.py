@@ -104,7 +104,7 @@ def test_no_pose_within_limits_is_nearer(name, limits, near):
         for pair, (low, high) in limits.items()
     )
     bounds = bounds_of(kinematics, Constraints(limits=ranges, near=near * DEGREE))
-    check_nearest(kinematics, bounds, kinematics.modes[0], 6, tries=100_000)
+    check_nearest(kinematics, bounds, kinematics.modes[0], 6, tries=25_000)
 
 
 @pytest.mark.slow
@@ -119,9 +119,10 @@ def test_wrists_of_random_sizes(seed):
     }
     kinematics = output_kinematics(made.with_sizes(angle_unit="deg", arcs=arcs))
     mode = kinematics.modes[random.integers(8)]
-    check_nearest(kinematics, kinematics.bounds, mode, 5, seed, tries=100_000)
+    check_nearest(kinematics, kinematics.bounds, mode, 5, seed, tries=25_000)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "analysis", ["inverse_kinematics:poses", "workspace:tolerance=0.5,pose"]
 )

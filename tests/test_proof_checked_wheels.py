@@ -43,7 +43,7 @@ CASES = [
 
 
 @pytest.mark.slow
-@pytest.mark.many(slow=2)
+@pytest.mark.many(slow=1)
 @pytest.mark.parametrize(("teeth", "ends", "text"), CASES)
 def test_curves_of_loops_with_wheels_are_repeated(teeth, ends, text):
     check(certificate_of(teeth, ends, text))
@@ -96,7 +96,7 @@ CHANGES = {
 
 
 @pytest.mark.slow
-@pytest.mark.many(slow=3)
+@pytest.mark.many(slow=2)
 @pytest.mark.parametrize("change", CHANGES)
 def test_tampered_certificates_of_wheels_are_refused(part_of_laps, change):
     changed = copy.deepcopy(part_of_laps)

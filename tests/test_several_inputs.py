@@ -40,6 +40,7 @@ def test_mobility_by_graph_and_by_rank(name):
     assert (graph_mobility(tracer.mechanism), set(rank)) == (by_graph, {by_rank})
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", SHIPPED)
 def test_poles_of_every_single_freedom_mechanism(name):
     """Each input moved alone: the velocity equations with the other inputs locked."""

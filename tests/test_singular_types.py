@@ -134,6 +134,7 @@ def test_a_row_is_what_the_links_can_do_there(made, expected):
     assert "stopped after" not in remarks
 
 
+@pytest.mark.slow
 def test_two_outputs_of_the_same_links_have_their_names_in_every_table():
     made = posed(FIVE, ["p1_2", "p1_5"], (3, 1, AHEAD), (3, 1, None))
     result = sk.run(made, f"{NAME}:input_grid=0,slices=1", samples=3)

@@ -126,6 +126,7 @@ def test_streams_that_take_nothing(words, redirected, status, says, tmp_path):
     assert ("out" in words) == (tmp_path / "out" / "summary.json").exists()
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("limit", [200_000, 500_000])
 def test_little_memory_is_told(limit, tmp_path):
     script = f"ulimit -v {limit}; {' '.join(SPHEREKIT)} run four_bar --save a.rrd"

@@ -173,6 +173,7 @@ def test_a_sweep_needs_no_main_guard(program, tmp_path):
     assert len(list((tmp_path / "designs" / "designs").glob("part-*.parquet"))) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("program", [as_script, as_argument, as_input, in_a_notebook])
 def test_analyses_of_the_script_itself_are_sent(program, tmp_path):

@@ -440,6 +440,7 @@ def torques_of_runs(subject, samples):
 HIGH_AND_LOW = ["high=max(torque)", "low=min(torque)"]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "pair, zero, range_, crank, samples",
     [
@@ -485,6 +486,7 @@ def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
     assert np.allclose(np.sort(rows["there"].dropna()), np.sort(run), rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_angles_in_groups_beyond_dyads_are_those_of_runs():
     keys = ["C.longitude", "E.latitude", "H.latitude", "F.longitude"]
     changed = dict(zip([f"pairs.{key}" for key in keys], [5, 15, 12, 30], strict=True))

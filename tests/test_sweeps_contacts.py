@@ -61,6 +61,7 @@ def written(folder, text):
     return path
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=SLOW if case == "geared" else ()) for case in CASES]
 )

@@ -242,6 +242,7 @@ def recorded(path, analyses=("poles:only=31", "eksergian"), **options):
     return path
 
 
+@pytest.mark.slow
 def test_recordings_have_a_timeline_of_time(tmp_path, monkeypatch):
     monkeypatch.setattr("spherekit.progress.PATIENCE", np.inf)  # logged once, when solved
     options = {"start": Start(0.3, 1.0), "duration": 2.0, "torque": "10*sin(2*t)"}

@@ -203,6 +203,7 @@ def test_no_tolerance(tolerance):
         choose(Study("x", sk.load("four_bar"), 9), [create("poles")], tolerance)
 
 
+@pytest.mark.slow
 def test_an_analysis_trades_its_own_parameters():
     found = trade(sk.load("five_bar"), "workspace", rounds=1)
     assert next(each.name for each in found.settings) == "tolerance=0.01"

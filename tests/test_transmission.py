@@ -102,6 +102,7 @@ def test_all_analyses_judge_a_configuration_alike(name):
     assert turn.at([0.0]).type_2[0] == pytest.approx(rows.type_2[k], abs=1e-9)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("distance", DISTANCES)
 def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     """On the paper's own path, and beside it: the links move though the inputs stand still.

@@ -256,6 +256,7 @@ def test_simulations_are_off_by_their_own_errors(tolerance):
     assert verdict["largest_distance_rad"] < known < 10.0 * tolerance
 
 
+@pytest.mark.slow
 def test_rates_of_driven_links_are_within_bounds_of_zero():
     told = sk.run("double_butterfly", samples=31, verify=10).summary["verified"]
     for name in ("directions", "rates", "rate_derivatives"):

@@ -194,6 +194,7 @@ def test_files_grow_with_the_branches_and_not_with_their_square(tmp_path):
     assert sizes[2] - sizes[0] < 1.6 * 15 / 3 * (sizes[1] - sizes[0])
 
 
+@pytest.mark.slow
 def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(tmp_path):
     found, entities = {}, set()
     for chunk in RrdReader(of_assembly_modes(tmp_path / "few.rrd", 2)).stream():

@@ -128,6 +128,7 @@ def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth,
     assert not np.any(found[margin < -1e-6])
 
 
+@pytest.mark.slow
 def test_every_analysis_reads_the_same_assembly(tmp_path):
     """Inputs outside the range, starts of simulations, laws, and poses at inputs."""
     teeth = 20, 40

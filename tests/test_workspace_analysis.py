@@ -290,6 +290,7 @@ def test_an_empty_workspace_names_what_excludes_each_other():
     assert any("the workspace is empty" in text for text in result.summary["warnings"])
 
 
+@pytest.mark.slow
 def test_orientations_of_unlike_legs():
     """Volume against the share of orientations for which the graph closes."""
     mechanism = unlike_legs()
