@@ -39,9 +39,7 @@ MARKS = dict.fromkeys(TEXTS, pytest.mark.slow)
 MARKS |= {"wiper": (), "stephenson": pytest.mark.long, "watt": pytest.mark.long}
 
 
-@pytest.fixture(
-    params=[pytest.param(name, marks=MARKS[name]) for name in TEXTS]
-)
+@pytest.fixture(params=[pytest.param(name, marks=MARKS[name]) for name in TEXTS])
 def files(request, tmp_path):
     """Return the paths of a file without inputs and of the same with its input stated."""
     text = TEXTS[request.param]

@@ -25,6 +25,7 @@ from spherekit.model.dynamics import Spring
 
 FILES = Path(__file__).parent / "files"
 CASES = ("flatfold_through", "parallelogram", "folding", "ff_default", "cp2")
+QUICK = ("flatfold_through", "cp2")
 ANGLE_TOLERANCE_RAD = 1e-9
 """Beside ten times the error bound of the configurations of `sk.evaluate`."""
 MAX_ERROR_RAD = 1e-7
@@ -180,7 +181,10 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     return compared, changed
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name",
+    [x if x in QUICK else pytest.param(x, marks=pytest.mark.slow) for x in CASES],
+)
 def test_sources_follow_smooth_curves(name, tmp_path):
     languages = ("python", "c", "js") if name == "cp2" else ("python", "c")
     compared, changed = compare_sources(case(name), tmp_path, languages=languages)
@@ -213,6 +217,7 @@ def compare_random(seed, folder):
     return compare_sources(mechanism, folder, seed)[1]
 
 
+@pytest.mark.slow
 def test_sources_of_several_dyads_that_change_at_once(tmp_path):
     compared, changed = compare_sources(two_vertices(), tmp_path)
     assert compared > 100 and changed == 4

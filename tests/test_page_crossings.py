@@ -171,6 +171,7 @@ def test_a_knob_is_dragged_through_a_crossing(open_page):
     assert largest["pass"] < 0.01 < 0.03 < largest["end"]
 
 
+@pytest.mark.slow
 def test_a_curve_that_needs_two_turns_goes_on_in_the_other_mode(open_page):
     tab = open_page(case("cp2"), "q=6.25")
     for mode in (0, 1):
@@ -225,6 +226,7 @@ def test_wound_springs_leave_out_the_torque(tmp_path):
     assert not sk.page(wound, tmp_path / "x.html", vary=[]).notes
 
 
+@pytest.mark.slow
 def test_a_parallelogram_by_sizes(open_page):
     """The four-bar as shipped has no crossing; as a parallelogram it has one inside."""
     tab = open_page("four_bar")

@@ -9,7 +9,7 @@ const COMPARED_AT = 1e-3;                  // rad from a crossing at which curve
 const LONGEST_COMPARISON = 0.1;            // the same as a part of the way to the crossing
 const CLEARLY = 0.1;                       // part of the next best deviation that the best one may be
 const SAME_PLACE = 1e-9;                   // components of directions that differ by less are equal
-const MAY_BE_IN_LINE = 1e-3;               // part of its largest square that a dyad near a crossing has at most
+const MAY_BE_IN_LINE = 1e-3;               // the squared triple product of a dyad beside a crossing is less
 
 const placeColumns = [...picture.place].filter(([name]) => /^(axis|orientation)_/.test(name)).map(([, k]) => k);
 
@@ -114,12 +114,10 @@ function continuedPlaces(x, places, way, sizes, longest = COMPARED_AT) {
 }
 
 function signsNear(x, places, sizes) {     // all signs of the dyads that may be in line beside an input
-  const row = evaluated(rows, [x], places, sizes), wide = evaluated(rows, [x + 0.5], places, sizes);
+  const row = evaluated(rows, [x], places, sizes);
   let signs = [Array.from(places)];
   closures.forEach((closure, k) => {
-    const scale = Math.abs(wide[closure]) || 1;
-    if (row[closure] > MAY_BE_IN_LINE * Math.max(scale, 1)) return;
-    signs = signs.flatMap(one => [one, one.with(k, -one[k])]);
+    if (row[closure] < MAY_BE_IN_LINE) signs = signs.flatMap(one => [one, one.with(k, -one[k])]);
   });
   return signs;
 }
