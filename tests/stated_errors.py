@@ -64,6 +64,33 @@ class Stated:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
 
+def judge_bounds(made, path, **how):
+    """Check that all numbers of rows that are OK have bounds, and keep to them.
+
+    Parameters
+    ----------
+    made, path
+        A mechanism, and its inputs (n, inputs) in rad.
+    how
+        Options of `stated`.
+
+    Returns
+    -------
+    Stated
+        The errors and bounds, without any if the mechanism can be assembled nowhere.
+    """
+    try:
+        position_analysis = PositionAnalysis(made, path=path)
+    except SpherekitError:  # arcs that close nowhere
+        return Stated()
+    with np.errstate(all="ignore"):
+        found = stated(position_analysis, **how)
+    assert found.silent == found.unknown == 0
+    for kind in KINDS:
+        assert np.all(found.parts(kind) <= 1.0), kind
+    return found
+
+
 def judged_special(seed):
     """Return the family of a seed, and what is stated for its mechanism."""
     family, made, path = special_mechanism(seed)

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from refusals import HERE, text_of
 from special_mechanisms import special_mechanism, straight_mechanism
-from stated_errors import KINDS, Stated, stated
+from stated_errors import KINDS, Stated, judge_bounds, stated
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import SolveError
 from spherekit.files.read import loads
 from spherekit.motion.motion import PositionAnalysis
 
@@ -49,16 +48,7 @@ def test_arcs_near_0_and_180_degrees_keep_to_their_bounds(seeds):
     judged = 0
     for seed in seeds:
         made, path = straight_mechanism(seed)
-        try:
-            position_analysis = PositionAnalysis(made, path=path)
-        except SolveError:  # arcs that close nowhere
-            continue
-        with np.errstate(all="ignore"):
-            found = stated(position_analysis, as_written=True, every=50)
-        for kind in KINDS:
-            assert np.all(found.parts(kind) <= 1.0), (seed, kind)
-        assert found.silent == found.unknown == 0, seed
-        judged += found.numbers
+        judged += judge_bounds(made, path, as_written=True, every=50).numbers
     assert judged > 20 * len(seeds)
 
 
@@ -107,7 +97,5 @@ def test_evaluate_has_the_bounds_of_the_table(name, inputs, assembly_mode):
 @pytest.mark.parametrize("seed", [0, 3, 5, 8, 11])
 def test_derivatives_of_directions_are_within_bounds_beside_folds(seed):
     _, made, path = special_mechanism(seed)
-    with np.errstate(all="ignore"):
-        found = stated(PositionAnalysis(made, path=path))
-    error, bound = found.of("direction derivatives")
-    assert len(error) > 20 and np.all(error <= bound)
+    found = judge_bounds(made, path)
+    assert len(found.of("direction derivatives")[0]) > 20

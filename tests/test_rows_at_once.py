@@ -98,8 +98,12 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
     monkeypatch.setattr(rows_at_once, "JUDGED", 1)
     for size in (rows_at_once.SLICE, 1):  # within a slice, and from one to the next
         monkeypatch.setattr(rows_at_once, "SLICE", size)
-        # Two of the six modes of `three_rrr` close in a part of the range only.
-        assert compared(sk.load(name), samples=300) > 0.65
+        ways = both_ways(sk.load(name), samples=300)
+        found = differences(ways)
+        assert found.none, found
+        # Two of the six modes of `three_rrr` close at 20 of the 300 samples only, so rows
+        # that are OK are counted: 0.689 of all, and 0.687 are by the kernel.
+        assert found.share > 0.7 * np.mean(ways.careful.status == Status.OK)
     signs = [item(None, slice(None), None) for item in turned]
     assert sum(np.count_nonzero(np.diff(item)) for item in signs) > 10
 
