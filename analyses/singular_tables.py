@@ -76,7 +76,11 @@ RELATION = Table(
         Column("d", "", "coefficient of the input rate"),
         Column("velocity_coefficient", "", "y'/q' = d/c, infinite at type II"),
         Column("distance_I", "rad", "angle to type I, 0 there alone"),
-        Column("distance_II", "rad", "angle to type II, 0 there alone"),
+        Column(
+            "distance_II",
+            "rad",
+            "angle to type II, 0 there alone; proportional to the size of short arcs",
+        ),
         Column("output_rate", "", "of y by the arc length of all variables"),
         Column("input_rate", "", "of q by the arc length of all variables"),
         Column("transmission", "rad", "transmission angle of the output's dyad"),

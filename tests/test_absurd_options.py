@@ -79,7 +79,7 @@ MEANINGFUL = {
     ("synthesize", "--starts"): {"99999999999999999999"},
     ("sweep", "--workers"): {"99999999999999999999"},  # at most one for each part
     ("certify", "--tolerance"): {"0"},
-    ("import", "--within"): {"99999999999999999999", "0"},
+    ("import", "--within"): {"99999999999999999999"},
     ("view", "--sample"): {"0"},
 }
 """Values that mean what they say for an option."""

@@ -153,3 +153,31 @@ def test_minima_of_values_alone():
     assert len(x) == 2 and np.allclose(y, function(x))
     assert np.all(function(x - 1e-6) > y) and np.all(function(x + 1e-6) > y)
     assert not len(minima(lambda x: np.full(len(x), 0.3), np.linspace(0.0, 1.0, 6))[0])
+
+
+@pytest.mark.parametrize("follower", [78.0, 79.0, 79.6, 79.65, 79.7, 79.8, 79.9])
+def test_a_four_bar_is_near_type_ii_by_its_transmission_angle(follower):
+    """The dyad of 50 deg and the follower closes an arc of 60 - 30 deg at the least.
+
+    The angle between its arcs follows from the spherical law of cosines.
+    """
+    one, other, between = np.radians([50.0, follower, 30.0])
+    cosine = np.cos(between) - np.cos(one) * np.cos(other)
+    angle = np.arccos(cosine / (np.sin(one) * np.sin(other)))
+    misses, _ = near_misses(four_bar(np.radians([60.0, 30.0, 50.0, follower])), 9)
+    assert bool(misses) == (np.degrees(angle) < 5.0)
+    assert {miss["type"] for miss in misses} <= {"II"}
+
+
+@pytest.mark.parametrize("part", [1.0, 0.3, 0.1, 0.03, 0.01])
+def test_distance_ii_is_proportional_to_short_arcs_and_transmission_is_not(part):
+    """The arcs of four-bars of one shape, all shortened by a factor."""
+    shape = np.array([1.0, 0.4, 0.9, 0.8])
+    long, short = (
+        sk.run(four_bar(size * shape), NAME, samples=9).frame(NAME, "relation")
+        for size in (0.02, 0.02 * part)
+    )
+    long, short = (table[table.output == table.output.iloc[0]] for table in (long, short))
+    sines = np.sin(short.distance_II) / np.sin(long.distance_II)
+    assert np.allclose(sines, part, rtol=2e-3, atol=0.0)
+    assert np.allclose(short.transmission, long.transmission, rtol=0.0, atol=1e-3)

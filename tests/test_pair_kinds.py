@@ -30,6 +30,21 @@ def joint_classes():
     return found
 
 
+def is_dispatch_on_kinds(table, classes):
+    """Return whether all keys of a dict display are kinds of pairs or of profiles.
+
+    A table whose values are tuples of sizes, or a table with other keys beside a kind, maps
+    names of fields, which are chosen freely.
+    """
+    if not table.keys or any(isinstance(value, ast.Tuple) for value in table.values):
+        return False
+    return all(
+        (isinstance(key, ast.Constant) and key.value in TYPES | PROFILES)
+        or getattr(key, "id", getattr(key, "attr", "")) in classes
+        for key in table.keys
+    )
+
+
 def asks(path, classes):
     """Return the lines of a module that depend on the kind of a pair or of a profile."""
 
@@ -63,12 +78,9 @@ def asks(path, classes):
                     if not isinstance(part, ast.Call)
                 ]
             case ast.Dict():
-                # The field `points` of what is drawn is no kind of profile.
-                asked = [
-                    key
-                    for key in node.keys
-                    if key is not None and path.name != "scene_checks.py"
-                ]
+                # A dispatch table, from kinds to what is done with them. Its keys are kinds
+                # only if all of them can be: names of fields may be spelled like one.
+                asked = node.keys if is_dispatch_on_kinds(node, classes) else []
             case ast.match_case():
                 asked = [node.pattern]
             case ast.Attribute(attr="rolling"):
@@ -95,3 +107,23 @@ def test_files_that_branch_on_the_kind_of_a_pair_are_few_and_listed():
     assert section is not None
     listed = re.findall(r"^\| `([\w/]+\.py)` \|", section[1], re.M)
     assert sorted(f"spherekit/{name}" for name in listed) == sorted(asking)
+
+
+@pytest.mark.parametrize(
+    ("table", "is_dispatch"),
+    [
+        ("{Revolute: turn, Rolling: roll}", True),
+        ("{joints.Revolute: turn}", True),
+        ('{"R": turn, "P": slide}', True),
+        ('{"circle": circle_of, "fourier": series_of, "points": spline_of}', True),
+        ('{"points": spline_of}', True),
+        ('{"points": ("k", 2)}', False),
+        ('{"points": array, "x_range": limits}', False),
+        ('{"circle": radius, "label": text}', False),
+        ("{Axis: values, Mark: place}", False),
+        ("{}", False),
+    ],
+)
+def test_a_table_of_fields_that_are_spelled_like_kinds_is_no_dispatch(table, is_dispatch):
+    (statement,) = ast.parse(table).body
+    assert is_dispatch_on_kinds(statement.value, {"Revolute", "Rolling"}) == is_dispatch
