@@ -56,7 +56,7 @@ ABSURD = (
     "1x1x1",
     "é\u202e\n",
 )
-QUICK = ("", "-1", "99999999999999999999", "nan", "text", "folder")
+QUICK = ("99999999999999999999", "nan")
 """Values that are tried by default."""
 
 OPENS_A_WINDOW = {"--help", "--version", "--view", "--web", "--serve"}

@@ -72,7 +72,7 @@ IMPULSES = {
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("width", [WIDE, NARROW])
+@pytest.mark.parametrize("width", [pytest.param(WIDE, marks=pytest.mark.slow), NARROW])
 @pytest.mark.parametrize("kind", IMPULSES)
 def test_an_impulse_however_short_changes_the_momentum(kind, width, engine):
     """By its integral, less what one leaves out that is never zero; or the run ends there.
@@ -106,7 +106,9 @@ def test_a_narrow_step_of_the_potential_changes_the_energy(sense, engine):
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("speed", [1e-3, 1e-2, 0.1])
+@pytest.mark.parametrize(
+    "speed", [1e-3, *(pytest.param(x, marks=pytest.mark.slow) for x in (1e-2, 0.1))]
+)
 def test_friction_stops_a_link_and_holds_it(speed, engine):
     """J w' = -F tanh(w / s): sinh(w / s) falls as exp(-F t / (J s)) does."""
     made = one_link(Friction("rub", "12", 2.0, 0.0, speed))
