@@ -453,18 +453,19 @@ class Batch:
         needs = self.needs
         if quantity.startswith("acceleration"):
             self._check(quantity, "derivatives")
-        allowed = needs.directions | needs.rates | needs.planes
+        # Every column of every pole is asked about, so no union of these sets is formed.
+        declared = [needs.directions, needs.rates, needs.planes]
         said = "directions=..."
         if quantity == "planes":
-            allowed = needs.planes
+            declared = [needs.planes]
             said = "planes=..."
         elif quantity.startswith("direction_dq"):
-            allowed = needs.turns if needs.derivatives else frozenset()
+            declared = [needs.turns] if needs.derivatives else []
             said = "turns=..., derivatives=True"
         elif "coefficient" in quantity:
-            allowed = needs.rates
+            declared = [needs.rates]
             said = "rates=..."
-        if pole not in allowed:
+        if not any(pole in poles for poles in declared):
             low, high = (self.mechanism.links[link] for link in pole)
             raise UndeclaredNeed(
                 f"{quantity} of the pole of links {high} and {low} was read; declare it in "

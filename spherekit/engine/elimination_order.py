@@ -13,13 +13,13 @@ redundant equations, the loops that can give three variables may differ between 
 modes. Several orders may therefore be needed for one set of configurations.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from operator import itemgetter
 
 import numpy as np
 
-from spherekit.arrays import Floats, Indices
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.motion.loops import left_inverse
 
 Pivot = tuple[int, list[int]]
@@ -144,12 +144,25 @@ def choose_elimination_order(
     loops = list(range(rows // 3))
     columns = list(passive)
     pivots: list[Pivot] = []
+    # A pivot changes the loops that contain its variables only. The candidates of the
+    # others are kept, or the number of decompositions would grow with the square of the
+    # number of loops.
+    candidates: dict[int, list[tuple[float, list[int]]]] = {}
     while columns:
-        best = _choose_pivot(remaining, loops, columns)
+        # (loops, variables): whether the equations of a loop contain a variable.
+        contains_variable = np.any(remaining[:, loops], axis=(0, 2))
+        for loop, loop_contains in zip(loops, contains_variable, strict=True):
+            if loop not in candidates:
+                loop_variables = [c for c in columns if loop_contains[c]]
+                candidates[loop] = _judge_candidates(remaining[:, loop], loop_variables)
+        best = _choose_pivot(candidates, loops, columns, contains_variable)
         if best is None:
             return None
         loop, chosen = best
         pivots.append(best)
+        for other, contains in zip(loops, contains_variable, strict=True):
+            if np.any(contains[chosen]):
+                del candidates[other]
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
         # Express the variables of the pivot by the others, and insert them into other
@@ -159,44 +172,79 @@ def choose_elimination_order(
     return pivots
 
 
-def _choose_pivot(
-    remaining: Floats, loops: Sequence[int], columns: Sequence[int]
-) -> Pivot | None:
-    """Choose the next pivot of an elimination.
+def _judge_candidates(
+    rows: Floats, loop_variables: Sequence[int]
+) -> list[tuple[float, list[int]]]:
+    """Return the sets of variables that the equations of one loop may give.
 
-    The independence of the axes of a pivot is the product of their singular values, divided
+    The independence of the axes of a set is the product of their singular values, divided
     by the product of their lengths. It is 1 for axes at right angles, and 0 for dependent
-    axes. The least value of all configurations counts. Among the pivots that are at least
-    `MIN_INDEPENDENCE_RATIO` times as independent as the best one, the pivot with the lowest
-    cost is chosen.
+    axes. The least value of all configurations counts.
 
     Parameters
     ----------
-    remaining
-        (k, loops, 3, variables) Jacobians after the steps so far.
+    rows
+        (k, 3, variables) equations of the loop at k configurations, after the steps so far.
+    loop_variables
+        Numbers of the variables that these equations contain.
+
+    Returns
+    -------
+    The independence and the variables of each set. Each set has as many variables as the
+    equations give. The list is empty if they give none.
+    """
+    if not loop_variables:
+        return []
+    sizes = np.linalg.svd(rows[:, :, loop_variables], compute_uv=False)
+    rank = int(np.sum(np.max(sizes, axis=0) > REDUNDANT_SINGULAR_VALUE))
+    if not rank:
+        return []
+    sets = [list(chosen) for chosen in combinations(loop_variables, rank)]
+    axes = np.moveaxis(rows[:, :, sets], 2, 0)  # (sets, k, 3, rank)
+    lengths_product = np.prod(np.linalg.norm(axes, axis=2), axis=2)
+    independence = np.prod(np.linalg.svd(axes, compute_uv=False), axis=2)
+    independence = np.min(independence / np.maximum(lengths_product, 1e-300), axis=1)
+    return list(zip(independence.tolist(), sets, strict=True))
+
+
+def _choose_pivot(
+    candidates: Mapping[int, Sequence[tuple[float, list[int]]]],
+    loops: Sequence[int],
+    columns: Sequence[int],
+    contains_variable: Bools,
+) -> Pivot | None:
+    """Choose the next pivot of an elimination.
+
+    Among the pivots that are at least `MIN_INDEPENDENCE_RATIO` times as independent as the
+    best one, the pivot with the lowest cost is chosen.
+
+    Parameters
+    ----------
+    candidates
+        By loop, the independence and the variables of its possible pivots.
     loops
         Numbers of the loops that are no pivots yet.
     columns
         Numbers of the variables that are not eliminated yet.
+    contains_variable
+        (loops, variables) whether the equations of a loop contain a variable.
 
     Returns
     -------
     The pivot, or None if no loop gives any of the variables.
     """
-    candidates: list[tuple[float, int, Pivot]] = []
-    # (loops, variables): whether the equations of a loop contain a variable.
-    contains_variable = np.any(remaining[:, loops], axis=(0, 2))
+    best_independence = max(
+        (independence for loop in loops for independence, _ in candidates[loop]),
+        default=0.0,
+    )
+    if not best_independence > 0.0:
+        return None
+    judged: list[tuple[float, float, Pivot]] = []
     for loop, loop_contains in zip(loops, contains_variable, strict=True):
-        rows = remaining[:, loop]
-        sizes = np.linalg.svd(rows[:, :, columns], compute_uv=False)
-        # Number of variables that this loop gives.
-        rank = np.sum(np.max(sizes, axis=0) > REDUNDANT_SINGULAR_VALUE)
         loop_variables = [c for c in columns if loop_contains[c]]
-        for chosen in map(list, combinations(loop_variables, rank)) if rank else ():
-            axes_of_pivot = rows[:, :, chosen]
-            lengths_product = np.prod(np.linalg.norm(axes_of_pivot, axis=1), axis=1)
-            independence = np.prod(np.linalg.svd(axes_of_pivot, compute_uv=False), axis=1)
-            independence = np.min(independence / np.maximum(lengths_product, 1e-300))
+        for independence, chosen in candidates[loop]:
+            if not independence >= MIN_INDEPENDENCE_RATIO * best_independence:
+                continue
             # Variables by which those of the pivot are expressed, and the loops that
             # contain a variable of the pivot, this one included. Each other loop needs one
             # product for each of these variables and one more. Entries that are zero so far
@@ -208,19 +256,9 @@ def _choose_pivot(
             cost = FILL_COST * np.sum(~loops_with_pivot[:, other_variables]) + (
                 len(loops_with_pivot) - 1
             ) * (1 + len(other_variables))
-            candidates.append((independence, -cost, (loop, chosen)))
-    best_independence = max(
-        (independence for independence, _, _ in candidates), default=0.0
-    )
-    if not best_independence > 0.0:
-        return None
-    admissible = (
-        candidate
-        for candidate in candidates
-        if candidate[0] >= MIN_INDEPENDENCE_RATIO * best_independence
-    )
+            judged.append((-cost, independence, (loop, chosen)))
     # Lowest cost first, then the most independent axes.
-    return max(admissible, key=itemgetter(1, 0))[2]
+    return max(judged, key=itemgetter(0, 1))[2]
 
 
 def inverse_sizes(matrices: Floats) -> Floats:

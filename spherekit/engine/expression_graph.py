@@ -11,6 +11,7 @@ and intermediate values do not leave the cache.
 import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, reduce
 from itertools import count
 from typing import Any
@@ -386,7 +387,7 @@ def expression_terms(
 BLOCK = 8192
 """Columns evaluated together: enough that calls cost little, few enough for the cache."""
 
-_OPERATORS = {
+_UFUNCS = {
     "+": "add",
     "-": "subtract",
     "*": "multiply",
@@ -395,7 +396,7 @@ _OPERATORS = {
 }
 
 _INFIX = (*OPERATORS, "positive")
-"""What is written between its arguments where these are floats."""
+"""Operations that are written between their arguments, which are floats."""
 
 TermFunction = Callable[..., Array]
 """A function of arrays (inputs, n) with values (outputs, n), written to a second array if
@@ -410,23 +411,48 @@ def array_function(
     """Return expressions as a function of arrays.
 
     It computes with the type of what it is given, if that has more digits than `number`.
+    The operations are a list that is gone through for each block. Source text of as many
+    lines would have to be compiled first, which takes longer than to run it once and as
+    much memory again.
     """
-    made, rows, numbers = _printed(outputs, inputs, vars(np))
-    constants = lru_cache(2)(lambda kind: [*np.array(numbers, dtype=kind)[:, None]])
+    program = _write_program(outputs, inputs)
+    names = [*program.constants, *program.inputs, *program.outputs, *program.rows]
+    row_of = {name: row for row, name in enumerate(names)}
+    operations: list[tuple[Callable[..., Any], int, int | None, int]] = []
+    for step in program.steps:
+        name = _UFUNCS.get(step.operation, step.operation)
+        ufunc = _maximum if name == "maximum" else getattr(np, name)
+        first, *others = [row_of[x] for x in step.arguments]
+        (second,) = others or [None]
+        operations.append((ufunc, first, second, row_of[step.result]))
+    row_count = len(program.rows)
+    constants = lru_cache(2)(
+        lambda kind: [*np.array([*program.constants.values()], dtype=kind)[:, None]]
+    )
 
-    def at(given: Array, out: Array | None = None) -> Array:
+    def evaluate(given: Array, out: Array | None = None) -> Array:
         kind, count = np.result_type(given, number), given.shape[1]
         if out is None:
             out = np.empty((len(outputs), count), dtype=kind)
-        work = np.empty((rows, min(count, BLOCK)), dtype=kind)
+        work = np.empty((row_count, min(count, BLOCK)), dtype=kind)
         with np.errstate(all="ignore"):
             for start in range(0, count, BLOCK):
                 block = slice(start, start + BLOCK)
                 spare = work[:, : count - start]
-                made([*constants(kind), *given[:, block], *out[:, block], *spare])
+                rows = [*constants(kind), *given[:, block], *out[:, block], *spare]
+                for ufunc, first, second, result in operations:
+                    if second is None:
+                        ufunc(rows[first], rows[result])
+                    else:
+                        ufunc(rows[first], rows[second], rows[result])
         return out
 
-    return at
+    return evaluate
+
+
+def _maximum(one: Array, other: Array, result: Array) -> None:
+    """Write the larger numbers to a third array, which NumPy wants as a keyword here."""
+    np.maximum(one, other, out=result)
 
 
 def float_function(
@@ -437,48 +463,68 @@ def float_function(
     For one row it takes a tenth of the time of an `array_function`. Where a result is not
     finite it may raise `ArithmeticError` or `ValueError`.
     """
-    names = {
+    program = _write_program(outputs, inputs)
+    lines = [f"[{', '.join(program.inputs)}] = given"]
+    for step in program.steps:
+        if step.operation in _INFIX:
+            value = f" {step.operation} ".join(step.arguments)
+        else:
+            name = _UFUNCS.get(step.operation, step.operation)
+            value = f"{name}({', '.join(step.arguments)})"
+        lines.append(f"{step.result} = {value}")
+    lines.append(f"return [{', '.join(program.outputs)}]")
+    scope: dict[str, Any] = {
         **vars(math),
         "power": math.pow,
         # As NumPy's: of what is no number neither is one.
         "maximum": lambda a, b: a if a >= b or a != a else b,
         "sign": lambda a: np.sign(a).item(),
+        **program.constants,
     }
-    return _printed(outputs, inputs, names)[0]
+    exec("\n    ".join(["def evaluate(given):", *lines]), scope)
+    function: FloatFunction = scope["evaluate"]
+    return function
 
 
-def _printed(
-    outputs: Sequence[Expr],
-    inputs: Sequence[ExpressionNode],
-    names: Mapping[str, Any],
-) -> tuple[Callable[..., Any], int, Sequence[float]]:
-    """Return expressions as a Python function, rows that they need in between, and numbers.
+@dataclass(frozen=True)
+class _Step:
+    """An operation on named numbers, whose result gets a name."""
 
-    It is given the inputs and returns the outputs; with the `names` of NumPy it is given
-    the numbers before, these and the rows in between as well. Such a row is free again
-    after the last step that reads it.
+    operation: str
+    arguments: Sequence[str]
+    result: str
+
+
+@dataclass(frozen=True)
+class _Program:
+    """The operations that give outputs, one after another.
+
+    `constants` are the numbers by name. A row in between is free again after the last step
+    that reads it, so `rows` are fewer than the steps.
     """
-    in_place, lines = "add" in names, list[str]()
+
+    steps: Sequence[_Step]
+    constants: Mapping[str, float]
+    inputs: Sequence[str]
+    outputs: Sequence[str]
+    rows: Sequence[str]
+
+
+def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) -> _Program:
+    """Return the operations that expressions consist of, in an order that runs."""
     order = [term for term in in_order(outputs) if term.operation != "variable"]
     last = {item: k for k, term in enumerate(order) for item in term.arguments}
     used = [*(item for term in order for item in term.arguments), *outputs]
     numbers = dict.fromkeys(float(x) for x in used if not isinstance(x, ExpressionNode))
     called: dict[Any, str] = {x: f"c{k}" for k, x in enumerate(numbers)}
+    constants = {called[x]: x for x in numbers}
     given = [f"x{k}" for k in range(len(inputs))]
     called |= zip(inputs, given, strict=True)
     results = [f"y{k}" for k in range(len(outputs))]
     for item, result in zip(outputs, results, strict=True):
         called.setdefault(item, result)
 
-    def write(operation: str, parts: list[str], result: str) -> None:
-        name = _OPERATORS.get(operation, operation)
-        if in_place:
-            lines.append(f"{name}({', '.join(parts)}, out={result})")
-        elif operation in _INFIX:
-            lines.append(f"{result} = {f' {operation} '.join(parts)}")
-        else:
-            lines.append(f"{result} = {name}({', '.join(parts)})")
-
+    steps = list[_Step]()
     free = list[str]()
     rows = dict[str, None]()  # in order, and quick to look up: long chains have thousands
     for k, term in enumerate(order):
@@ -490,13 +536,8 @@ def _printed(
                 free.append(f"z{len(rows)}")
                 rows[free[0]] = None
             called[term] = free.pop()
-        write(term.operation, parts, called[term])
+        steps.append(_Step(term.operation, parts, called[term]))
     for item, result in zip(outputs, results, strict=True):
         if called[item] != result:
-            write("positive", [called[item]], result)
-    constants = map(called.__getitem__, numbers)
-    every = [*constants, *given, *results, *rows] if in_place else given
-    body = [f"[{', '.join(every)}] = given", *lines, f"return [{', '.join(results)}]"]
-    scope = {**names, **{called[x]: x for x in numbers}}
-    exec("\n    ".join(["def made(given):", *body]), scope)
-    return scope["made"], len(rows), [*numbers]
+            steps.append(_Step("positive", [called[item]], result))
+    return _Program(steps, constants, given, results, [*rows])

@@ -266,15 +266,45 @@ class RowKernel:
         x[:, ~closed] = start[:, ~closed]
         given = with_columns(x, self._profiles, values)
         columns, others = whole(given).astype(float), aside(given).astype(float)
-        # Along each way by a step that is imaginary (Squire and Trapp 1998).
         inverse = others[self.aside.places["inverse"]]
         ways = 3 * len(self._rows.tree.chords)
         inverse = inverse.reshape(len(free), ways, values.shape[1])
-        x, spread = x.astype(float).astype(complex), np.zeros_like(columns)
-        for way in inverse.swapaxes(0, 1):
-            x.imag[free] = SMALL * way
-            spread += np.abs(whole(with_columns(x, self._profiles, x.real)).imag) / SMALL
+        spread = self._add_up_changes(x.astype(float), inverse)
         return columns, others, spread, closed
+
+    def _add_up_changes(self, values: Floats, inverse: Floats) -> Floats:
+        """Return by how much columns change as loops open, all ways added up.
+
+        The derivatives are those of a step that is imaginary (Squire and Trapp 1998).
+
+        Parameters
+        ----------
+        values
+            (variables, n) rad, closed configurations.
+        inverse
+            (free variables, ways, n) by how much variables move as loops open, rad per rad.
+
+        Returns
+        -------
+        (columns, n) sizes of the changes, per rad.
+        """
+        free = list(self.free)
+        ways, count = inverse.shape[1:]
+        changes = np.zeros((len(self._columns), count))
+        # One call takes several ways: of a few rows, each call costs about as much as the
+        # numbers of `WIDE_PIECE` rows.
+        together = max(1, WIDE_PIECE // max(count, 1))
+        for start in range(0, ways, together):
+            some = inverse[:, start : start + together]
+            repeated = np.tile(values, some.shape[1])
+            stepped = repeated.astype(complex)
+            stepped.imag[free] = SMALL * some.reshape(len(free), -1)
+            columns = self.whole.function(with_columns(stepped, self._profiles, repeated))
+            sizes = np.abs(columns.imag).reshape(len(columns), some.shape[1], count)
+            # Way after way, so that sums round as they do for one way at a time.
+            for size in sizes.swapaxes(0, 1):
+                changes += size / SMALL
+        return changes
 
 
 def row_kernel(

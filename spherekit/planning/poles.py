@@ -155,7 +155,7 @@ class BlockPoles:
     opening: Pole | None = None
     passes: tuple[LinePole, ...] = ()
 
-    @property
+    @cached_property
     def rounds(self) -> dict[Pole, int]:
         """The pass in which each of its poles becomes known."""
         later = {step.pole: step.round for step in self.passes}
@@ -234,7 +234,7 @@ class Plan:
         links = zip(self.mechanism.links, self.body, strict=True)
         return "+".join(name for name, owner in links if owner == body)
 
-    @property
+    @cached_property
     def rounds(self) -> dict[Pole, int]:
         """The pass in which each pole becomes known; 0 for primary poles."""
         passes: dict[Pole, int] = {}
