@@ -109,10 +109,12 @@ def executed(
     analyses: Analyses,
     execution: Execution,
     follow: bool = False,
+    most_poles: int | None = None,
 ) -> RunResult:
     """Return what a run of a study finds; see `run`.
 
-    Its motion is traced where anything asks for it, or to `follow` it.
+    Its motion is traced where anything asks for it, or to `follow` it. With `most_poles`
+    only so many poles are evaluated, and tables have the right size and wrong numbers.
     """
     if study.start is None and execution.engine != "auto":
         raise AnalysisError("run: engine does nothing without a simulation: give start")
@@ -148,7 +150,7 @@ def executed(
         with ledger.stage(solving):
             course = course_of(study, engine, follow, looks_on)
         shown = recorder is not None or study.verify is not None
-        job = job_of(course, analyses, asked, execution.block, setting, shown)
+        job = job_of(course, analyses, asked, execution.block, setting, shown, most_poles)
         if place is not None:
             files = [
                 f"{stem}.{kind}"

@@ -307,9 +307,8 @@ class FigureGradients:
             return evaluator.turns(kernel, prepared, places[:, 0].tolist())[:, :, 0]
         if not kernel.turning:
             return np.zeros((0, places.shape[1]))
-        return evaluator.turns_at(
-            kernel, evaluator.kernel_mechanism(design.values), places[:, :, None]
-        )[:, :, 0]
+        solver = evaluator.solver_of(evaluator.kernel_mechanism(design.values))
+        return evaluator.turns_at(kernel, solver, places[:, :, None])[:, :, 0]
 
 
 def with_derivatives(

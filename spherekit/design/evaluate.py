@@ -38,11 +38,16 @@ from spherekit.design.variables import (
     designed,
 )
 from spherekit.design.varied import UNLIKE, VariedMechanism
-from spherekit.engine.design_kernel import DesignKernel, PathKernel, arc_function
+from spherekit.engine.design_kernel import (
+    DesignKernel,
+    PathKernel,
+    RedundantKernel,
+    arc_function,
+)
 from spherekit.engine.hinges import hinged
 from spherekit.engine.row_quantities import LOADED, VariedTerms
 from spherekit.engine.turns import turning_pairs
-from spherekit.errors import DesignError, SpherekitError
+from spherekit.errors import CountError, DesignError, SpherekitError
 from spherekit.files.document import Document
 from spherekit.guarantee import Guarantee
 from spherekit.model.actions import need_tabulated
@@ -257,9 +262,11 @@ class Evaluator:
         """Return the kernel of all designs, None where they have none.
 
         Modes that follow smooth curves through crossings have none: their signs change at
-        inputs that differ from design to design.
+        inputs that differ from design to design. Where constraints repeat each other, the
+        equations of a kernel close some loops only, and others stay open in designs whose
+        sizes do not agree. So each of these designs is searched by itself, as a run does.
         """
-        if self.samples.crossings == "pass":
+        if self.samples.crossings == "pass" or self._is_over_constrained:
             return None
         if self.mechanism.has_contacts:
             if self.varied.contacts is None or self.varied.points:
@@ -274,6 +281,15 @@ class Evaluator:
                 return None
             self._paths = paths, start
         return DesignKernel(terms, self.figures.columns)
+
+    @cached_property
+    def _is_over_constrained(self) -> bool:
+        """Whether counting leaves fewer degrees of freedom than the designs have inputs."""
+        try:
+            plan_assembly(self.mechanism.with_inputs(*self.inputs))
+        except CountError:
+            return True
+        return False
 
     @property
     def has_gradients(self) -> bool:
@@ -410,8 +426,9 @@ class Evaluator:
         turns = np.zeros((len(kernel.turning), *values.shape[1:]))
         for design in np.unique(number) if kernel.turning else ():
             here = np.flatnonzero(number == design)
+            mechanism = self.kernel_mechanism(of_file[:, design])
             turns[:, :, here] = self.turns_at(
-                kernel, self.kernel_mechanism(of_file[:, design]), values[:, :, here]
+                kernel, self.solver_of(mechanism), values[:, :, here]
             )
         made = self.figures.of(kernel, prepared, values, turns, labels, claim)
         every = self._with_others([_numbered(made, number)], sizes.shape[1], claim)
@@ -501,20 +518,23 @@ class Evaluator:
         assert contacts is not None
         return contacts.mechanism
 
+    def solver_of(self, mechanism: Mechanism) -> Solver:
+        """Return the solver of a mechanism with the inputs of the designs."""
+        mechanism = mechanism.with_inputs(*self.inputs)
+        return Solver(mechanism, plan_assembly(mechanism))
+
     def turns_at(
-        self, kernel: DesignKernel, mechanism: Mechanism, values: Floats
+        self, kernel: DesignKernel | RedundantKernel, solver: Solver, values: Floats
     ) -> Floats:
         """Return the turns (pairs, k, modes), rad, of a kernel's pairs.
 
-        Of one mechanism, where its modes have these values (variables, k, modes) in the
-        order of samples.
+        Of the mechanism of a solver, where its modes have these values (variables, k,
+        modes) in the order of samples.
         """
         made = np.zeros((len(kernel.turning), *values.shape[1:]))
         if not kernel.turning:
             return made
-        mechanism = mechanism.with_inputs(*self.inputs)
-        solver = Solver(mechanism, plan_assembly(mechanism))
-        pairs = [mechanism.angles[name] for name in kernel.turning]
+        pairs = [solver.mechanism.angles[name] for name in kernel.turning]
         for mode, of_mode in enumerate(np.moveaxis(values, 2, 0)):
             rows = np.flatnonzero(all_finite(of_mode, 0))
             at = of_mode[:, rows].T
@@ -557,33 +577,72 @@ class Evaluator:
         return Evaluated.in_order(parts, self.figures.names)
 
     def _single(self, mechanism: Mechanism) -> Evaluated:
-        assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
-        if assembly.has_closed_form and self.samples.crossings == "end":
-            terms = VariedTerms(mechanism, self.inputs)
-            kernel = DesignKernel(terms, self.figures.columns, compiled=False)
-            return self._modes(kernel, np.empty((0, 1)))
+        if not self._is_over_constrained and self.samples.crossings == "end":
+            assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
+            if assembly.has_closed_form:
+                terms = VariedTerms(mechanism, self.inputs)
+                of_signs = DesignKernel(terms, self.figures.columns, compiled=False)
+                return self._modes(of_signs, np.empty((0, 1)))
         tracer, motion, values = self.traced(mechanism)
         profiled = self.varied.is_profiled
-        terms = VariedTerms(
-            mechanism,
-            self.inputs,
-            geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
-            closed_form=False,
-            closed=next(iter(motion.values[~motion.failed]), None),
-        )
-        kernel = DesignKernel(terms, self.figures.columns, compiled=False)
         modes = tracer.assembly_modes
+
+        def terms_at(configuration: Floats | None) -> VariedTerms:
+            return VariedTerms(
+                mechanism,
+                self.inputs,
+                geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
+                closed_form=False,
+                closed=configuration,
+                by_rank=tracer.by_rank,
+            )
+
+        kernel: DesignKernel | RedundantKernel
+        if tracer.by_rank:
+            # Equations that are independent in one mode may not be so in another one.
+            terms_of_modes = [terms_at(x) for x in most_regular_configurations(motion)]
+            if not terms_of_modes:
+                names = self.figures.names
+                return Evaluated.of([0], names, status=NEVER_CLOSES, reason=NEVER)
+            kernel = RedundantKernel(terms_of_modes, self.figures.columns)
+        else:
+            configuration = next(iter(motion.values[~motion.failed]), None)
+            of_variables = terms_at(configuration)
+            kernel = DesignKernel(of_variables, self.figures.columns, compiled=False)
         claim = tracer.claim.guarantee.value
         made = self.figures.of(
             kernel,
             kernel.prepare(np.empty((0, len(modes)))),
             values,
-            self.turns_at(kernel, mechanism, values),
+            self.turns_at(kernel, tracer.solver, values),
             [f"{mode.number} {mode.label}" for mode in modes],
             claim,
             tracks_of(mechanism) if profiled else (),
         )
         return self._with_others([replace(made, design=0 * made.design)], 1, claim)
+
+
+def most_regular_configurations(motion: Motion) -> list[Floats]:
+    """Return of each assembly mode the configuration farthest from a singular one.
+
+    Parameters
+    ----------
+    motion
+        Samples of one mechanism in its modes.
+
+    Returns
+    -------
+    (variables,) rad of each mode that closes at a sample: where the least singular value of
+    the closure equations, the inputs locked, is largest.
+    """
+    closed = np.flatnonzero(~motion.failed)
+    if not len(closed):
+        return []
+    jacobians = motion.linearisation.jacobian[closed][:, :, list(motion.free)]
+    least = np.linalg.svd(jacobians, compute_uv=False)[:, -1]
+    modes = motion.assembly_mode[closed]
+    best = [np.flatnonzero(modes == mode) for mode in np.unique(modes)]
+    return [motion.values[closed[rows[np.argmax(least[rows])]]] for rows in best]
 
 
 def _numbered(made: Evaluated, numbers: Indices) -> Evaluated:

@@ -13,7 +13,7 @@ from spherekit.arrays import Array, Floats, Indices, Integers
 from spherekit.conventions import Names, counted, listing
 from spherekit.design.profile_numbers import columns_of
 from spherekit.design.variables import OK, reason_of
-from spherekit.engine.design_kernel import DesignKernel
+from spherekit.engine.design_kernel import DesignKernel, RedundantKernel
 from spherekit.engine.row_quantities import LOADED, row_quantities, sample_names
 from spherekit.errors import (
     DesignError,
@@ -259,7 +259,7 @@ class KernelFigures:
 
     def of(
         self,
-        kernel: DesignKernel,
+        kernel: DesignKernel | RedundantKernel,
         prepared: Floats,
         places: Floats,
         turns: Floats,

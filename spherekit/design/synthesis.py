@@ -173,7 +173,8 @@ def _evaluator(synthesis: Specification) -> Evaluator:
             f"{sweep.mechanism.name}: synthesis follows gradients by numbers that kernels "
             "have as inputs, and there is no kernel of these designs: where profiles are "
             "no circles, sizes of links and numbers under pairs.PAIR.profiles vary; with "
-            "others, or groups of more than 7 bodies or 64 solutions, sweep it instead"
+            "others, constraints that repeat each other, or groups of more than 7 bodies "
+            "or 64 solutions, sweep it instead"
         )
     if made.follows_modes and len(synthesis.minimise) > 1:
         raise DesignError(

@@ -124,7 +124,8 @@ class DesignKernel:
     `prepare` takes the sizes (variables, n) to what is the same at all samples of a design.
     `evaluate` takes a sample, the places of the links (then the columns of profiles that
     are handed in) and what is prepared to the
-    `columns`, then to their derivatives, size by size, where `gradients` are asked for.
+    `columns`, then to their derivatives, size by size, where `gradients` are asked for, and
+    last to `VariedTerms.rates_left_over`, where that is asked for.
     Columns are names of `row_quantities`, `EngineError` where there is none of it. Places
     are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
     not negative where it closes. Otherwise they are the variables of all pairs. It is
@@ -143,10 +144,13 @@ class DesignKernel:
         columns: Sequence[str],
         gradients: bool = False,
         compiled: bool = True,
+        with_rates_left_over: bool = False,
     ) -> None:
         outputs = [terms.quantity(name) for name in columns]
         if gradients:
             outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
+        if with_rates_left_over:
+            outputs.append(terms.rates_left_over())
         self.places, self.columns = terms.places, tuple(columns)
         self.closed_form, self._compiled = terms.closed_form, compiled and available()
         used = set(in_order(outputs))
@@ -199,6 +203,70 @@ class DesignKernel:
         parts.append(np.broadcast_to(prepared, (len(prepared), n)))
         with np.errstate(all="ignore"):
             return self.evaluate(np.concatenate(parts))
+
+
+MAX_RATES_LEFT_OVER = 1e-9
+"""Largest part of the rates that may be left over in loops. Larger: rates have fewer
+digits; smaller: rows near singular configurations, which lose some digits, have none."""
+
+
+class RedundantKernel:
+    """The `DesignKernel` of one design in which constraints repeat each other.
+
+    Rates follow from independent equations that are chosen at a configuration. Elsewhere
+    these may depend on each other, though all equations together determine the rates. So
+    there is a kernel for each choice, and each row is taken from the one whose rates leave
+    the least over in all loops. Columns of rates are NaN where all leave more than
+    `MAX_RATES_LEFT_OVER`; angles and axes do not depend on the choice.
+
+    Parameters
+    ----------
+    terms
+        Terms of the same design, of the variables of pairs, whose equations are chosen at
+        configurations of different modes.
+    columns
+        Names of `row_quantities`.
+    """
+
+    def __init__(self, terms: Sequence[VariedTerms], columns: Sequence[str]) -> None:
+        # Everything that follows from rates is divided by the scale of the rates.
+        scale = terms[0].flow.scale
+        self._follows_from_rates = np.array(
+            [scale in set(in_order([terms[0].quantity(name)])) for name in columns], bool
+        )
+        by_choice: dict[str, VariedTerms] = {}
+        for item in terms:
+            groups = item.structure.groups
+            choice = repr([(group.private, group.chosen) for group in groups])
+            by_choice.setdefault(choice, item)
+        self._kernels = [
+            DesignKernel(item, columns, compiled=False, with_rates_left_over=True)
+            for item in by_choice.values()
+        ]
+        self.turning = self._kernels[0].turning
+        self.reaches = 0
+        no_sizes = np.empty((0, 1))
+        self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
+
+    def prepare(self, sizes: Floats) -> Floats:
+        """Return no rows (0, n): each kernel has prepared its own for the one design."""
+        return np.empty((0, sizes.shape[1]))
+
+    def evaluate(self, rows: Floats) -> Floats:
+        """Return the columns (columns, n) of rows (k, n), as `DesignKernel` has them."""
+        count = rows.shape[1]
+        columns = np.full((len(self._follows_from_rates), count), np.nan)
+        least = np.full(count, np.inf)
+        for kernel, prepared in zip(self._kernels, self._prepared, strict=True):
+            fixed = np.broadcast_to(prepared, (len(prepared), count))
+            outputs = kernel.evaluate(np.concatenate([rows, fixed]))
+            left_over = outputs[-1]
+            is_better = (left_over < least) & (left_over <= MAX_RATES_LEFT_OVER)
+            columns[:, is_better] = outputs[:-1, is_better]
+            same = ~self._follows_from_rates
+            columns[same] = outputs[:-1][same]
+            least[is_better] = left_over[is_better]
+        return columns
 
 
 def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], TermFunction]:

@@ -253,9 +253,9 @@ def _choose_pivot(
             loops_with_pivot = contains_variable[
                 np.any(contains_variable[:, chosen], axis=1)
             ]
-            cost = FILL_COST * np.sum(~loops_with_pivot[:, other_variables]) + (
-                len(loops_with_pivot) - 1
-            ) * (1 + len(other_variables))
+            filled = int(np.sum(~loops_with_pivot[:, other_variables]))
+            products = (len(loops_with_pivot) - 1) * (1 + len(other_variables))
+            cost = FILL_COST * filled + products
             judged.append((-cost, independence, (loop, chosen)))
     # Lowest cost first, then the most independent axes.
     return max(judged, key=itemgetter(0, 1))[2]

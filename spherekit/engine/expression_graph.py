@@ -422,9 +422,9 @@ def array_function(
     for step in program.steps:
         name = _UFUNCS.get(step.operation, step.operation)
         ufunc = _maximum if name == "maximum" else getattr(np, name)
-        first, *others = [row_of[x] for x in step.arguments]
-        (second,) = others or [None]
-        operations.append((ufunc, first, second, row_of[step.result]))
+        arguments = [row_of[x] for x in step.arguments]
+        second = arguments[1] if len(arguments) == 2 else None
+        operations.append((ufunc, arguments[0], second, row_of[step.result]))
     row_count = len(program.rows)
     constants = lru_cache(2)(
         lambda kind: [*np.array([*program.constants.values()], dtype=kind)[:, None]]

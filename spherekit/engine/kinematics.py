@@ -55,7 +55,7 @@ from spherekit.model.mechanism import Mechanism
 from spherekit.motion.closure import Closure
 from spherekit.motion.loops import LoopTree
 from spherekit.motion.traced import assembly_by_count_or_rank, traced
-from spherekit.planning.inputs import Assembly, driven_at
+from spherekit.planning.inputs import Assembly, driven_at, plan_assembly
 
 COINCIDENT = 1e-9
 """Axes of one link whose angle has a smaller sine are one axis."""
@@ -105,12 +105,15 @@ class Structure:
         input_pairs: str | Sequence[str],
         pairs: TurningPairs | None = None,
         closed: Floats | None = None,
+        by_rank: bool = False,
     ) -> "Structure":
         """Return the structure of a mechanism with these pairs as inputs.
 
         Its `pairs` may be those of a design, in terms, and some of them follow the inputs;
         where equations repeat, independent ones are chosen at a `closed` configuration
-        (variables,), which is looked for where none is given.
+        (variables,), which is looked for where none is given. `by_rank` says that the rank
+        at configurations leaves the degrees of freedom that counting does not, so that no
+        configurations are searched for that.
 
         Raises
         ------
@@ -123,7 +126,10 @@ class Structure:
         pairs = pairs or turning_pairs(mechanism)
         names += mechanism.names_of(pairs.followers)
         driven = driven_at(mechanism, names)
-        assembly = assembly_by_count_or_rank(driven)
+        if by_rank:
+            assembly = plan_assembly(driven, by_rank)
+        else:
+            assembly = assembly_by_count_or_rank(driven)
 
         def vectors() -> Floats:
             values = closed

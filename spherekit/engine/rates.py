@@ -178,14 +178,16 @@ class GroupEquations:
                 directions = {WITHOUT_PRIVATE: np.cross(columns[one], columns[other])}
             for variable, direction in directions.items():
                 row = columns @ direction
-                size = max(np.linalg.norm(row), 1e-300)
-                rows[number, variable] = row[self.unknowns] / size
+                size = float(np.linalg.norm(row))
+                # An equation whose coefficients are rounding errors says nothing: the
+                # private axes are parallel, or all axes of the loop lie in one plane.
+                if size > INDEPENDENT * max(float(np.linalg.norm(direction)), INDEPENDENT):
+                    rows[number, variable] = row[self.unknowns] / size
         count, keys = len(self.unknowns), list(rows)
-        _, triangle, order = qr(
-            np.transpose([*rows.values()]), mode="economic", pivoting=True
-        )
+        unit_rows = np.reshape([*rows.values()], (len(rows), count))
+        _, triangle, order = qr(unit_rows.T, mode="economic", pivoting=True)
         sizes = np.abs(np.diagonal(triangle))
-        if len(sizes) < count or np.min(sizes[:count]) < INDEPENDENT:
+        if len(sizes) < count or np.min(sizes[:count], initial=1.0) < INDEPENDENT:
             raise EngineError(
                 f"{self.mechanism.name}: its equations leave more than one motion at the "
                 "configuration they were chosen at; change the range of the input",

@@ -39,14 +39,13 @@ from spherekit.engine.kinematics import CoordinateRates, InputMoments, Structure
 from spherekit.engine.loads import LoadState, forces_of
 from spherekit.engine.pose import LinkOrientation
 from spherekit.engine.turns import TurningPairs
-from spherekit.errors import EngineError
+from spherekit.errors import CountError, EngineError
 from spherekit.model.actions import wound_pairs
 from spherekit.model.dynamics import need_no_rubbing
 from spherekit.model.expression import Expression
 from spherekit.model.load import Component, LinkMoment, TorqueTable
 from spherekit.model.mechanism import Mechanism
-from spherekit.motion.traced import assembly_by_count_or_rank
-from spherekit.planning.inputs import Assembly, driven_pairs
+from spherekit.planning.inputs import Assembly, driven_at, driven_pairs, plan_assembly
 
 LOADED = ("torque", "generalized_force", "free_acceleration", "A_q", "A_dq")
 """How quantities begin that loads and rates of the inputs enter."""
@@ -122,7 +121,7 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     ``free_acceleration_PAIR`` is that of an input while all are free.
     """
     inputs = mechanism.names_of(driven_pairs(mechanism))
-    table = _quantities(mechanism, inputs, assembly_by_count_or_rank(mechanism))
+    table = _quantities(mechanism, inputs, _groups_of(mechanism))
     return {name: unit for name, (unit, *_) in table.items()}
 
 
@@ -216,8 +215,9 @@ class VariedTerms:
 
     By default in closed form where there is one. `differing` says which numbers of masses
     and loads are terms, after the sizes; `closed` is a configuration (variables,) of the
-    mechanism, if one is known. `pointing` names pairs along whose axes outputs point, or
-    has directions (3,) in axes of their links, where those of the mechanism vary.
+    mechanism, if one is known; `by_rank` is that of `Structure.of`. `pointing` names
+    pairs along whose axes outputs point, or has directions (3,) in axes of their links,
+    where those of the mechanism vary.
 
     Attributes
     ----------
@@ -253,12 +253,13 @@ class VariedTerms:
         differing: Sequence[int] = (),
         closed: Floats | None = None,
         pointing: Mapping[str, str | Exprs] | None = None,
+        by_rank: bool = False,
     ) -> None:
         terms = symbols(sizes)
         pairs = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
         self.mechanism, self.inputs = mechanism, [*inputs]
         self._pointing = pointing or {}
-        self.structure = structure = Structure.of(mechanism, inputs, pairs, closed)
+        self.structure = structure = Structure.of(mechanism, inputs, pairs, closed, by_rank)
         self.sample = symbols(sample_names(inputs))
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form
@@ -453,6 +454,26 @@ class VariedTerms:
         """Return the derivative of the inertia: half of it resists a rate of 1."""
         return 2.0 * self._moments.resistance(0, [1.0], [0.0])
 
+    def rates_left_over(self) -> Expr:
+        """Return what the rates of the variables leave over in the loops, relatively.
+
+        It is the norm over all loops and inputs, divided by that of the rates, and zero up
+        to rounding where the equations that give the rates are independent. Where equations
+        repeat each other, those that were chosen at one configuration may depend on each
+        other at another one, and then their solution does not fit in the other loops.
+        """
+        flow = self.flow
+        total: Expr = 0.0
+        for tau, w in zip(flow.tau, flow.w, strict=True):
+            parts = flow.parts(tau)
+            left: Expr = 0.0
+            for chord in flow.tree.chords:
+                first, second = flow.tree.ends[chord]
+                over = w[first] - w[second] + parts[chord]
+                left = left + dot(over, over)
+            total = total + left / dot(tau, tau)
+        return function("sqrt", total)
+
     @cached_property
     def _compliance(self) -> list[list[Expr]]:
         """The inverse of the inertia matrix."""
@@ -627,7 +648,20 @@ class VariedTerms:
 
 def middle_pairs(mechanism: Mechanism) -> Names:
     """Return the pairs with a ``transmission_angle``: those in the middle of dyads."""
-    return _middles(mechanism, assembly_by_count_or_rank(mechanism))
+    return _middles(mechanism, _groups_of(mechanism))
+
+
+def _groups_of(mechanism: Mechanism) -> Assembly:
+    """Return the groups of a mechanism, by its graph alone.
+
+    Names of quantities do not depend on sizes. So no configurations are searched where
+    counting leaves too few degrees of freedom, and a file whose own sizes do not close has
+    the quantities of its designs.
+    """
+    try:
+        return plan_assembly(mechanism)
+    except CountError:
+        return plan_assembly(driven_at(mechanism), by_rank=True)
 
 
 def _middles(mechanism: Mechanism, assembly: Assembly) -> Names:

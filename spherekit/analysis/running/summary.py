@@ -31,6 +31,7 @@ from spherekit.analysis.running.run_state import (
     digest,
     identities_of,
 )
+from spherekit.analysis.running.sampled_poles import evaluate_sample
 from spherekit.analysis.running.sampling import EVENTS, Sampling
 from spherekit.analysis.study import requests_for
 from spherekit.analysis.tables import (
@@ -82,6 +83,8 @@ class RunPlan:
     block: int
     at_once: list[str]
     """Names of the analyses that look at all samples at once."""
+    most_poles: int | None = None
+    """How many poles are evaluated, if only the size of tables is measured."""
 
     @property
     def mechanism(self) -> Mechanism:
@@ -109,6 +112,12 @@ class RunPlan:
         """Return the poles of a block of the source for each input that moves."""
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
             return self.source.fields(motion, memories)
+        if self.most_poles is not None:
+            return tuple(
+                evaluate_sample(motion, item, self.most_poles)
+                for item in self.requests
+                if item.poles
+            )
         return tuple(
             evaluate(motion, item, memory, self.setting.route, self.setting.engine)
             for item, memory in zip(self.requests, memories, strict=True)
@@ -270,13 +279,14 @@ def job_of(
     block: int | None = None,
     setting: Setting = ORDINARY,
     all_links: bool = False,
+    most_poles: int | None = None,
 ) -> RunPlan:
     """Return the job of analyses over a course; `asked` is what `needs_of_each` gives.
 
     A kernel may stand in for the best route at every sample.
 
     `block` is the samples wanted at once, and `all_links` says whether scenes show all
-    links; see `spherekit.run` for the others.
+    links. `most_poles` is that of `RunPlan`. See `spherekit.run` for the others.
 
     Raises
     ------
@@ -316,7 +326,9 @@ def job_of(
         block = len(course)
         need_memory(tracer.mechanism, block * len(tracer.assembly_modes), whole)
     block = min(block or source.block, len(course))
-    return RunPlan(course, analyses, *asked, wanted, setting, source, block, whole)
+    return RunPlan(
+        course, analyses, *asked, wanted, setting, source, block, whole, most_poles
+    )
 
 
 def motion_table(course: Sampling) -> Table:
