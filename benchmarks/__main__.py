@@ -24,6 +24,7 @@ NAMES = (
     "region",
     "long_run",
     "pruning",
+    "explain",
     "road",
     "source",
     "extremes",
