@@ -150,7 +150,8 @@ def executed(
         with ledger.stage(solving):
             course = course_of(study, engine, follow, looks_on)
         shown = recorder is not None or study.verify is not None
-        job = job_of(course, analyses, asked, execution.block, setting, shown, most_poles)
+        job = job_of(course, analyses, asked, execution.block, setting, shown)
+        job = replace(job, most_poles=most_poles)
         if place is not None:
             files = [
                 f"{stem}.{kind}"

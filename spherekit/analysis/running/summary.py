@@ -279,14 +279,13 @@ def job_of(
     block: int | None = None,
     setting: Setting = ORDINARY,
     all_links: bool = False,
-    most_poles: int | None = None,
 ) -> RunPlan:
     """Return the job of analyses over a course; `asked` is what `needs_of_each` gives.
 
     A kernel may stand in for the best route at every sample.
 
     `block` is the samples wanted at once, and `all_links` says whether scenes show all
-    links. `most_poles` is that of `RunPlan`. See `spherekit.run` for the others.
+    links; see `spherekit.run` for the others.
 
     Raises
     ------
@@ -326,9 +325,7 @@ def job_of(
         block = len(course)
         need_memory(tracer.mechanism, block * len(tracer.assembly_modes), whole)
     block = min(block or source.block, len(course))
-    return RunPlan(
-        course, analyses, *asked, wanted, setting, source, block, whole, most_poles
-    )
+    return RunPlan(course, analyses, *asked, wanted, setting, source, block, whole)
 
 
 def motion_table(course: Sampling) -> Table:
