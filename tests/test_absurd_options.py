@@ -58,6 +58,8 @@ ABSURD = (
 )
 QUICK = ("99999999999999999999", "nan")
 """Values that are tried by default."""
+SLOW = ("", "-1", "text", "folder", *QUICK)
+"""Values that slow tests try, the others are for long ones."""
 
 OPENS_A_WINDOW = {"--help", "--version", "--view", "--web", "--serve"}
 NAMES_A_FILE = {"--output", "--out"}
@@ -111,7 +113,8 @@ def cases():
                     continue
                 words = f"{command} {name} {value.encode('unicode_escape').decode()}"
                 is_quick = value in QUICK and command not in ("trade", "view", "synthesize")
-                marks = () if is_quick else pytest.mark.slow
+                mark = pytest.mark.slow if value in SLOW else pytest.mark.long
+                marks = () if is_quick else mark
                 yield pytest.param(command, name, value, id=words, marks=marks)
 
 
