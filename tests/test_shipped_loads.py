@@ -34,6 +34,7 @@ def test_no_table_of_forces_is_empty(name):
     assert couples and min(couples) > 0.1
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", LOADED)
 def test_mujoco_moves_it_as_it_moves_here(name):
     mujoco = pytest.importorskip("mujoco")

@@ -95,6 +95,7 @@ def marked(number):
     return pytest.param(number, marks=marks.get(number, pytest.mark.long))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("number", [marked(k) for k in range(len(CHAINS))])
 def test_singularities_of_random_chains_are_exact_and_all(number):
     tracer, found, analysis = analysed(number)

@@ -52,6 +52,7 @@ def dead_inputs_of_geared(made, low, high):
     return np.sort(found)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("low", "high"),
     [
@@ -262,6 +263,7 @@ def test_mid_plane_loci_are_singular(mid_plane):
             assert np.max(each.points.residual) < 1e-12
 
 
+@pytest.mark.slow
 def test_mid_plane_loci_of_type_one_are_circles_at_the_limit_of_reach(mid_plane):
     """There base axis and mid-plane are the leg's arc apart, 40 deg: n . b = sin 40 deg."""
     made, loci = mid_plane

@@ -330,6 +330,7 @@ def test_aspects_free_of_both_types_split_by_signs():
     assert len(found.sizes) == 8  # each leg bent to either side, for each sign of the dyad
 
 
+@pytest.mark.slow
 def test_surface_of_type_two_in_a_three_rrr(monkeypatch):
     """Vertices: distal planes of the legs with a common line. Edges: two triangles each."""
     made = sk.load("three_rrr")

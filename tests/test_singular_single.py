@@ -126,6 +126,7 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     assert np.max(ahead.residual) < 1e-13
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("text", "seed"), [(STEPHENSON, 3), (EIGHT_BARS[0], 1)])
 def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
     """A relative rate reverses between two of many samples, and in finer ones vanishes."""
