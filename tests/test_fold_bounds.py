@@ -4,6 +4,7 @@ They are judged by the closure equations in 50 digits with the decimal sizes of 
 (`exact_configurations`).
 """
 
+import chains
 import numpy as np
 import pytest
 from exact_configurations import deviations, deviations_beside
@@ -65,3 +66,19 @@ def test_angles_at_folds_are_right_or_left_out(seeds, least):
         except SpherekitError:  # arcs that close nowhere
             continue
     assert known >= least
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_of_long_chains_stay_ok_within_their_bounds(seed):
+    """A bound in quad precision multiplies over the 28 dyads of a chain of 60 links.
+
+    It is then useless, although the loops as a whole are well conditioned in float64. The
+    row is OK by the bound of the whole mechanism.
+    """
+    made = chains.grown(np.random.default_rng(seed), 60, False)
+    motion = PositionAnalysis(made, samples=12, search=False).motion()
+    assert not np.any(motion.status == Status.AT_SINGULARITY)
+    rows = motion.rows(np.flatnonzero(motion.status == Status.OK)[:2])
+    assert len(rows) == 2
+    assert np.all(rows.configuration_error < 1e-9)
+    assert np.all(deviations(rows) <= rows.configuration_error)

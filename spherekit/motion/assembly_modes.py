@@ -382,8 +382,9 @@ class Solver:
 
         In float64 angles lose half their digits with each group that is at its dead
         centre. R pairs are therefore placed in quad precision. Contacts, and loops with
-        redundant equations, have float64 values. Angles that are not known to
-        `LARGEST_ANGLE_ERROR_RAD` are set to NaN.
+        redundant equations, have float64 values. So have rows of status OK for which the
+        quad placement has no error bound, as in a long chain of dyads, whose bounds
+        multiply. Angles that are not known to `LARGEST_ANGLE_ERROR_RAD` are set to NaN.
 
         Returns
         -------
@@ -394,14 +395,26 @@ class Solver:
                 assembly_mode.signs, assembly_mode.determinants, q[rows], state.values[rows]
             )
             values, error, new_status = placed.values, placed.error, placed.status
+            is_unknown = ~(error <= LARGEST_ANGLE_ERROR_RAD)
+            in_float64 = np.flatnonzero((status[rows] == Status.OK) & is_unknown)
         else:
-            fold = place_at_folds(self.closure, self.driven, q[rows], state.values[rows])
-            values, error = fold.values, fold.error
-            new_status = np.where(
-                fold.is_out_of_reach, Status.OUT_OF_REACH, Status.AT_SINGULARITY
+            values = state.values[rows]
+            error = np.full(len(rows), np.inf)
+            new_status = status[rows]
+            in_float64 = np.arange(len(rows))
+        if len(in_float64):
+            float64_rows = rows[in_float64]
+            fold = place_at_folds(
+                self.closure, self.driven, q[float64_rows], state.values[float64_rows]
             )
-            is_regular = (status[rows] == Status.OK) & np.isfinite(error)
-            new_status[is_regular] = Status.OK
+            values[in_float64] = fold.values
+            error[in_float64] = fold.error
+            is_regular = (status[float64_rows] == Status.OK) & np.isfinite(fold.error)
+            new_status[in_float64] = np.select(
+                [is_regular, fold.is_out_of_reach],
+                [Status.OK, Status.OUT_OF_REACH],
+                Status.AT_SINGULARITY,
+            )
         has_angles = error <= LARGEST_ANGLE_ERROR_RAD
         state.values[rows] = np.where(has_angles[:, None], values, np.nan)
         was_out = status[rows] == Status.OUT_OF_REACH
