@@ -1,15 +1,10 @@
-"""Equations of motion of any number of inputs: inertia matrix, loads, driving torques.
+"""Equations of motion of any number of inputs: inertia matrix, loads, driving torques."""
 
-What the analyses whose tables have rows at every sample share: columns and plots.
-"""
-
-import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from spherekit.plugin import (
     ASSEMBLY_MODE,
@@ -22,11 +17,9 @@ from spherekit.plugin import (
     Batch,
     Column,
     Findings,
-    Floats,
     Mechanism,
     Needs,
     Scene,
-    Series,
     Status,
     Table,
     TableData,
@@ -41,99 +34,17 @@ from spherekit.plugin.dynamics import (
     of_parts,
     used_pairs,
 )
-from spherekit.plugin.motion import Motion
 
-
-def row_columns(batch: Batch, timed: bool = False) -> dict[str, NDArray[Any]]:
-    """Return sample, assembly mode and inputs of all rows, and their time if asked for."""
-    return {
-        "sample": batch.sample,
-        "assembly_mode": batch.assembly_mode,
-        **({"t": batch.t} if timed else {}),
-        **input_columns(batch.mechanism, batch.inputs),
-    }
-
-
-def repeated(columns: TableData, subjects: Sequence[str], name: str) -> TableData:
-    """Return columns with a row for each subject at every row, the subjects as `name`."""
-    count = len(next(iter(columns.values())))
-    return {
-        **{key: np.repeat(values, len(subjects)) for key, values in columns.items()},
-        name: np.tile(np.array(subjects, dtype=str), count),
-    }
-
-
-def curve(
-    group: str,
-    label: str,
-    title: str,
-    values: Floats,
-    unit: str = "",
-    link: int | None = None,
-) -> Series:
-    """Return a quantity (n,) to be plotted, with others of its group, against the rows."""
-    name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
-    return Series(f"plots/{group}/{name}", label, title, values, unit, link)
-
-
-def plotted(batch: Batch, curves: Sequence[Series]) -> tuple[Scene, ...]:
-    """Return a scene for each assembly mode, with its part of every curve."""
-    return tuple(
-        Scene(mode, tuple(replace(one, values=one.values[rows]) for one in curves))
-        for mode, rows in batch.assembly_mode_rows().items()
-    )
-
-
-def largest_torques(batch: Batch, torques: Floats, size: str) -> dict[str, Any]:
-    """Return by input the torque (n, inputs) farthest from 0 as `size`, and where it is."""
-    figures: dict[str, Any] = {}
-    for k, name in enumerate(batch.moving_inputs):
-        torque = np.abs(torques[:, k])
-        if np.any(np.isfinite(torque)):
-            row = int(np.nanargmax(torque))
-            figures[name] = {
-                size: float(torques[row, k]),
-                "at_sample": int(batch.sample[row]),
-                "at_assembly_mode": int(batch.assembly_mode[row]),
-                "at_rad": batch.inputs[row].tolist(),
-            }
-    return figures
-
-
-def said_of_torques(figures: Mapping[str, Any], size: str, what: str) -> tuple[str, ...]:
-    """Return in words what `largest_torques` found."""
-    return tuple(
-        f"largest {what} at {name}: {largest[size]:.6g} N m at sample "
-        f"{largest['at_sample']} of assembly mode {largest['at_assembly_mode']}"
-        if largest[size]
-        else f"{what} at {name}: zero in every row, to rounding"
-        for name, largest in figures.items()
-    )
-
-
-def largest_of(
-    before: Mapping[str, Any], now: Mapping[str, Any], size: str
-) -> dict[str, Any]:
-    """Return by name whichever record of two has the number `size` farther from 0."""
-    return {
-        name: max(
-            (records[name] for records in (before, now) if name in records),
-            key=lambda record: abs(record[size]),
-        )
-        for name in {**before, **now}
-    }
-
-
-def as_loads_see(batch: Batch) -> Motion:
-    """Return the configurations of a batch with the angles of its loads going on.
-
-    The batch needs the tracer, and continued values of the pairs that loads depend on.
-    """
-    values = batch.motion.values.copy()
-    for pair in batch.needs.continued_values:
-        values[:, batch.mechanism.angles[pair]] = batch.continued_value(pair)
-    return replace(batch.motion, values=values)
-
+from .common import (
+    as_loads_see,
+    curve,
+    largest_of,
+    largest_torques,
+    plotted,
+    repeated,
+    row_columns,
+    said_of_torques,
+)
 
 RATES = Column("dq", "rad/s", "rate of the variable of", per_input=True)
 ACCELERATIONS = Column("ddq", "rad/s2", "acceleration of the variable of", per_input=True)

@@ -43,7 +43,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .dynamics import (
+from .common import (
     as_loads_see,
     curve,
     largest_torques,

@@ -36,7 +36,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .dynamics import as_loads_see, curve, plotted, repeated, row_columns
+from .common import as_loads_see, curve, plotted, repeated, row_columns
 
 ROUNDING = 1e-13
 """Loads of bearings that are a smaller part of the couples beside them are zero."""

@@ -28,7 +28,7 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.designs import Distribution, Sensitivity, SizeDeviations
 
-from .dynamics import as_loads_see, curve, largest_of, repeated, row_columns
+from .common import as_loads_see, curve, largest_of, repeated, row_columns
 
 DEG = np.pi / 180.0
 EQUAL = 1e-9

@@ -36,7 +36,7 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .dynamics import (
+from .common import (
     as_loads_see,
     curve,
     largest_of,

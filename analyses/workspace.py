@@ -60,9 +60,9 @@ from spherekit.plugin.workspace import (
     sphere_mesh,
 )
 
-from .equivalent_rotation import DIRECTION, MIRROR, MODE, PLACE, place_columns
-from .pose_lists import read_poses
-from .posed_workspace import nearest_at, read_apart, read_limit, shown
+from .common import DIRECTION, MIRROR, MODE, PLACE, place_columns
+from .inverse_kinematics.pose_lists import read_poses
+from .output_poses import nearest_at, read_apart, read_limit, shown
 
 ROWS = 24
 COLUMNS = 48

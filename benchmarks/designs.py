@@ -10,16 +10,16 @@ import numpy as np
 
 import spherekit as sk
 from benchmarks.harness import Cell, Section, median, ratio, rounds
-from spherekit.analysis.contract import parse_merit
-from spherekit.design.evaluate import FOLLOWED, Evaluator
-from spherekit.design.figures import DesignSamples
-from spherekit.design.variables import design_variable, designed
+from spherekit.designs.design_evaluation import FOLLOWED, Evaluator
+from spherekit.designs.design_variables import design_variable, designed
+from spherekit.designs.figures_of_merit import DesignSamples
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.files.read import read
-from spherekit.files.write import document_of
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Study
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.files.mechanism_reader import read
+from spherekit.files.number_change import document_of
+from spherekit.files.study import Study
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.runs.figure_of_merit import parse_merit
 
 DEG = np.pi / 180.0
 

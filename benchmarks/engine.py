@@ -6,18 +6,18 @@ from functools import partial
 import numpy as np
 
 from benchmarks.harness import Cell, Section, median, ratio, rounds
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.reference import reference_simulation
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.reference_simulation import reference_simulation
 from spherekit.dynamics.simulation import Simulation
-from spherekit.engine.compiler import available, heyoka
-from spherekit.engine.dyads import COMPILED
-from spherekit.engine.fields import evaluate
-from spherekit.engine.kernels import MOST_DERIVATIVES, Engine, Source, kernel
-from spherekit.files.read import load
-from spherekit.model.study import Start
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.files.mechanism_reader import load
+from spherekit.files.study import Start
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.symbolic.compiler import available, heyoka
+from spherekit.velocities.dyad_expressions import COMPILED
+from spherekit.velocities.kernels import MOST_DERIVATIVES, Engine, Source, kernel
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
@@ -59,8 +59,8 @@ def _batch(quick: bool) -> Section:
         f"Every pole axis and coefficient, with B where the mechanism has masses, at "
         f"{count} configurations on one thread, the kernel compiled and on NumPy arrays. "
         "From all pair variables, or from the input and the signs of the dyads, positions "
-        "included. The plan: `engine.fields.evaluate`, the same without B, with one "
-        f"derivative, in blocks of {BLOCK}.",
+        "included. The plan: `velocities.pole_evaluation.evaluate`, the same without B, "
+        f"with one derivative, in blocks of {BLOCK}.",
         (
             "mechanism",
             "from",

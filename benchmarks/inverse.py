@@ -8,12 +8,14 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section, median, rounds
 from spherekit.arrays import Floats
-from spherekit.files.read import load
-from spherekit.guidance.loci import mid_plane_form
-from spherekit.motion.assembly_modes import AssemblyMode
-from spherekit.output.dyads import Signs
-from spherekit.output.inverse import InverseKinematics
-from spherekit.sphere.rotation import azimuth_tilt, euler_zyz, from_quaternion, upward
+from spherekit.files.mechanism_reader import load
+from spherekit.geometry.mirror import upward
+from spherekit.geometry.rotation import from_quaternion
+from spherekit.geometry.tilt_torsion import azimuth_tilt, euler_zyz
+from spherekit.outputs.dyad_chain import Signs
+from spherekit.outputs.inverse_kinematics import InverseKinematics
+from spherekit.outputs.mid_plane_symmetry import mid_plane_form
+from spherekit.positions.assembly_mode import AssemblyMode
 
 MECHANISMS = ("three_rrr", "agile_eye", "five_bar")
 BAR, OFF = "two_dof_spm", (1e-6, 1e-3, 1e-2)

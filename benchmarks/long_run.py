@@ -9,9 +9,9 @@ import time
 from pathlib import Path
 
 from benchmarks.harness import Cell, Section
-from spherekit.analysis.run import run as run_analyses
-from spherekit.files.read import load
-from spherekit.motion.motion import BLOCK, PositionAnalysis
+from spherekit.files.mechanism_reader import load
+from spherekit.positions.motion import BLOCK, PositionAnalysis
+from spherekit.runs.runner import run as run_analyses
 
 JOBS = (("stephenson", "poles:only=31"), ("four_bar", "poles"), ("four_bar", "eksergian"))
 SAMPLES = (10_000, 100_000, 1_000_000)

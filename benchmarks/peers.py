@@ -12,18 +12,19 @@ from benchmarks.harness import Cell, Section
 from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.coordinates import by_variables
 from spherekit.dynamics.numpy_engine import Collocation
-from spherekit.dynamics.start import Problem, prepare
-from spherekit.dynamics.tabulate import reduced_model, simulate_reduced
-from spherekit.engine.compiler import available
+from spherekit.dynamics.reduced_model_maker import reduced_model, simulate_reduced
+from spherekit.dynamics.simulation_start import Problem, prepare
 from spherekit.errors import ModelError
-from spherekit.exchange.bodies import RigidBodies, rigid_bodies
+from spherekit.exchange.link_bodies import RigidBodies, rigid_bodies
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.files.read import load
-from spherekit.model.dynamics import Mass, PairTorque, uniform_arc
-from spherekit.model.gears import link_axes
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Start
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.files.mechanism_reader import load
+from spherekit.files.study import Start
+from spherekit.mechanism.inertia import Mass, uniform_arc
+from spherekit.mechanism.joint_frames import link_axes
+from spherekit.mechanism.load_kinds import PairTorque
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.symbolic.compiler import available
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Run = Callable[[], tuple[Floats, float]]

@@ -7,8 +7,8 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section, median, ratio, rounds
 from benchmarks.samples import grown
-from spherekit.planning.inputs import plan_assembly
-from spherekit.planning.plan import plan
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.planning.pole_planner import plan
 
 SIZES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 80, 100)
 QUICK = (4, 8, 16, 32)

@@ -13,16 +13,16 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section
 from benchmarks.samples import EIGHT_BARS, mechanism, random_axes, ten_bar
-from spherekit.guarantee import Guarantee
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input, PoseGeometry
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import assemblies
-from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.planning.inputs import plan_assembly
-from spherekit.proof.curves import certified_curves
-from spherekit.proof.gears import Written
-from spherekit.proof.modes import certified_modes
+from spherekit.completeness import Guarantee
+from spherekit.mechanism.elements import Input, PoseGeometry
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_mode import Solver
+from spherekit.positions.input_turning_points import input_turning_points
+from spherekit.proof.certified_modes import certified_modes
+from spherekit.proof.configuration_curves import certified_curves
+from spherekit.proof.decimal_mechanism import Written
 
 Structure = str | Sequence[tuple[int, int]]
 FOUR_BAR: Structure = ((1, 2), (2, 3), (3, 4), (1, 4))

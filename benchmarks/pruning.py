@@ -8,17 +8,17 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section, median, ratio, rounds
 from benchmarks.samples import grown
-from spherekit.analysis.registry import create
-from spherekit.analysis.run import run as run_analyses
-from spherekit.analysis.running.cost import counts_of
-from spherekit.analysis.running.summary import needed_part
-from spherekit.analysis.study import needs_of, requests_for
-from spherekit.engine.fields import evaluate
-from spherekit.files.read import load
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Study
-from spherekit.motion.motion import Motion, PositionAnalysis
-from spherekit.rates.request import Request
+from spherekit.files.mechanism_reader import load
+from spherekit.files.study import Study
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.runs.analysis_requests import needs_of, requests_for
+from spherekit.runs.registry import create
+from spherekit.runs.run_cost import counts_of
+from spherekit.runs.run_plan import needed_part
+from spherekit.runs.runner import run as run_analyses
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import Request
 
 SAMPLES = 361
 WIDE = "poles"
@@ -27,7 +27,7 @@ NARROW = {"one of the four-bar": "poles:only=4/1", "one of a dyad": "poles:only=
 
 def _sizes(mechanism: Mechanism, text: str, only_needed: bool) -> tuple[int, ...]:
     """Return rows, bytes of CSV and of Parquet, entities and bytes of a recording."""
-    from spherekit.view.rerun_view import RerunRecorder
+    from spherekit.display.rerun.recorder import RerunRecorder
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.rrd"

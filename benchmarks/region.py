@@ -9,24 +9,20 @@ import numpy as np
 from benchmarks.harness import Cell, Section, median, rounds
 from spherekit import load
 from spherekit.arrays import Floats
-from spherekit.model.dynamics import JointLimit
-from spherekit.model.mechanism import Mechanism
-from spherekit.region.orientations import find_orientations
-from spherekit.region.refine import Region, find_region
-from spherekit.sphere.rotation import from_quaternion
-from spherekit.workspace.inverse import closed_kinematics
-from spherekit.workspace.rows import (
+from spherekit.geometry.direction_region import Region, find_region
+from spherekit.geometry.orientation_region import find_orientations
+from spherekit.geometry.rotation import from_quaternion
+from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.outputs.pose_constraints import (
     AngleLimit,
     ClosedKinematics,
     Constraints,
     InterferenceLimit,
     bounds_of,
 )
-from spherekit.workspace.workspace import (
-    DirectionWorkspace,
-    direction_workspaces,
-    judge,
-)
+from spherekit.outputs.pose_solver import closed_kinematics
+from spherekit.outputs.workspace import DirectionWorkspace, direction_workspaces, judge
 
 Margins = Callable[[Floats], Floats]
 

@@ -10,17 +10,17 @@ import numpy as np
 
 import spherekit as sk
 from benchmarks.harness import Cell, Section, median, ratio, rounds
-from spherekit.analysis.running import in_turn, rows_at_once
-from spherekit.analysis.running.kernel_columns import SLICE
-from spherekit.analysis.running.rows_at_once import REFERENCES
 from spherekit.arrays import Floats
-from spherekit.engine.compiler import available, heyoka
-from spherekit.engine.kernels import kernel
-from spherekit.engine.row_kernel import row_kernel
 from spherekit.errors import EngineError
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.runs import batch_runner, prefetch
+from spherekit.runs.batch_runner import REFERENCES
+from spherekit.runs.kernel_columns import SLICE
+from spherekit.symbolic.compiler import available, heyoka
+from spherekit.velocities.kernels import kernel
+from spherekit.velocities.pole_request import request
+from spherekit.velocities.row_kernel import row_kernel
 
 MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
 
@@ -79,7 +79,7 @@ def _by(engine: Engine | None) -> Iterator[None]:
     """Have rows given by a kernel on this engine, or by none."""
     fewest = NEVER if engine is None else 0
     many = 0 if engine == "compiled" else NEVER
-    with patch.multiple(rows_at_once, FEWEST=fewest, MANY=many):
+    with patch.multiple(batch_runner, FEWEST=fewest, MANY=many):
         yield
 
 
@@ -94,7 +94,7 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
     q = tracer.input_grid.q[[5, 6]].squeeze()  # neither at an end nor where modes meet
 
     def quickly(cores: int = 1) -> None:
-        with _by(engine), patch.object(in_turn, "usable_cores", lambda: cores):
+        with _by(engine), patch.object(prefetch, "usable_cores", lambda: cores):
             found = sk.run(made, "poles", samples=samples)
         shares.append(found.summary["errors_reached"]["fraction_by_kernel"])
 

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from spherekit.model.mechanism import Mechanism
+from spherekit.mechanism.mechanism import Mechanism
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 

@@ -5,11 +5,11 @@ import time
 import numpy as np
 
 from benchmarks.harness import Cell, Section, own_mechanisms
-from spherekit.files.read import load
-from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.singular.relation import Type
-from spherekit.singular.single import SingleFreedom
+from spherekit.files.mechanism_reader import load
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.singularities.input_output_relation import Type
+from spherekit.singularities.single_freedom import SingleFreedom
 
 UNIT = "four_bar"
 QUICK = (UNIT, "stephenson", "roller_cam")

@@ -17,14 +17,14 @@ from scipy.linalg import lu
 
 from benchmarks.harness import Cell, Section, median, ratio
 from benchmarks.peers import _heavy
-from spherekit.engine.row_quantities import sample_names
-from spherekit.exchange.bodies import rigid_bodies
-from spherekit.exchange.formulas import formulas
-from spherekit.exchange.source import source
-from spherekit.files.read import load
-from spherekit.model.dynamics import moments_of_point
-from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.exchange.formula_maker import formulas
+from spherekit.exchange.link_bodies import rigid_bodies
+from spherekit.exchange.source_languages import source
+from spherekit.files.mechanism_reader import load
+from spherekit.mechanism.inertia import moments_of_point
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.velocities.row_quantities import sample_names
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Job = Callable[[], tuple[float, Floats]]

@@ -9,16 +9,17 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section
 from spherekit.dynamics.coordinates import by_variables, inertia
-from spherekit.dynamics.tabulate import reduced_grid_model, reduced_model
-from spherekit.dynamics.tabulated import StoredModel
-from spherekit.engine.fields import evaluate
-from spherekit.files.read import load
-from spherekit.model.dynamics import Bearings, Damper
-from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.numeric.cells import TensorChebyshev
-from spherekit.planning.poles import parse_pole
-from spherekit.rates.request import request
+from spherekit.dynamics.reduced_model import StoredModel
+from spherekit.dynamics.reduced_model_maker import reduced_grid_model, reduced_model
+from spherekit.files.mechanism_reader import load
+from spherekit.mechanism.friction import Bearings
+from spherekit.mechanism.load_kinds import Damper
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.tensor_chebyshev import TensorChebyshev
+from spherekit.planning.pole_plan import parse_pole
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 CALLS = 20
 """Calls in a round; more would outlast the turn that a busy machine gives a process."""

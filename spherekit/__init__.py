@@ -36,66 +36,70 @@ from typing import TYPE_CHECKING
 from spherekit.lazy_imports import offered as _offered
 
 if TYPE_CHECKING:
-    from spherekit.analysis.result import RunResult as RunResult
-    from spherekit.analysis.running.evaluation import Setting as Setting
-    from spherekit.conventions import Status as Status
-    from spherekit.dynamics.forward import simulate as simulate
-    from spherekit.dynamics.inverse import inverse_dynamics as inverse_dynamics
-    from spherekit.dynamics.reference import reference_simulation as reference_simulation
+    from spherekit.api.designs import synthesize as synthesize
+    from spherekit.api.export import export as export
+    from spherekit.api.kinematics import Kinematics as Kinematics
+    from spherekit.api.kinematics import evaluate as evaluate
+    from spherekit.api.page import page as page
+    from spherekit.api.plan import plan as plan
+    from spherekit.api.run import run as run
+    from spherekit.api.sweep import sweep as sweep
+    from spherekit.api.trade import trade as trade
+    from spherekit.dynamics.forward_dynamics import simulate as simulate
+    from spherekit.dynamics.inverse_dynamics import inverse_dynamics as inverse_dynamics
+    from spherekit.dynamics.reduced_model import load_reduced as load_reduced
+    from spherekit.dynamics.reduced_model_maker import (
+        reduced_grid_model as reduced_grid_model,
+    )
+    from spherekit.dynamics.reduced_model_maker import reduced_model as reduced_model
+    from spherekit.dynamics.reduced_model_maker import simulate_reduced as simulate_reduced
+    from spherekit.dynamics.reference_simulation import (
+        reference_simulation as reference_simulation,
+    )
     from spherekit.dynamics.simulation import Simulation as Simulation
-    from spherekit.dynamics.start import PoseStart as PoseStart
-    from spherekit.dynamics.tabulate import reduced_grid_model as reduced_grid_model
-    from spherekit.dynamics.tabulate import reduced_model as reduced_model
-    from spherekit.dynamics.tabulate import simulate_reduced as simulate_reduced
-    from spherekit.dynamics.tabulated import load_reduced as load_reduced
+    from spherekit.dynamics.simulation_start import PoseStart as PoseStart
     from spherekit.errors import SpherekitError as SpherekitError
-    from spherekit.exchange.coupling import load_coupling as load_coupling
-    from spherekit.exchange.coupling_made import coupling_table as coupling_table
-    from spherekit.exchange.imported import import_mechanism as import_mechanism
-    from spherekit.files.build import build as build
+    from spherekit.exchange.coupling_table import load_coupling as load_coupling
+    from spherekit.exchange.coupling_table_maker import coupling_table as coupling_table
+    from spherekit.exchange.mechanism_import import import_mechanism as import_mechanism
     from spherekit.files.library import mechanisms as mechanisms
-    from spherekit.files.read import load as load
-    from spherekit.files.study import load_study as load_study
-    from spherekit.files.write import dump as dump
-    from spherekit.front.designs import sweep as sweep
-    from spherekit.front.designs import synthesize as synthesize
-    from spherekit.front.evaluate import Kinematics as Kinematics
-    from spherekit.front.evaluate import evaluate as evaluate
-    from spherekit.front.export import export as export
-    from spherekit.front.export import plan as plan
-    from spherekit.front.page import page as page
-    from spherekit.front.run import run as run
-    from spherekit.front.run import trade as trade
-    from spherekit.guidance.follow import follow_rotation as follow_rotation
-    from spherekit.guidance.follow import follow_to as follow_to
-    from spherekit.guidance.loci import mid_plane_form as mid_plane_form
-    from spherekit.guidance.rotation import time_optimal as time_optimal
-    from spherekit.model.dynamics import Bearings as Bearings
-    from spherekit.model.dynamics import ContactFriction as ContactFriction
-    from spherekit.model.dynamics import Damper as Damper
-    from spherekit.model.dynamics import Friction as Friction
-    from spherekit.model.dynamics import Gravity as Gravity
-    from spherekit.model.dynamics import Moment as Moment
-    from spherekit.model.dynamics import PairTorque as PairTorque
-    from spherekit.model.dynamics import PointForce as PointForce
-    from spherekit.model.dynamics import Spring as Spring
-    from spherekit.model.load import TorqueTable as TorqueTable
-    from spherekit.model.locking import lock as lock
-    from spherekit.model.mechanism import Mechanism as Mechanism
-    from spherekit.model.study import ConstantSpeed as ConstantSpeed
-    from spherekit.model.study import Cycloidal as Cycloidal
-    from spherekit.model.study import Polynomial as Polynomial
-    from spherekit.model.study import Start as Start
-    from spherekit.model.study import Study as Study
-    from spherekit.model.study import Tabulated as Tabulated
-    from spherekit.motion.motion import Motion as Motion
-    from spherekit.motion.motion import trace as trace
-    from spherekit.output.forward import ForwardKinematics as ForwardKinematics
-    from spherekit.output.inverse import InverseKinematics as InverseKinematics
-    from spherekit.planning.poles import Plan as Plan
-    from spherekit.planning.poles import as_text as table  # noqa: F401
+    from spherekit.files.mechanism_reader import load as load
+    from spherekit.files.mechanism_tables import build as build
+    from spherekit.files.mechanism_writer import dump as dump
+    from spherekit.files.study import Start as Start
+    from spherekit.files.study import Study as Study
+    from spherekit.files.study_reader import load_study as load_study
+    from spherekit.files.time_law import ConstantSpeed as ConstantSpeed
+    from spherekit.files.time_law import Cycloidal as Cycloidal
+    from spherekit.files.time_law import Polynomial as Polynomial
+    from spherekit.files.time_law import Tabulated as Tabulated
+    from spherekit.mechanism.friction import Bearings as Bearings
+    from spherekit.mechanism.friction import ContactFriction as ContactFriction
+    from spherekit.mechanism.load import TorqueTable as TorqueTable
+    from spherekit.mechanism.load_kinds import Damper as Damper
+    from spherekit.mechanism.load_kinds import Friction as Friction
+    from spherekit.mechanism.load_kinds import Gravity as Gravity
+    from spherekit.mechanism.load_kinds import Moment as Moment
+    from spherekit.mechanism.load_kinds import PairTorque as PairTorque
+    from spherekit.mechanism.load_kinds import PointForce as PointForce
+    from spherekit.mechanism.load_kinds import Spring as Spring
+    from spherekit.mechanism.locking import lock as lock
+    from spherekit.mechanism.mechanism import Mechanism as Mechanism
+    from spherekit.outputs.fixed_axis_rotation import follow_rotation as follow_rotation
+    from spherekit.outputs.fixed_axis_rotation import follow_to as follow_to
+    from spherekit.outputs.forward_kinematics import ForwardKinematics as ForwardKinematics
+    from spherekit.outputs.inverse_kinematics import InverseKinematics as InverseKinematics
+    from spherekit.outputs.mid_plane_symmetry import mid_plane_form as mid_plane_form
+    from spherekit.outputs.rotation_timing import time_optimal as time_optimal
+    from spherekit.planning.plan_text import as_text as table  # noqa: F401
+    from spherekit.planning.pole_plan import Plan as Plan
+    from spherekit.positions.motion import Motion as Motion
+    from spherekit.positions.motion import trace as trace
     from spherekit.proof.balls import Digits as Digits
-    from spherekit.proof.rows import exact_rows as exact_rows
+    from spherekit.proof.reference_rows import exact_rows as exact_rows
+    from spherekit.runs.evaluation_options import Setting as Setting
+    from spherekit.runs.run_result import RunResult as RunResult
+    from spherekit.status import Status as Status
     from spherekit.version import __version__ as __version__
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__)

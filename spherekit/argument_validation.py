@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Array
-from spherekit.conventions import choices, listing, nearest
 from spherekit.errors import SpherekitError
+from spherekit.wording import choices, listing, nearest
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -7,10 +7,10 @@ import networkx as nx
 import numpy as np
 
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
-from spherekit.planning.inputs import plan_assembly
-from spherekit.sphere.paths import axes_about
+from spherekit.geometry.parametric_curve import axes_about
+from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import plan_assembly
 
 EIGHT_BARS = (
     "1-2 1-4 1-5 2-3 2-6 3-4 3-7 4-8 5-6 7-8",

@@ -6,17 +6,17 @@ from typing import ClassVar
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.engine.compiler import available
-from spherekit.engine.expression_graph import expression_terms, float_function, symbols
-from spherekit.engine.fields import evaluate
-from spherekit.files.read import read
-from spherekit.files.write import document_of, number_path, with_numbers
-from spherekit.motion import assembly_modes as assembly_modes
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.files.mechanism_reader import read
+from spherekit.files.number_change import document_of, number_path, with_numbers
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions import assembly_mode as assembly_mode
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.runs.contract import AbstractAnalysis
+from spherekit.runs.needs import Needs
+from spherekit.symbolic.compiler import available
+from spherekit.symbolic.expression_graph import expression_terms, float_function, symbols
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 compiled = pytest.mark.skipif(not available(), reason="heyoka is not installed")
 ENGINES = (pytest.param("compiled", marks=compiled), "numpy")

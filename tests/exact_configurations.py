@@ -7,10 +7,12 @@ motion.
 
 import numpy as np
 
-from spherekit.conventions import EPS, Status
-from spherekit.proof.balls import Digits, exactly, floats, middles
-from spherekit.proof.gears import Written
+from spherekit.proof.ball_frames import exactly
+from spherekit.proof.balls import Digits, floats, middles
+from spherekit.proof.decimal_mechanism import Written
 from spherekit.proof.linkage import Linkage
+from spherekit.status import Status
+from spherekit.tolerances import EPS
 
 DIGITS = 50
 CLOSED_RAD = 1e-40

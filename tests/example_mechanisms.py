@@ -7,7 +7,7 @@ from chains import mechanism, random_axes
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.model.parts import (
+from spherekit.mechanism.elements import (
     Input,
     LinkSizes,
     Output,

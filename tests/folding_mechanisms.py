@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from special_mechanisms import special_mechanism
 
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input, LinkSizes, Pair, Profile, SizeGeometry
-from spherekit.motion.guides import ModeCurve
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.mechanism.elements import Input, LinkSizes, Pair, Profile, SizeGeometry
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.mode_predictor import ModeCurve
+from spherekit.positions.motion import PositionAnalysis
 
 
 def with_second_coupler(made):

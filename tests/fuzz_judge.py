@@ -8,14 +8,15 @@ import numpy as np
 from oracles import link_rates
 from random_mechanisms import random_mechanism
 
-from spherekit.conventions import EPS, Status
-from spherekit.engine.fields import evaluate
 from spherekit.errors import CountError, PlanError, SpherekitError
-from spherekit.model.joints import revolute
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.inputs import plan_assembly
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.mechanism.joint import revolute
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
+from spherekit.tolerances import EPS
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 SAMPLES = 3
 TOLERANCE = 1e-9

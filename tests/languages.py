@@ -7,7 +7,7 @@ import subprocess
 
 import numpy as np
 
-from spherekit.exchange.source import source
+from spherekit.exchange.source_languages import source
 
 GCC, GPP, NODE, JULIA = map(shutil.which, ("gcc", "g++", "node", "julia"))
 STRICT = "-O2 -Wall -Wextra -Wconversion -pedantic -Werror -ffp-contract=off -shared -fPIC"

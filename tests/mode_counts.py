@@ -6,8 +6,8 @@ import numpy as np
 from chains import mechanism, random_axes, random_chain, with_contacts
 
 from spherekit.errors import PlanError
-from spherekit.model.parts import Input
-from spherekit.planning.inputs import plan_assembly
+from spherekit.mechanism.elements import Input
+from spherekit.planning.assembly_plan import plan_assembly
 
 HALF = np.radians(30.0)
 """Half of the range of the input (rad), its middle the reference pose."""

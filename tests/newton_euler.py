@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.model.dynamics import Mass
-from spherekit.model.gears import joints_of
-from spherekit.motion.closure import Closure
+from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.joint_frames import joints_of
+from spherekit.positions.loop_closure import Closure
 
 
 def body(random, link):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spherekit.model.gears import joints_of
+from spherekit.mechanism.joint_frames import joints_of
 
 
 def revolute_frames(mechanism):

@@ -7,6 +7,6 @@ PUBLIC = (
     "spherekit",
     "spherekit.plugin",
     *(f"spherekit.plugin.{topic}" for topic in TOPICS),
-    "spherekit.view",
-    "spherekit.engine",
+    "spherekit.display",
+    "spherekit.velocities",
 )

@@ -7,8 +7,8 @@ import numpy as np
 from chains import EIGHT_BARS, grown, mechanism, random_axes, with_contacts
 
 from spherekit.errors import PlanError
-from spherekit.model.parts import Input, PoseGeometry
-from spherekit.planning.inputs import plan_assembly
+from spherekit.mechanism.elements import Input, PoseGeometry
+from spherekit.planning.assembly_plan import plan_assembly
 
 SPANS = (1e-6, 1e-3, 0.05, 0.4)
 """Half the range of the input (rad): its middle is the reference pose."""

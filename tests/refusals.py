@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from spherekit.errors import SpherekitError
-from spherekit.files.document import parse
-from spherekit.files.read import read
-from spherekit.proof.gears import Written
+from spherekit.files.mechanism_reader import read
+from spherekit.files.toml_document import parse
+from spherekit.proof.decimal_mechanism import Written
 
 HERE = Path(__file__).parent
 TABLES = tomllib.loads((HERE / "refusals.toml").read_text(encoding="utf-8"))

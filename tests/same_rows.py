@@ -5,14 +5,16 @@ from unittest.mock import patch
 
 import numpy as np
 
-from spherekit.analysis.running import rows_at_once
-from spherekit.analysis.running.sampling import course_of
-from spherekit.conventions import Status
-from spherekit.engine.fields import evaluate
-from spherekit.model.study import Study
-from spherekit.motion.motion import Motion
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import PoleField, SignContinuation, request
+from spherekit.files.study import Study
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import Motion
+from spherekit.runs import batch_runner
+from spherekit.runs.sampling import course_of
+from spherekit.status import Status
+from spherekit.velocities.direction_signs import SignContinuation
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_field import PoleField
+from spherekit.velocities.pole_request import request
 
 TURN = 2.0 * np.pi
 
@@ -46,7 +48,7 @@ class Differences:
 
 def both_ways(made, **options):
     """Return all poles both ways, None where there is no kernel; see `Study`."""
-    with patch.object(rows_at_once, "FEWEST", 0):
+    with patch.object(batch_runner, "FEWEST", 0):
         course = course_of(Study(made.name, made, search=False, **options))
         tracer = course.tracer
         every = all_poles(len(made.links))
@@ -54,7 +56,7 @@ def both_ways(made, **options):
             request(tracer.mechanism, pair, every, every, by_rank=tracer.by_rank)
             for pair in tracer.inputs
         ]
-        quick = rows_at_once.BatchRunner.of(course, wanted, recorded=False)
+        quick = batch_runner.BatchRunner.of(course, wanted, recorded=False)
         if quick is None:
             return None
         (motion,) = quick.blocks(len(course))

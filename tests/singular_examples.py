@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spherekit.singular.locus import solver_of
+from spherekit.singularities.slices import solver_of
 
 ROCKER = np.radians([100.0, 50.0, 70.0, 40.0])
 

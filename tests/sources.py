@@ -7,7 +7,7 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "spherekit"
 FILES = sorted(PACKAGE.rglob("*.py"))
-ANALYSES = sorted((ROOT / "analyses").glob("*.py"))
+ANALYSES = sorted((ROOT / "analyses").rglob("*.py"))
 
 
 @functools.cache

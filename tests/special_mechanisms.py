@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input, LinkSizes, Pair, SizeGeometry
+from spherekit.mechanism.elements import Input, LinkSizes, Pair, SizeGeometry
+from spherekit.mechanism.mechanism import Mechanism
 
 KINDS = (
     *("right angles", "rhombus", "parallelogram", "kite"),

@@ -6,16 +6,17 @@ from typing import final
 import numpy as np
 from special_mechanisms import special_mechanism
 
-from spherekit.conventions import Status
-from spherekit.engine.fields import evaluate
 from spherekit.errors import SpherekitError
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.proof.balls import FEWEST, Digits, exactly, floats
-from spherekit.proof.gears import Written
-from spherekit.proof.rows import exact_direction, exact_field, exact_rows_by_input
-from spherekit.rates.request import request
-from spherekit.sphere.rotation import Floats
+from spherekit.geometry.rotation import Floats
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.proof.ball_frames import exactly
+from spherekit.proof.balls import FEWEST, Digits, floats
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.reference_rows import exact_direction, exact_field, exact_rows_by_input
+from spherekit.status import Status
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 TINY = 1e-300
 

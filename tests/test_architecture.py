@@ -14,49 +14,38 @@ from public_packages import PUBLIC
 from sources import ANALYSES, FILES, PACKAGE, ROOT, nodes_of, tree_of
 
 import spherekit
-from spherekit.analysis.execution import Execution
-from spherekit.model.study import Study
+from spherekit.files.study import Study
+from spherekit.runs.execution import Execution
 
 LAYERS = """
-arrays errors conventions escaping guarantee version progress library_warnings >
-api_validation
-argument_validation budget lazy_imports markup processor resources > numeric > sphere >
-model region > files planning > motion > rates > engine > singular output guidance proof >
-dynamics workspace > analysis > tradeoff design > figures view > exchange > pages >
-front > conformance > plugin > cli
+library_warnings arrays errors status tolerances wording conventions escaping completeness
+version progress > api_validation argument_validation lazy_imports markup processor
+resources > numerics > geometry > mechanism > symbolic storage > files planning > tables
+positions > velocities > singularities proof > outputs > dynamics > scenes > runs > designs
+> exchange display.rerun display.figures > display.pages > display > api > plugin > cli
 """
-"""Each layer may import only layers named before it, and itself."""
+"""Each package may import only packages named before it, and itself."""
 
-SIBLINGS = {
-    "model": {"region"},
-    "region": {"model"},
-    "files": {"planning"},
-    "planning": {"files"},
-    "proof": {"singular", "output", "guidance", "engine"},
-    "singular": {"proof"},
-    "output": {"proof"},
-    "guidance": {"proof"},
-    "engine": {"singular", "proof"},
-    "dynamics": {"singular", "workspace"},
-    "figures": {"view", "tradeoff"},
-    "view": {"figures"},
-    "tradeoff": {"design"},
-    "design": {"tradeoff"},
-    "workspace": {"dynamics", "engine", "singular"},
+FORBIDDEN = {
+    "dynamics": ("singularities",),
+    "outputs": ("proof", "symbolic"),
+    "proof": ("symbolic",),
+    "designs": ("runs.trade",),
 }
+"""What a package may not import although it is named before it, as beginnings of names."""
 HOME_OF = {
-    "rerun": {"view"},
-    "pandas": {"analysis/frames.py"},
-    "pyarrow": {"analysis/frames.py", "view"},
-    "networkx": {"model/graph.py"},
+    "rerun": {"display/rerun"},
+    "pandas": {"tables/table_files.py"},
+    "pyarrow": {"tables/table_files.py", "display/rerun"},
+    "networkx": {"mechanism/graph.py"},
     "jsonschema": {"files/schema.py"},
-    "filelock": {"files/plain.py"},
-    "heyoka": {"engine/compiler.py"},
-    "distributed": {"design/cluster.py"},
-    "dask": {"design/cluster.py"},
+    "filelock": {"storage/file_lock.py"},
+    "heyoka": {"symbolic/compiler.py"},
+    "distributed": {"designs/dask_cluster.py"},
+    "dask": {"designs/dask_cluster.py"},
     "flint": {"proof/balls.py"},
-    "numpy_quaddtype": {"numeric/quad.py"},
-    "matplotlib": {"figures/sdk.py"},
+    "numpy_quaddtype": {"numerics/quad_precision.py"},
+    "matplotlib": {"display/figures/matplotlib_sdk.py"},
     "mujoco": {"exchange/mujoco_file.py"},
 }
 
@@ -68,7 +57,7 @@ def imports(path):
     The analyses import their helpers relatively: their package has its name when it is
     installed, and type checkers see the folder.
     """
-    deepest = 1 if path.parent.name == "analyses" else 0
+    deepest = len(path.relative_to(ROOT).parts) - 1 if path in ANALYSES else 0
     found = set()
 
     def visit(node, typing_only):
@@ -91,28 +80,77 @@ def imports(path):
 
 
 PROOF_MAY_IMPORT = {
-    "motion": {"Motion"},
-    "rates": {"PoleField", "Request"},
-    "sphere": {"Floats", "SplinePath", "spline_through"},
+    "positions": {"Motion"},
+    "velocities": {"PoleField", "Request"},
+    "geometry": {"Floats", "SplinePath", "spline_through"},
 }
 """Data that proofs and reference values share with the solvers that they check."""
 
 
+def package_of(module):
+    """Return the package of `LAYERS` that a module, named without `spherekit.`, belongs
+    to."""
+    first, second, *_ = f"{module}..".split(".")
+    return f"{first}.{second}" if f"{first}.{second}" in LAYERS.split() else first
+
+
+def module_name(path):
+    """Return the dotted name of a file of the package, without `spherekit.`."""
+    return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(
+        ".__init__"
+    )
+
+
 def test_dependencies_point_one_way():
-    level = {name: k for k, part in enumerate(LAYERS.split(">")) for name in part.split()}
+    floors = [part.split() for part in LAYERS.split(">")]
+    level = {name: k for k, names in enumerate(floors) for name in names}
+    single = {name for name in level if (PACKAGE / f"{name}.py").exists()}
     wrong = []
     for path in FILES:
-        inside = path.relative_to(PACKAGE).parts
-        own = inside[0].removesuffix(".py")
+        own = package_of(module_name(path))
         if own in ("__init__", "__main__"):
             continue
         assert own in level, f"{own} has no layer"
         for module, _ in imports(path):
-            package, other, *_ = f"{module}.top".split(".")
-            beyond = level.get(other, 99) > level[own] or other in SIBLINGS.get(own, ())
-            if package == "spherekit" and beyond:
+            top, _, inside = module.partition(".")
+            other = package_of(inside)
+            if top != "spherekit" or other == own:
+                continue
+            is_above = level.get(other, 99) > level[own]
+            is_beside = level.get(other) == level[own] and not {own, other} <= single
+            is_forbidden = inside.startswith(FORBIDDEN.get(own, ("?",)))
+            if is_above or is_beside or is_forbidden:
                 wrong.append(f"{path.relative_to(ROOT)} imports {module}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_no_modules_import_each_other():
+    """No cycle leads through any modules, imports inside functions counted."""
+    names = {f"spherekit.{module_name(path)}" for path in FILES}
+    graph = {}
+    for path in FILES:
+        if path.parent != PACKAGE or path.stem not in ("__init__", "__main__"):
+            own = f"spherekit.{module_name(path)}"
+            graph[own] = {module for module, _ in imports(path) if module in names} - {own}
+    while free := [name for name, used in graph.items() if not used & set(graph)]:
+        for name in free:
+            del graph[name]
+    assert not graph, sorted(graph)
+
+
+def test_the_page_draws_these_packages():
+    """The drawing names the packages floor by floor, the lowest first."""
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    drawing = page.partition("```text\n")[2].partition("```")[0]
+    drawn = [line.split("  ")[0].split() for line in drawing.splitlines()]
+    drawn = [
+        [name.strip(",") for name in names] for names in drawn if names not in ([], ["|"])
+    ]
+    floors = [part.split() for part in LAYERS.split(">")]
+    packages = [
+        [n for n in names if not (PACKAGE / f"{n}.py").exists()] for names in floors
+    ]
+    assert [*filter(None, packages)] == drawn
 
 
 def test_reference_values_share_data_only_with_what_they_check():
@@ -193,7 +231,7 @@ def test_no_public_name_is_that_of_a_module():
 def test_what_carries_a_run_takes_few_parameters():
     """What a run goes through is one object, and how it is done another."""
     too_many = []
-    for part in ("analysis", "tradeoff", "cli"):
+    for part in ("runs", "cli"):
         for path in sorted((PACKAGE / part).rglob("*.py")):
             for node in nodes_of(path):
                 if isinstance(node, ast.FunctionDef):

@@ -19,12 +19,12 @@ from public_packages import TOPICS
 from refusals import TABLES, check_call
 
 import spherekit as sk
-import spherekit.engine as sk_engine
+import spherekit.velocities as sk_engine
 from spherekit.argument_validation import _fits, _resolved, checked, judges
 from spherekit.errors import SpherekitError
-from spherekit.model.load import Load
+from spherekit.mechanism.load import Load
 
-FRONT = ("spherekit", "spherekit.engine", "spherekit.view")
+FRONT = ("spherekit", "spherekit.velocities", "spherekit.display")
 PLUGIN = ("spherekit.plugin", *(f"spherekit.plugin.{topic}" for topic in TOPICS))
 COMPUTED = (
     *("Kernel", "Kinematics", "Mechanism", "Motion"),

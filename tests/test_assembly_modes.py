@@ -10,12 +10,13 @@ from chains import EIGHT_BARS, STEPHENSON, joints, mechanism, random_axes
 from independent import multi_start
 
 import spherekit as sk
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import assemblies, eliminated, orders_of, solutions
-from spherekit.motion.groups import group_closure
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.motion.search import SearchStatistics
-from spherekit.planning.inputs import plan_assembly
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_mode import Solver
+from spherekit.positions.group_assembly import group_closure
+from spherekit.positions.group_solutions import eliminated, orders_of, solutions
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.random_search import SearchStatistics
 
 THREE_RRR = "1-2 1-3 1-4 2-5 3-6 4-7 5-8 6-8 7-8"
 TRIAD = (STEPHENSON, ("p5_6",))
@@ -151,7 +152,7 @@ def test_a_platform_that_can_move_is_searched_and_said_to_be(monkeypatch):
     values, _, problem = eliminated(group, closure)
     assert "infinitely many" in problem and not len(values)
     monkeypatch.setattr(
-        "spherekit.motion.elimination.search", lambda *a: SearchStatistics(9)
+        "spherekit.positions.group_solutions.search", lambda *a: SearchStatistics(9)
     )
     _, method = solutions(group, closure)
     said = "search (there are infinitely many complex solutions): 0 random starts"

@@ -11,13 +11,13 @@ from special_mechanisms import four_bar, special_mechanism
 from stated_errors import judge_bounds
 
 import spherekit as sk
-from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
-from spherekit.model.parts import Input
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.motion.quad_positions import LARGEST_ANGLE_ERROR_RAD, decimal_frames
+from spherekit.mechanism.elements import Input
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD, decimal_frames
 from spherekit.proof.balls import Digits
-from spherekit.proof.gears import Written
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.status import Status
 
 
 def beside_folds(seed):

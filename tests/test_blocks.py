@@ -9,12 +9,12 @@ import pytest
 from common import Asking, Listener, rows_of, with_springs
 
 import spherekit as sk
-from spherekit.analysis.batch import Needs
-from spherekit.analysis.contract import Findings
-from spherekit.analysis.scene import Axis, Portrait, Scene, Series
-from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.conventions import TURN
-from spherekit.motion.motion import PositionAnalysis, continued
+from spherekit.positions.motion import PositionAnalysis, continued
+from spherekit.runs.contract import Findings
+from spherekit.runs.needs import Needs
+from spherekit.scenes.scene import Axis, Portrait, Scene, Series
+from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, Column, Table
 
 BACK = {"laws": {"21": sk.ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
 """More than three turns of the crank, and of the coupler on it, backwards."""
@@ -234,7 +234,7 @@ def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):
     def followed(*given, **named):
         raise AssertionError("a motion was traced")
 
-    monkeypatch.setattr("spherekit.motion.motion.ModeSearch", followed)
+    monkeypatch.setattr("spherekit.positions.motion.ModeSearch", followed)
     made = sk.load("two_dof_spm")
     for request in (
         "inverse_kinematics:poses=21=14+61=23",

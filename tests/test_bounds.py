@@ -8,10 +8,10 @@ from special_mechanisms import special_mechanism
 from stated_errors import KINDS, evaluate, judged_special, stated
 
 import spherekit as sk
-from spherekit.conventions import EPS
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.tolerances import EPS
+from spherekit.velocities.pole_request import request
 
 
 def test_what_follows_from_rates_in_doubt_has_a_status(tmp_path):

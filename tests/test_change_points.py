@@ -7,10 +7,10 @@ import pytest
 from example_mechanisms import four_bar
 
 import spherekit as sk
-from spherekit.model.dynamics import Mass
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.mechanism.inertia import Mass
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.proof.ball_forces import exact_inertia
 from spherekit.proof.balls import Digits, floats
-from spherekit.proof.simulation import exact_inertia
 
 CHANGE_POINTS = {
     "equal opposite arcs": (60.0, 40.0, 60.0, 40.0),

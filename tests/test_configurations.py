@@ -6,17 +6,17 @@ from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
 from independent import multi_start
 
 import spherekit as sk
-from spherekit.guarantee import Guarantee
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import assemblies
-from spherekit.motion.input_turning_points import (
+from spherekit.completeness import Guarantee
+from spherekit.numerics.sign_changes import crossings
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_mode import Solver
+from spherekit.positions.driving_pair import easiest_drive
+from spherekit.positions.input_turning_points import (
     InputTurningPoints,
-    easiest_drive,
     input_turning_points,
 )
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.numeric.crossings import crossings
-from spherekit.planning.inputs import plan_assembly
+from spherekit.positions.motion import PositionAnalysis
 
 TURN = 2.0 * np.pi
 

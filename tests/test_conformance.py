@@ -9,13 +9,13 @@ from broken_plugins import BROKEN, UNNOTICED, Sound
 from common import distribution
 
 import spherekit as sk
-from spherekit.analysis.registry import names
 from spherekit.cli.main import main
-from spherekit.conformance.examine import TURN, ConformanceSuite
-from spherekit.conformance.variants import renamed, turned
 from spherekit.errors import AnalysisError, PluginError
-from spherekit.motion.motion import PositionAnalysis
 from spherekit.plugin import conformance, registered
+from spherekit.plugin.checks.examination import TURN, ConformanceSuite
+from spherekit.plugin.checks.variants import renamed, turned
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.runs.registry import names
 
 BROKEN_AT_IMPORT = {
     "raises_at_import": ("raises_at_import:Thing", "RuntimeError: not today"),

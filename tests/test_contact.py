@@ -22,10 +22,16 @@ from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.files.read import loads
-from spherekit.model.parts import LinkSizes, Pair, PoseGeometry, Profile, SizeGeometry
-from spherekit.planning.plan import plan
-from spherekit.planning.poles import all_poles
+from spherekit.files.mechanism_reader import loads
+from spherekit.mechanism.elements import (
+    LinkSizes,
+    Pair,
+    PoseGeometry,
+    Profile,
+    SizeGeometry,
+)
+from spherekit.planning.pole_plan import all_poles
+from spherekit.planning.pole_planner import plan
 
 ROOT = Path(__file__).parent.parent
 
@@ -75,7 +81,7 @@ def test_shipped_contact_mechanisms_run_over_their_whole_range(name, by_graph):
 
 def test_internal_bevel_gears():
     """sin d1 / sin d2 = N1 / N2 with d2 - d1 the shaft angle."""
-    from spherekit.model.gears import pitch_angles
+    from spherekit.mechanism.joint_frames import pitch_angles
 
     shaft = 30 * DEGREE
     first, second = pitch_angles((20, 50), shaft, "internal")

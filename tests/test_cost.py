@@ -10,18 +10,18 @@ import pytest
 from rerun.chunk import RrdReader
 
 import spherekit as sk
-from spherekit.analysis.registry import create
-from spherekit.analysis.running import expected
-from spherekit.analysis.running.cost import counts_of
-from spherekit.analysis.study import needs_of, requests_for
 from spherekit.cli.main import main
-from spherekit.engine.fields import evaluate
+from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.errors import AnalysisError
 from spherekit.files.library import find
-from spherekit.files.read import loads
-from spherekit.planning.inputs import plan_assembly
-from spherekit.planning.part import moving_pairs
-from spherekit.view.rerun_view import RerunRecorder
+from spherekit.files.mechanism_reader import loads
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.planning.submechanism import moving_pairs
+from spherekit.runs import expected_size
+from spherekit.runs.analysis_requests import needs_of, requests_for
+from spherekit.runs.registry import create
+from spherekit.runs.run_cost import counts_of
+from spherekit.velocities.pole_evaluation import evaluate
 
 NARROW, WIDE = "poles:only=6/1", "poles"
 
@@ -252,13 +252,13 @@ def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, mon
     path = tmp_path / "chain.toml"
     sk.dump(made, path)
     calls = []
-    run = expected.executed
+    run = expected_size.executed
 
     def counting(study, analyses, *others):
         calls.append((study.count, len(analyses), study.search))
         return run(study, analyses, *others)
 
-    monkeypatch.setattr(expected, "executed", counting)
+    monkeypatch.setattr(expected_size, "executed", counting)
     samples = 24
     assert main(["explain", str(path), "--samples", str(samples), "--json"]) == 0
     sizes = json.loads(capsys.readouterr().out)["predicted"]

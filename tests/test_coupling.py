@@ -111,7 +111,7 @@ def test_archives_and_csv_hold_the_table(four_bar, tmp_path, capsys):
 @pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
 @pytest.mark.parametrize("name", ["four_bar", "five_bar"])
 def test_c_says_the_same_as_python(name, request, tmp_path):
-    from spherekit.exchange.coupling import header
+    from spherekit.exchange.coupling_header import header
 
     table = request.getfixturevalue(name)
     (tmp_path / "table.h").write_text(header(table), encoding="ascii")

@@ -18,14 +18,14 @@ from public_packages import PUBLIC
 import spherekit as sk
 from benchmarks.__main__ import main as benchmarks
 from spherekit import errors
-from spherekit.analysis.registry import load, registered
-from spherekit.analysis.registry import names as analysis_names
-from spherekit.analysis.running.sampling import EVENTS
-from spherekit.analysis.tables import INPUTS, MODE_NAME
 from spherekit.cli.grammar import COMMANDS, parser
 from spherekit.cli.main import main
-from spherekit.engine.row_quantities import row_quantities
 from spherekit.files.schema import schema
+from spherekit.runs.registry import load, registered
+from spherekit.runs.registry import names as analysis_names
+from spherekit.runs.sampling import EVENTS
+from spherekit.tables.table import INPUTS, MODE_NAME
+from spherekit.velocities.row_quantities import row_quantities
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -111,7 +111,7 @@ def test_pages_import_from_public_packages_only():
         found |= set(re.findall(r"^ *(?:from|import) (spherekit[\w.]*)", text, re.M))
         found |= set(re.findall(r"\bimport (spherekit\.[\w.]+)", text))
     assert found - {PLUGIN} <= set(PUBLIC), found
-    assert {"spherekit", "spherekit.plugin", "spherekit.engine"} <= found
+    assert {"spherekit", "spherekit.plugin", "spherekit.velocities"} <= found
 
 
 @pytest.mark.parametrize("page", pages_with("console"))

@@ -18,17 +18,19 @@ from refusals import TABLES, check_call
 from spherekit_analyses.eksergian import Eksergian
 
 import spherekit as sk
-from spherekit.dynamics import forward
-from spherekit.dynamics.start import PoseStart
+from spherekit.dynamics import forward_dynamics
+from spherekit.dynamics.simulation_start import PoseStart
 from spherekit.errors import SolveError
-from spherekit.model.dynamics import JointLimit, Mass, Spring
-from spherekit.model.study import ConstantSpeed, Start
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.files.study import Start
+from spherekit.files.time_law import ConstantSpeed
+from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.load_kinds import JointLimit, Spring
+from spherekit.positions.motion import PositionAnalysis
 
 
 def simulate(*given, **options):
     """Return a simulation by NumPy; test_engine.py compares the two engines."""
-    return forward.simulate(*given, engine="numpy", **options)
+    return forward_dynamics.simulate(*given, engine="numpy", **options)
 
 
 FLAT = np.radians([60.0, 40.0, 60.0, 40.0])
@@ -245,7 +247,7 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
     first = reached.values[reached.status == sk.Status.OK][0]
     last = reached.q[reached.status == sk.Status.OK][-1]
     start = PoseStart(first, "12", 2.0)
-    found = forward.simulate(opened, start, 20.0, tolerance=1e-7)
+    found = forward_dynamics.simulate(opened, start, 20.0, tolerance=1e-7)
     assert found.end.kind == "off_profile" and found.engine.name == "numpy"
     assert "points" in found.engine.reason
     history = found.at(np.linspace(0.0, found.end.t, 9))
@@ -257,7 +259,9 @@ def test_a_crossing_of_curves_is_passed_where_that_is_asked():
     flat = FLAT_ONE
     found = simulate(flat, Start(1.0, -1.0), 5.0)
     assert found.end.kind == "singularity"
-    on = forward.simulate(flat, Start(1.0, -1.0), 2.0 * found.end.t, crossings="pass")
+    on = forward_dynamics.simulate(
+        flat, Start(1.0, -1.0), 2.0 * found.end.t, crossings="pass"
+    )
     assert on.end.kind == "time" and on.checks.energy < 1e-12
     assert [event.kind for event in on.events if event.kind == "crossing"] == ["crossing"]
     # Of arcs alike in pairs one product or ratio of half tangents stays the same.
@@ -282,7 +286,9 @@ def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
     loads it keeps its energy.
     """
     flat = replace(example_mechanisms.four_bar(FLAT + [0.0, 0.0, off, 0.0]), loads=())
-    found = forward.simulate(flat, Start(1.0, -1.0), 4.0, tolerance=1e-7, engine=engine)
+    found = forward_dynamics.simulate(
+        flat, Start(1.0, -1.0), 4.0, tolerance=1e-7, engine=engine
+    )
     assert found.end.kind == end
     if end == "time":
         history = found.at(np.linspace(0.0, found.end.t, 25))
@@ -290,7 +296,9 @@ def test_both_engines_tell_curves_that_avoid_each_other_from_crossing_ones(
         assert any(np.all(np.isfinite(curve.find(history.values))) for curve in curves)
         assert np.ptp(history.kinetic) < 1e-7 * np.max(history.kinetic)
     if engine == "numpy":
-        on = forward.simulate(flat, Start(1.0, -1.0), 4.0, tolerance=1e-7, crossings="pass")
+        on = forward_dynamics.simulate(
+            flat, Start(1.0, -1.0), 4.0, tolerance=1e-7, crossings="pass"
+        )
         crossed = any(event.kind == "crossing" for event in on.events)
         assert on.end.kind == "time" and crossed == (end == "singularity")
 

@@ -10,8 +10,8 @@ from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.dynamics.coordinates import christoffel
-from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.model.dynamics import JointLimit
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
+from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.plugin.rotations import normal_at
 
 STARTS = {

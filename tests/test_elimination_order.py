@@ -14,18 +14,18 @@ from oracles import null_space
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.engine.elimination_order import (
+from spherekit.mechanism.elements import Input, Pair
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.velocities.elimination_order import (
     MAX_AMPLIFICATION,
     assign_elimination_orders,
     choose_elimination_order,
     eliminated_inverse_sizes,
     inverse_sizes,
 )
-from spherekit.engine.fields import evaluate
-from spherekit.model.parts import Input, Pair
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 MIURA = Path(__file__).parent / "files" / "miura_2x2v.toml"
 RATE_TOLERANCE = 1e-9

@@ -14,21 +14,21 @@ from newton_euler import body, loaded
 from refusals import TABLES, check_call
 
 import spherekit as sk
-from spherekit.dynamics.start import PoseStart
-from spherekit.engine.equation import compiled_equation
-from spherekit.engine.expression_graph import BLOCK
-from spherekit.engine.fields import evaluate
-from spherekit.engine.kernels import kernel
+from spherekit.dynamics.compiled_equation import compiled_equation
+from spherekit.dynamics.simulation_start import PoseStart
 from spherekit.errors import EngineError, SolveError
-from spherekit.files.read import load
-from spherekit.model.cache import Cache
-from spherekit.model.dynamics import JointLimit
-from spherekit.model.mechanism import Mass, Mechanism
-from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
-from spherekit.model.study import Start
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.files.mechanism_reader import load
+from spherekit.files.study import Start
+from spherekit.mechanism.cache import Cache
+from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
+from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.mechanism.mechanism import Mass, Mechanism
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.symbolic.expression_graph import BLOCK
+from spherekit.velocities.kernels import kernel
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 MECHANISMS = "four_bar", "stephenson", "double_butterfly", "roller_cam", "flat_cam"
 MECHANISMS += "bevel_pair", "planetary_bevel"
@@ -367,7 +367,7 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
     three axes are not plane: the compiled engine may not end in a crossing of curves there.
     It is so where nothing is known of the wheels, and all is one group.
     """
-    held = "spherekit.planning.inputs.held_meshes"
+    held = "spherekit.planning.assembly_plan.held_meshes"
     monkeypatch.setattr(held, lambda mechanism: frozenset())
     made = geared_five_bar()
     driving = {"torque": "0.1*sin(2*t)"}

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from chains import FOUR_BAR, WATT, joints, mechanism, random_axes
 
-from spherekit.conventions import EPS
-from spherekit.engine.kernels import kernel
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.inputs import plan_assembly
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.positions.motion import PositionAnalysis
 from spherekit.proof.balls import Digits, floats
-from spherekit.proof.rows import exact_rows
+from spherekit.proof.reference_rows import exact_rows
+from spherekit.tolerances import EPS
+from spherekit.velocities.kernels import kernel
 
 FIFTY = Digits(50)
 NEAR = {"nearly coinciding": 1.0, "nearly opposite": -1.0}

@@ -11,20 +11,15 @@ from refusals import TABLES, check_call
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.guidance.follow import turn_to
-from spherekit.guidance.rotation import SHAPES, RotationSamples, time_optimal
-from spherekit.model.gears import joints_of
-from spherekit.model.parts import Input, Output, Pair, PoseGeometry
-from spherekit.motion.closure import Closure
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.sphere.rotation import (
-    angles_between,
-    cross,
-    mirror_angles,
-    normal_at,
-    normals_of,
-    rotation,
-)
+from spherekit.geometry.mirror import angles_between, mirror_angles, normal_at, normals_of
+from spherekit.geometry.rotation import cross
+from spherekit.geometry.tilt_torsion import rotation
+from spherekit.mechanism.elements import Input, Output, Pair, PoseGeometry
+from spherekit.mechanism.joint_frames import joints_of
+from spherekit.outputs.fixed_axis_rotation import turn_to
+from spherekit.outputs.rotation_timing import SHAPES, RotationSamples, time_optimal
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.motion import PositionAnalysis
 
 OUTWARD = (-1, 1, 1)
 """The driven links as in Fig. 5(a)."""

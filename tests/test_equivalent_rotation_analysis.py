@@ -10,27 +10,22 @@ from refusals import TABLES, check_call
 from scipy.optimize import brentq
 
 import spherekit as sk
-from spherekit.analysis.batch import Needs
-from spherekit.analysis.registry import create
-from spherekit.analysis.scene import GreatCircle, Series, SphereCurves
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.guidance.follow import FollowedRotation, turn_to
-from spherekit.guidance.loci import mid_plane_form
-from spherekit.guidance.poses import AtDirection, AtInputs, PoseFinder
-from spherekit.model.parts import Output
-from spherekit.numeric.crossings import wrap
-from spherekit.region.mesh import spread
-from spherekit.singular.locus import solver_of
-from spherekit.sphere.rotation import (
-    from_quaternion,
-    normal_at,
-    quaternion,
-    rotation,
-    tilt_torsion,
-    upward,
-)
-from spherekit.workspace.inverse import closed_kinematics
-from spherekit.workspace.workspace import judge, orientation_samples
+from spherekit.geometry.mirror import normal_at, quaternion, upward
+from spherekit.geometry.region_margins import spread
+from spherekit.geometry.rotation import from_quaternion
+from spherekit.geometry.tilt_torsion import rotation, tilt_torsion
+from spherekit.mechanism.elements import Output
+from spherekit.numerics.angles import wrap
+from spherekit.outputs.fixed_axis_rotation import FollowedRotation, turn_to
+from spherekit.outputs.mid_plane_symmetry import mid_plane_form
+from spherekit.outputs.output_pose import AtDirection, AtInputs, PoseFinder
+from spherekit.outputs.pose_solver import closed_kinematics
+from spherekit.outputs.workspace import judge, orientation_samples
+from spherekit.runs.needs import Needs
+from spherekit.runs.registry import create
+from spherekit.scenes.scene import GreatCircle, Series, SphereCurves
+from spherekit.singularities.slices import solver_of
 
 NAME = "equivalent_rotation"
 QUATERNION = ("qx", "qy", "qz", "qw")
@@ -290,7 +285,7 @@ def test_what_is_asked_for_wrongly(call):
 
 
 def test_more_inputs_than_ways_to_turn_are_refused():
-    from spherekit_analyses.equivalent_rotation import EquivalentRotation
+    from spherekit_analyses.equivalent_rotation.analysis import EquivalentRotation
 
     made = sk.load("three_rrr")
     item = made.inputs[0]

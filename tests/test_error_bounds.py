@@ -8,8 +8,8 @@ from stated_errors import KINDS, Stated, judge_bounds, stated
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.files.read import loads
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.files.mechanism_reader import loads
+from spherekit.positions.motion import PositionAnalysis
 
 BOUNDS = (
     "error_bound",

@@ -21,19 +21,19 @@ from hostile_texts import FREE, TEXTS, fields, free_fields, hostile_file
 
 import spherekit as sk
 from spherekit import escaping
-from spherekit.analysis.link_scenes import static_scene
 from spherekit.cli.main import main
-from spherekit.exchange.formulas import formulas
+from spherekit.display.pages.page import PageMaker
+from spherekit.display.rerun.preview import _sizes
+from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.exchange.posed import posed
-from spherekit.exchange.source import source
-from spherekit.files.read import loads
-from spherekit.files.write import dumps
-from spherekit.model.parts import Source
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.pages.page import PageMaker
-from spherekit.planning.plan import plans
-from spherekit.view.viewer import _sizes
+from spherekit.exchange.source_languages import source
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.mechanism_writer import dumps
+from spherekit.mechanism.elements import Source
+from spherekit.planning.pole_planner import plans
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.scenes.link_scenes import static_scene
 
 GCC, GPP, NODE = map(shutil.which, ("gcc", "g++", "node"))
 STRICT = ["-Wall", "-Wextra", "-Wbidi-chars=any", "-pedantic", "-Werror"]
@@ -255,7 +255,7 @@ def test_a_path_with_hidden_characters_is_printed_visibly(tmp_path, capsys):
 def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
     """The list of mechanisms prints what packs of others cite."""
     hostile = loads(hostile_file(EVERY), "hostile")
-    monkeypatch.setattr("spherekit.files.read.load", lambda name: hostile)
+    monkeypatch.setattr("spherekit.files.mechanism_reader.load", lambda name: hostile)
     assert main(["mechanisms"]) == 0
     lines = capsys.readouterr().out.split("\n")
     assert not escaping.HIDDEN.search("".join(lines)) and "[U+001B][31mred" in lines[0]

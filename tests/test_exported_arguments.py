@@ -12,12 +12,12 @@ import pytest
 from refusals import TABLES, check_call
 
 import spherekit as sk
-from spherekit.design.variables import DESIGNED, design_variable, designed
+from spherekit.designs.design_variables import DESIGNED, design_variable, designed
+from spherekit.display.pages.page import PageMaker
 from spherekit.errors import SpherekitError
-from spherekit.exchange.formulas import formulas
+from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.size_arguments import idle_arguments
-from spherekit.files.write import document_of
-from spherekit.pages.page import PageMaker
+from spherekit.files.number_change import document_of
 
 FILES = Path(__file__).parent / "files"
 PART = 1e-3

@@ -19,9 +19,9 @@ from test_mode_meetings import flat_loop, loaded, two_vertices
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.exchange.formulas import formulas
-from spherekit.exchange.source import source
-from spherekit.model.dynamics import Spring
+from spherekit.exchange.formula_maker import formulas
+from spherekit.exchange.source_languages import source
+from spherekit.mechanism.load_kinds import Spring
 
 FILES = Path(__file__).parent / "files"
 CASES = ("flatfold_through", "parallelogram", "folding", "ff_default", "cp2")

@@ -15,13 +15,13 @@ from special_mechanisms import four_bar
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.display.pages.page import PageMaker
 from spherekit.errors import EngineError
 from spherekit.exchange import mode_table
-from spherekit.exchange.formulas import formulas
-from spherekit.exchange.source import source
-from spherekit.model.dynamics import Spring
-from spherekit.model.parts import Input
-from spherekit.pages.page import PageMaker
+from spherekit.exchange.formula_maker import formulas
+from spherekit.exchange.source_languages import source
+from spherekit.mechanism.elements import Input
+from spherekit.mechanism.load_kinds import Spring
 
 HERE = Path(__file__).parent
 CASES = ("cp2", "parallelogram", "folding", "ff_default")

@@ -11,8 +11,8 @@ import pytest
 from languages import languages
 
 import spherekit as sk
-from spherekit.exchange.formulas import formulas
-from spherekit.files.read import loads
+from spherekit.exchange.formula_maker import formulas
+from spherekit.files.mechanism_reader import loads
 
 
 def resting_dyad():

@@ -7,8 +7,9 @@ import operator
 import numpy as np
 import pytest
 
-from spherekit.engine.design_kernel import complex_function
-from spherekit.engine.expression_graph import (
+from spherekit.designs.path_kernel import complex_function
+from spherekit.mechanism.load_expression import load_names, parse
+from spherekit.symbolic.expression_graph import (
     BLOCK,
     ExpressionNode,
     array_function,
@@ -21,7 +22,6 @@ from spherekit.engine.expression_graph import (
     symbols,
     varies,
 )
-from spherekit.model.expression import load_names, parse
 
 X, Y, Z = symbols(["x", "y", "z"])
 

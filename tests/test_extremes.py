@@ -56,7 +56,9 @@ def test_the_reference_agrees_with_closed_forms():
     """Angles and coefficients of the four-bar by Di Gregorio's formulas, in doubles."""
     arcs = np.radians([60.0, 20.0, 70.0, 40.0])
     made = four_bar(arcs)
-    with pytest.raises(ModelError, match='link cam is "fourier".*spherekit.proof.rows'):
+    with pytest.raises(
+        ModelError, match='link cam is "fourier".*spherekit.proof.reference_rows'
+    ):
         Reference(sk.load("shaped_cam"))
     assert Reference(sk.load("flat_cam")).data.radii.shape[0] == 2
     with mp.workdps(DIGITS):

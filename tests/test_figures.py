@@ -14,15 +14,21 @@ from common import Asking, rows_of
 pytest.importorskip("matplotlib")
 
 import spherekit as sk
-from spherekit.analysis.plotted import placed_labels
-from spherekit.analysis.scene import Axis, Scene, Series
-from spherekit.analysis.tables import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
 from spherekit.cli.main import main
+from spherekit.display.figures import style
+from spherekit.display.figures.contents import figures_of
+from spherekit.display.figures.curve_plots import (
+    EQUAL_AREA,
+    STEREOGRAPHIC,
+    View,
+    centre_of,
+    opposite,
+)
 from spherekit.errors import AnalysisError
-from spherekit.figures import style
-from spherekit.figures.contents import figures_of
-from spherekit.figures.curves import EQUAL_AREA, STEREOGRAPHIC, View, centre_of, opposite
 from spherekit.markup import html_table
+from spherekit.scenes.plot_layout import placed_labels
+from spherekit.scenes.scene import Axis, Scene, Series
+from spherekit.tables.table import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
 
 CAP = 0.4
 

@@ -8,18 +8,10 @@ pytest.importorskip("matplotlib")
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import spherekit as sk
-from spherekit.analysis.scene import (
-    Arrow,
-    Axis,
-    Mark,
-    Scene,
-    Series,
-    SphereCurves,
-    SphereMap,
-)
-from spherekit.figures.contents import figures_of
-from spherekit.figures.curves import EQUAL_AREA, turn_to_side
-from spherekit.sphere.rotation import unit_rows
+from spherekit.display.figures.contents import figures_of
+from spherekit.display.figures.curve_plots import EQUAL_AREA, turn_to_side
+from spherekit.geometry.rotation import unit_rows
+from spherekit.scenes.scene import Arrow, Axis, Mark, Scene, Series, SphereCurves, SphereMap
 
 OUT = np.array([0.0, 0.0, 1.0])
 t = np.linspace(0.0, 2.0 * np.pi, 49)

@@ -10,14 +10,15 @@ from refusals import changed, text_of
 
 from spherekit.conventions import MAX_NAME_LENGTH
 from spherekit.errors import FileError
-from spherekit.files.document import MAX_BYTES, locate
-from spherekit.files.read import load, loads
+from spherekit.files.mechanism_reader import load, loads
+from spherekit.files.mechanism_writer import dumps
 from spherekit.files.schema import schema
-from spherekit.files.write import dumps
-from spherekit.model.dynamics import LOADS
-from spherekit.model.expression import MAX_LENGTH
-from spherekit.model.joints import KINDS
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.files.toml_document import MAX_BYTES
+from spherekit.files.toml_lines import locate
+from spherekit.mechanism.joint import KINDS
+from spherekit.mechanism.load_expression import MAX_LENGTH
+from spherekit.mechanism.load_kinds import LOADS
+from spherekit.positions.motion import PositionAnalysis
 
 SIZES = text_of("sizes")
 

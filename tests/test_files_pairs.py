@@ -8,9 +8,9 @@ from refusals import changed, text_of
 
 import spherekit as sk
 from spherekit.errors import ModelError
-from spherekit.files.read import loads
-from spherekit.files.write import dumps
-from spherekit.model.parts import Profile
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.mechanism_writer import dumps
+from spherekit.mechanism.elements import Profile
 
 DEGREE = np.pi / 180.0
 

@@ -5,8 +5,8 @@ from datetime import date
 
 import numpy as np
 
-from spherekit.files.document import LiteralNumber
-from spherekit.files.plain import as_json
+from spherekit.files.toml_document import LiteralNumber
+from spherekit.storage.json_data import as_json
 
 
 def test_what_json_gives_back_is_what_was_given():

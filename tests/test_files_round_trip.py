@@ -13,14 +13,12 @@ from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.errors import OutputError
-from spherekit.files.atomic import check_file, make_folder, write_text
-from spherekit.files.document import LiteralNumber
-from spherekit.files.read import load, loads
+from spherekit.files.angle_units import to_radians, to_text, unit_vector
+from spherekit.files.mechanism_reader import load, loads
+from spherekit.files.mechanism_writer import canonical_text, dump, dumps
 from spherekit.files.schema import schema
-from spherekit.files.units import to_radians, to_text, unit_vector
-from spherekit.files.write import canonical_text, dump, dumps
-from spherekit.model.dynamics import JointLimit, Mass
-from spherekit.model.parts import (
+from spherekit.files.toml_document import LiteralNumber
+from spherekit.mechanism.elements import (
     Input,
     LinkSizes,
     Output,
@@ -30,6 +28,9 @@ from spherekit.model.parts import (
     SizeGeometry,
     Source,
 )
+from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.storage.atomic_write import check_file, make_folder, write_text
 
 UNITS = ("deg", "rad")
 USER = {

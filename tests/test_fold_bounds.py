@@ -10,10 +10,10 @@ import pytest
 from exact_configurations import deviations, deviations_beside
 from folding_mechanisms import folding_mechanism, inputs_beside_folds
 
-from spherekit.conventions import Status
 from spherekit.errors import SpherekitError
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.motion.quad_positions import LARGEST_ANGLE_ERROR_RAD
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD
+from spherekit.status import Status
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 

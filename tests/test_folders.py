@@ -10,9 +10,9 @@ import pytest
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.analysis.frames import read_parquet
 from spherekit.cli.grammar import parser
 from spherekit.cli.main import main
+from spherekit.tables.table_files import read_parquet
 
 RUN = ["run", "four_bar", "--samples", "5", "-q"]
 SWEEP = ["sweep", "four_bar", "--vary", "links.2.arc=10:20:3", "-q"]

@@ -16,11 +16,11 @@ from sources import ROOT
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.variables import design_variable, designed, sizes_of
-from spherekit.engine.expression_graph import array_function
+from spherekit.designs.design_variables import design_variable, designed, sizes_of
 from spherekit.errors import SpherekitError
-from spherekit.exchange.formulas import formulas
-from spherekit.files.write import document_of
+from spherekit.exchange.formula_maker import formulas
+from spherekit.files.number_change import document_of
+from spherekit.symbolic.expression_graph import array_function
 
 SEVERAL = ["four_bar", "double_butterfly", "shaped_cam", "five_bar", "planetary_bevel"]
 """A closed form, Newton's method, profiles, two inputs, wheels."""

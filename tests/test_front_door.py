@@ -19,7 +19,7 @@ from example_mechanisms import LINKS, PAIRS, built
 
 import spherekit as sk
 from spherekit.files.library import find
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.positions.motion import PositionAnalysis
 
 RECORDING = b"RRF2"
 
@@ -116,7 +116,7 @@ def test_one_row_of_a_mode_is_found_by_terms_of_floats(name, monkeypatch):
     mechanism, asked = sk.load(name), {"poles": ["31"], "assembly_mode": 0}
     q = sum(PositionAnalysis(mechanism).range) / 2.0 + 0.1
     with_care = sk.evaluate(mechanism, [q, q + 0.1], **asked)
-    monkeypatch.delattr("spherekit.front.evaluate.evaluate_poles")
+    monkeypatch.delattr("spherekit.api.kinematics.evaluate_poles")
     one = pickle.loads(pickle.dumps(sk.evaluate(mechanism, q, **asked)))
     assert one.direction("31")[0] == pytest.approx(with_care.direction("31")[0], abs=1e-12)
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.registry import create
-from spherekit.design.sweep import DesignSpace, variation
-from spherekit.design.sweep_parts import run_sweep
-from spherekit.dynamics.tabulated import load_reduced
+from spherekit.api.sweep import sweep_of
+from spherekit.designs.design_space import DesignSpace, variation
+from spherekit.designs.sweep_parts import run_sweep
+from spherekit.dynamics.reduced_model import load_reduced
 from spherekit.errors import SpherekitError
-from spherekit.exchange.coupling import write_npz
-from spherekit.front.designs import sweep_of
+from spherekit.exchange.coupling_table import write_npz
+from spherekit.runs.registry import create
 
 FEW, MANY = 24, 500
 """Changes of each archive, by default and when there is time."""

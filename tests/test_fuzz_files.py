@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from strategies import EFFORT, FILES, expressions, files, is_toml
 
 from spherekit.errors import EngineError, FileError, ModelError, SpherekitError
-from spherekit.files.read import load, loads
-from spherekit.files.study import load_study
-from spherekit.files.write import dumps
-from spherekit.model.expression import load_names, parse
+from spherekit.files.mechanism_reader import load, loads
+from spherekit.files.mechanism_writer import dumps
+from spherekit.files.study_reader import load_study
+from spherekit.mechanism.load_expression import load_names, parse
 
 PLACED = re.compile(r"damaged\.toml(:\d+)?: \S")
 TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40)

@@ -11,22 +11,16 @@ from random_mechanisms import random_mechanism, reordered, turned
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.conventions import Status
-from spherekit.engine.fields import evaluate
 from spherekit.errors import PlanError, SpherekitError
-from spherekit.model.parts import Input
-from spherekit.motion.closure import Closure
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.plan import plans
-from spherekit.planning.poles import (
-    BlockPoles,
-    LinePole,
-    PrimaryPole,
-    all_poles,
-    as_dict,
-    as_text,
-)
-from spherekit.rates.request import request
+from spherekit.mechanism.elements import Input
+from spherekit.planning.plan_text import as_dict, as_text
+from spherekit.planning.pole_plan import BlockPoles, LinePole, PrimaryPole, all_poles
+from spherekit.planning.pole_planner import plans
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 

@@ -6,8 +6,8 @@ from common import field_of
 from fuzz_judge import sweep
 from random_mechanisms import FAMILIES, random_mechanism
 
-from spherekit.conventions import Status
-from spherekit.planning.inputs import plan_assembly
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.status import Status
 
 
 def test_no_wrong_value_without_a_status():

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from spherekit.errors import SpherekitError
-from spherekit.files.read import load, loads
-from spherekit.files.study import load_study
+from spherekit.files.mechanism_reader import load, loads
+from spherekit.files.study_reader import load_study
 
 pytestmark = pytest.mark.slow
 

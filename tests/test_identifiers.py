@@ -18,12 +18,12 @@ import pytest
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.exchange import identifiers
-from spherekit.exchange.coupling import header
-from spherekit.exchange.formulas import formulas
+from spherekit.exchange.coupling_header import header
+from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.identifiers import unique_names
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.exchange.posed import posed
-from spherekit.exchange.source import source
+from spherekit.exchange.source_languages import source
 
 GCC, GPP, NODE = map(shutil.which, ("gcc", "g++", "node"))
 STRICT = ["-Wall", "-Wextra", "-Wshadow=local", "-Werror"]

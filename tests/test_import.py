@@ -10,13 +10,13 @@ from refusals import HERE, TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.exchange.posed import posed
-from spherekit.files.read import load, loads
-from spherekit.model.dynamics import JointLimit
-from spherekit.model.gears import joints_in_pose, joints_of
-from spherekit.motion.closure import Closure
-from spherekit.planning.inputs import driven_pairs
+from spherekit.files.mechanism_reader import load, loads
+from spherekit.mechanism.joint_frames import joints_in_pose, joints_of
+from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.planning.assembly_plan import driven_pairs
+from spherekit.positions.loop_closure import Closure
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -138,7 +138,7 @@ def test_loads_and_masses_come_back(tmp_path):
 def _power(mechanism, values, placed):
     """Return the power of each load by name, while input 21 turns at 1 rad/s."""
     from spherekit.dynamics.coordinates import by_variables
-    from spherekit.dynamics.forces import Loads
+    from spherekit.dynamics.transmitted_forces import Loads
 
     closure = Closure.of(mechanism, joints_of(mechanism))
     values = joints_in_pose(mechanism)[1] if values is None else values

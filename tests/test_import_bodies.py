@@ -9,9 +9,9 @@ from refusals import HERE
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.exchange.posed import posed
-from spherekit.model.parts import Output
+from spherekit.mechanism.elements import Output
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -9,17 +9,10 @@ from refusals import TABLES, check_call
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.conventions import Status
 from spherekit.errors import FileError
-from spherekit.files.read import loads
-from spherekit.files.write import dumps
-from spherekit.model.gears import joints_of
-from spherekit.model.parts import Output
-from spherekit.motion.assembly_modes import AssemblyMode
-from spherekit.output.forward import ForwardKinematics, output_rates
-from spherekit.output.virtual_output import with_wrist
-from spherekit.sphere.rotation import (
-    arc,
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.mechanism_writer import dumps
+from spherekit.geometry.tilt_torsion import (
     azimuth_tilt,
     euler_zyz,
     from_euler_zyz,
@@ -27,6 +20,13 @@ from spherekit.sphere.rotation import (
     pointing,
     tilt_torsion,
 )
+from spherekit.geometry.triangle import arc
+from spherekit.mechanism.elements import Output
+from spherekit.mechanism.joint_frames import joints_of
+from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
+from spherekit.outputs.virtual_output import with_wrist
+from spherekit.positions.assembly_mode import AssemblyMode
+from spherekit.status import Status
 
 SHIPPED = ("three_rrr", "agile_eye", "five_bar")
 

@@ -10,16 +10,16 @@ from common import Listener, told_by
 from oracles import least_misfit
 from refusals import TABLES, check_call
 from scipy.spatial.transform import Rotation
-from spherekit_analyses.pose_lists import read_poses
+from spherekit_analyses.inverse_kinematics.pose_lists import read_poses
 
 import spherekit as sk
-from spherekit.analysis.scene import SphereMap
 from spherekit.errors import AnalysisError, FileError
-from spherekit.motion.motion import motion_of
-from spherekit.output.dyads import rates_of_turns
-from spherekit.output.forward import ForwardKinematics, output_rates
-from spherekit.region.mesh import spread
-from spherekit.workspace.inverse import GraphKinematics, output_kinematics
+from spherekit.geometry.region_margins import spread
+from spherekit.outputs.dyad_chain import rates_of_turns
+from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
+from spherekit.outputs.pose_solver import GraphKinematics, output_kinematics
+from spherekit.positions.motion import motion_of
+from spherekit.scenes.scene import SphereMap
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
 AWAY = 0.05

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.errors import AnalysisError
+from spherekit.geometry.region_margins import spread
+from spherekit.outputs.pose_solver import output_kinematics
 from spherekit.plugin.rotations import from_tilt_torsion
-from spherekit.region.mesh import spread
-from spherekit.workspace.inverse import output_kinematics
 
 RATIO = 1.5
 """Teeth of a side gear for one of the hand's: half angles atan(1.5) and its complement."""

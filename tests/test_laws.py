@@ -7,8 +7,9 @@ import pytest
 from refusals import TABLES, check_call, text_of
 
 from spherekit.errors import FileError, ModelError
-from spherekit.files.study import load_study
-from spherekit.model.study import ConstantSpeed, Cycloidal, Polynomial, Start, Tabulated
+from spherekit.files.study import Start
+from spherekit.files.study_reader import load_study
+from spherekit.files.time_law import ConstantSpeed, Cycloidal, Polynomial, Tabulated
 
 TIMES = np.array([0.0, 0.3, 0.7, 1.1, 1.2, 1.9, 2.5, 3.0])
 

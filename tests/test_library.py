@@ -8,7 +8,7 @@ from refusals import text_of
 
 from spherekit.errors import FileError
 from spherekit.files.library import GROUP, find, shipped
-from spherekit.files.read import load
+from spherekit.files.mechanism_reader import load
 
 SOUND = text_of("library_sound")
 

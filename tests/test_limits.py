@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from spherekit.errors import SpherekitError
+from spherekit.files.number_change import document_of, with_numbers
 from spherekit.files.schema import check, check_numbers
-from spherekit.files.write import document_of, with_numbers
 
 NAMES = ("four_bar", "planetary_bevel", "shaped_cam", "two_contacts", "three_rrr")
 TRIED = (0.0, -1.0, 0.5, 3.0, 1e5, -2e6, 1e99, 1e101, float("inf"), float("nan"))

@@ -10,9 +10,9 @@ from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.files.read import loads
-from spherekit.model.study import ConstantSpeed
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.time_law import ConstantSpeed
+from spherekit.positions.motion import PositionAnalysis
 
 CASES = {
     # mechanism: the pair that is locked, at what (rad), and values of the other inputs

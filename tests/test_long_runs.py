@@ -21,15 +21,15 @@ import pytest
 from common import Asking, Listener, rows_of, with_springs
 
 import spherekit as sk
-from spherekit.analysis import folder as store
-from spherekit.analysis import frames
-from spherekit.analysis.folder import WORK, RunFolder
-from spherekit.analysis.running import rows_at_once
-from spherekit.analysis.scene import Scene, Series
-from spherekit.analysis.tables import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.cli.main import main
-from spherekit.engine.compiler import available
 from spherekit.errors import AnalysisError, OutputError
+from spherekit.runs import batch_runner
+from spherekit.runs import run_folder as store
+from spherekit.runs.run_folder import WORK, RunFolder
+from spherekit.scenes.scene import Scene, Series
+from spherekit.symbolic.compiler import available
+from spherekit.tables import table_files
+from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, Column, Table
 
 try:
     import resource
@@ -129,7 +129,7 @@ def note(error):
 KILLED = """
 import os, sys
 import spherekit as sk
-from spherekit.analysis import folder as store
+from spherekit.runs import run_folder as store
 def stop(done, total):
     if done >= int(sys.argv[2]):
         os.kill(os.getpid(), int(sys.argv[3]))
@@ -160,8 +160,8 @@ def test_killed_runs_go_on(tmp_path):
 
 STOPPED = """
 import os, sys
-from spherekit.analysis import folder as store
-from spherekit.analysis.running import rows_at_once
+from spherekit.runs import run_folder as store
+from spherekit.runs import batch_runner as rows_at_once
 from spherekit.cli import run
 from spherekit.cli.main import main
 rows_at_once.BYTES = 1 << 21
@@ -187,7 +187,7 @@ def signalled(number, handler, words):
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(rows_at_once, "BYTES", 1 << 21)
+    monkeypatch.setattr(batch_runner, "BYTES", 1 << 21)
     folder = tmp_path / "with space"
     words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
     # Ignored, as by the shells that start jobs in the background, it would stay so.
@@ -416,7 +416,7 @@ def test_any_text_survives(plain, tmp_path):
 
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
     """Pieces of 32 rows cut across blocks and assembly modes."""
-    for module in (store, frames):
+    for module in (store, table_files):
         monkeypatch.setattr(module, "CHUNK", 32)
     four_bar(tmp_path)
     parquet = pq.ParquetFile(tmp_path / "motion.parquet")
@@ -434,7 +434,7 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
 @pytest.mark.parametrize("job, count", [(four_bar, 5_000), (wound, 1_500)])
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
     """Four times as many rows: less than a tenth of their bytes beside the inputs."""
-    for module in (store, frames):
+    for module in (store, table_files):
         monkeypatch.setattr(module, "CHUNK", 1024)
 
     def peak(samples):
@@ -494,9 +494,9 @@ def shown(listener):
 
 
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
-    from spherekit.analysis.running import recording
+    from spherekit.runs import recording_session
 
-    monkeypatch.setattr(recording, "MOST_LOGGED", 10)
+    monkeypatch.setattr(recording_session, "MOST_LOGGED", 10)
     listener = Listener()
     result = four_bar(samples=45, recorder=listener)
     wanted = [0, 5, 10, 15, 20, 25, 30, 35, 40, 44]
@@ -530,7 +530,7 @@ def test_a_resumed_recording_says_where_it_begins(tmp_path):
 
 
 def test_two_runs_do_not_record_into_one_file(tmp_path):
-    from spherekit.view.rerun_view import RerunRecorder
+    from spherekit.display.rerun.recorder import RerunRecorder
 
     path = tmp_path / "x.rrd"
     with RerunRecorder("four_bar", path=path) as first:
@@ -545,7 +545,7 @@ def test_two_runs_do_not_record_into_one_file(tmp_path):
 
 def test_much_csv_is_written_when_asked_for(tmp_path, monkeypatch):
     """By default Parquet alone where CSV would be too large, and the summary says so."""
-    monkeypatch.setattr("spherekit.analysis.tables.MOST_CSV", 1e4)
+    monkeypatch.setattr("spherekit.tables.table.MOST_CSV", 1e4)
     left = sk.run("four_bar", samples=40, folder=tmp_path / "one")
     asked = sk.run("four_bar", samples=40, folder=tmp_path / "two", formats=["csv"])
     few = sk.run("four_bar", samples=2, folder=tmp_path / "three")

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.start import PoseStart, reduced, whole_turns
-from spherekit.engine.compiler import available
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.simulation_start import PoseStart, reduced, whole_turns
 from spherekit.errors import SolveError
-from spherekit.model.parts import Input
-from spherekit.model.study import Start
+from spherekit.files.study import Start
+from spherekit.mechanism.elements import Input
+from spherekit.symbolic.compiler import available
 
 TURN = 2.0 * np.pi
 TIMES = np.linspace(0.0, 1.0, 9)

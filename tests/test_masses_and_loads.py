@@ -8,10 +8,11 @@ import pytest
 from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
-from spherekit.files.read import loads
-from spherekit.files.write import dumps
-from spherekit.model.dynamics import JointLimit, Mass
-from spherekit.model.gears import link_axes
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.mechanism_writer import dumps
+from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.joint_frames import link_axes
+from spherekit.mechanism.load_kinds import JointLimit
 
 LOADED = text_of("loaded")
 BASE = LOADED.partition("[mass")[0]

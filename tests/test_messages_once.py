@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.running.summary import with_counts
 from spherekit.cli.main import main
+from spherekit.runs.summary import with_counts
 
 FILES = Path(__file__).parent / "files"
 WRIST = str(FILES / "coaxial_wrist.toml")

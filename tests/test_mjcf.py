@@ -10,12 +10,12 @@ from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.exchange.posed import posed
-from spherekit.files.read import loads as read_text
-from spherekit.files.write import dumps
-from spherekit.model.gears import joints_of
-from spherekit.motion.closure import Closure
+from spherekit.files.mechanism_reader import loads as read_text
+from spherekit.files.mechanism_writer import dumps
+from spherekit.mechanism.joint_frames import joints_of
+from spherekit.positions.loop_closure import Closure
 
 mujoco = pytest.importorskip("mujoco")
 

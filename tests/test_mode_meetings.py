@@ -17,15 +17,16 @@ from refusals import written_of
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.completeness import Guarantee
 from spherekit.errors import SpherekitError
-from spherekit.files.document import parse
-from spherekit.files.read import read
-from spherekit.guarantee import Guarantee
-from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.input_turning_points import input_turning_points
-from spherekit.motion.motion import PositionAnalysis, continued
-from spherekit.numeric.crossings import crossings, wrap
-from spherekit.proof.curves import certified_curves
+from spherekit.files.mechanism_reader import read
+from spherekit.files.toml_document import parse
+from spherekit.numerics.angles import wrap
+from spherekit.numerics.sign_changes import crossings
+from spherekit.positions.curve_continuation import follow_arc
+from spherekit.positions.input_turning_points import input_turning_points
+from spherekit.positions.motion import PositionAnalysis, continued
+from spherekit.proof.configuration_curves import certified_curves
 
 FILES = Path(__file__).parent / "files"
 SAME_INPUT_RAD = 1e-6

@@ -9,12 +9,13 @@ from mode_counts import cams, ten_bar
 import spherekit as sk
 from spherekit import progress
 from spherekit.cli.main import main
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import assemblies, in_order, random_starts, solutions
-from spherekit.motion.groups import group_closure
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.motion.search import STARTS, SearchStatistics
-from spherekit.planning.inputs import plan_assembly
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.positions.assembly_enumeration import assemblies, random_starts
+from spherekit.positions.assembly_mode import Solver
+from spherekit.positions.group_assembly import group_closure
+from spherekit.positions.group_solutions import in_order, solutions
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.random_search import STARTS, SearchStatistics
 
 
 def solver_of(made):
@@ -43,7 +44,7 @@ def test_modes_are_those_of_an_independent_search(made, least):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_reference_pose_is_found_whatever_the_starts(seed, monkeypatch):
-    monkeypatch.setattr("spherekit.motion.search.SearchStatistics.goes_on", False)
+    monkeypatch.setattr("spherekit.positions.random_search.SearchStatistics.goes_on", False)
     found = assemblies(solver_of(ten_bar(seed)), np.zeros(1)).values
     assert min(np.max(np.abs(values)) for values in found) < 1e-9
 

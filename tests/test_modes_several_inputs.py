@@ -14,17 +14,18 @@ from independent import lacking, multi_start
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.conventions import TURN, Status
-from spherekit.files.read import loads
-from spherekit.guarantee import Guarantee
-from spherekit.model.joints import revolute
-from spherekit.motion import configuration_graph
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.configuration_graph import ConfigurationGraph
-from spherekit.motion.elimination import assemblies
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.motion.sample_configurations import enumerate_configurations
-from spherekit.planning.inputs import driven_at, plan_assembly
+from spherekit.completeness import Guarantee
+from spherekit.conventions import TURN
+from spherekit.files.mechanism_reader import loads
+from spherekit.mechanism.joint import revolute
+from spherekit.planning.assembly_plan import driven_at, plan_assembly
+from spherekit.positions import configuration_graph
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_mode import Solver
+from spherekit.positions.configuration_graph import ConfigurationGraph
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.sample_configurations import enumerate_configurations
+from spherekit.status import Status
 
 FILES = Path(__file__).parent / "files"
 SAME = 1e-6
@@ -276,7 +277,7 @@ def test_a_lost_configuration_is_noticed(monkeypatch):
     """The signs of all configurations at a sample cancel: one alone cannot be missing."""
     made = sk.load("three_rrr")
     complete = PositionAnalysis(made, samples=7)
-    from spherekit.motion import modes_over_samples
+    from spherekit.positions import modes_over_samples
 
     enumerate_all = modes_over_samples.enumerate_configurations
 
@@ -427,7 +428,9 @@ def test_a_limit_of_configurations_at_an_input_is_said(monkeypatch):
     solver = Solver(made, plan_assembly(made))
     count = len(assemblies(solver, np.zeros(1)).signs)
     for most, complete in ((count, True), (count - 1, False), (5, False)):
-        monkeypatch.setattr("spherekit.motion.elimination.MOST_CONFIGURATIONS", most)
+        monkeypatch.setattr(
+            "spherekit.positions.assembly_enumeration.MOST_CONFIGURATIONS", most
+        )
         found = assemblies(solver, np.zeros(1))
         assert len(found.values) == min(most, count)
         assert found.is_complete == complete == (not found.is_truncated)
@@ -436,8 +439,8 @@ def test_a_limit_of_configurations_at_an_input_is_said(monkeypatch):
 
 
 def test_a_limit_of_modes_over_samples_is_said(monkeypatch):
-    monkeypatch.setattr("spherekit.motion.modes_over_samples.MOST_MODE_ROWS", 0)
-    monkeypatch.setattr("spherekit.motion.modes_over_samples.MOST_ASSEMBLY_MODES", 5)
+    monkeypatch.setattr("spherekit.positions.modes_over_samples.MOST_MODE_ROWS", 0)
+    monkeypatch.setattr("spherekit.positions.modes_over_samples.MOST_ASSEMBLY_MODES", 5)
     tracer = PositionAnalysis(wide("three_rrr"), samples=30)
     assert len(tracer.assembly_modes) == 5
     assert "the 5 assembly modes with most samples are kept of" in tracer.search

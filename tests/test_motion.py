@@ -11,9 +11,9 @@ from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.errors import SolveError
-from spherekit.model.parts import LinkSizes, SizeGeometry
-from spherekit.motion.guides import follow_each
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.mechanism.elements import LinkSizes, SizeGeometry
+from spherekit.positions.mode_predictor import follow_each
+from spherekit.positions.motion import PositionAnalysis
 
 SHIPPED = (
     *("four_bar", "universal_joint", "watt", "stephenson"),

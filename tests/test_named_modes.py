@@ -10,8 +10,8 @@ from refusals import TABLES, check_call
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import SolveError
-from spherekit.files.read import loads
-from spherekit.files.write import dumps
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.mechanism_writer import dumps
 
 CROSSED = {"p0": {"21": 60.0, "41": -97.1}, "p1": {"21": 60.0, "41": 52.8}}
 

@@ -8,8 +8,8 @@ from example_mechanisms import four_bar
 from singular_examples import findings_of
 
 import spherekit as sk
-from spherekit.model.parts import Input
-from spherekit.numeric.minima import minima
+from spherekit.mechanism.elements import Input
+from spherekit.numerics.minima import minima
 from spherekit.plugin.motion import PositionAnalysis
 
 NAME = "singularities"

@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.sphere.rotation import unit_rows
-from spherekit.workspace.inverse import output_kinematics
-from spherekit.workspace.nearest_pose import NearestPoseSearch, NormalCoordinates
-from spherekit.workspace.rows import Constraints, JointRange, bounds_of
-from spherekit.workspace.workspace import judge, nearest_in_mode
+from spherekit.geometry.rotation import unit_rows
+from spherekit.outputs.nearest_pose import NearestPoseSearch, NormalCoordinates
+from spherekit.outputs.pose_constraints import Constraints, bounds_of
+from spherekit.outputs.pose_rows import JointRange
+from spherekit.outputs.pose_solver import output_kinematics
+from spherekit.outputs.workspace import judge, nearest_in_mode
 
 WRIST = str(Path(__file__).parent / "files" / "coaxial_wrist.toml")
 DEGREE = np.pi / 180.0

@@ -12,8 +12,8 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.engine.expression_graph import array_function
-from spherekit.exchange.formulas import formulas
+from spherekit.exchange.formula_maker import formulas
+from spherekit.symbolic.expression_graph import array_function
 
 NAMES = ("four_bar", "stephenson", "roller_cam", "five_bar", "planetary_bevel", "watt")
 

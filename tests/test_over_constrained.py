@@ -13,11 +13,11 @@ from test_exported_modes import check_modes
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.display.pages.page import PageMaker
 from spherekit.errors import PlanError
-from spherekit.exchange.formulas import formulas
-from spherekit.files.read import loads
-from spherekit.pages.page import PageMaker
-from spherekit.planning.inputs import graph_mobility
+from spherekit.exchange.formula_maker import formulas
+from spherekit.files.mechanism_reader import loads
+from spherekit.planning.mobility import graph_mobility
 
 CARDAN = Path(__file__).parent / "files" / "cardan_dup.toml"
 HEAD = """

@@ -8,12 +8,12 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.display.pages.page import PageMaker
 from spherekit.errors import EngineError
-from spherekit.files.read import loads
-from spherekit.model.dynamics import PairTorque, Spring
-from spherekit.pages.page import PageMaker
-from spherekit.planning.inputs import plan_assembly
-from spherekit.sphere.rotation import unit_rows
+from spherekit.files.mechanism_reader import loads
+from spherekit.geometry.rotation import unit_rows
+from spherekit.mechanism.load_kinds import PairTorque, Spring
+from spherekit.planning.assembly_plan import plan_assembly
 
 EVERY = (
     "four_bar",

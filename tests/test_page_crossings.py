@@ -218,7 +218,7 @@ def test_a_page_that_takes_newton_steps_refuses_crossings(tmp_path):
 def test_wound_springs_leave_out_the_torque(tmp_path):
     from dataclasses import replace
 
-    from spherekit.model.dynamics import Spring
+    from spherekit.mechanism.load_kinds import Spring
 
     wound = replace(sk.load("four_bar"), loads=(Spring("wound", "32", 1.0),))
     made = sk.page(wound, tmp_path / "x.html", vary=[], crossings="pass")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.files.read import loads
-from spherekit.model.dynamics import JointLimit, Spring
-from spherekit.model.parts import Input
-from spherekit.pages.page import PageMaker
+from spherekit.display.pages.page import PageMaker
+from spherekit.files.mechanism_reader import loads
+from spherekit.mechanism.elements import Input
+from spherekit.mechanism.load_kinds import JointLimit, Spring
 
 FILES = Path(__file__).parent / "files"
 CASES = (

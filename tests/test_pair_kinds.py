@@ -6,7 +6,7 @@ import re
 import pytest
 from sources import ANALYSES, FILES, ROOT, nodes_of, tree_of
 
-from spherekit.model.joints import KINDS
+from spherekit.mechanism.joint import KINDS
 
 MOST = 8
 TYPES = {*KINDS, "P"}

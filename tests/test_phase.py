@@ -5,11 +5,11 @@ import pytest
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.files.document import parse
-from spherekit.files.read import loads, read
-from spherekit.files.write import dumps
+from spherekit.files.mechanism_reader import loads, read
+from spherekit.files.mechanism_writer import dumps
+from spherekit.files.toml_document import parse
 from spherekit.proof.balls import bits, middle
-from spherekit.proof.gears import Written
+from spherekit.proof.decimal_mechanism import Written
 
 GEARS = text_of("gears")
 OUTSIDE = {"teeth": [20, 40], "contact": "external"}

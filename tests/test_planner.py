@@ -9,11 +9,12 @@ from chains import EIGHT_BARS, joints, mechanism, random_axes
 
 import spherekit as sk
 from spherekit.errors import PlanError
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
-from spherekit.planning.inputs import plan_assembly
-from spherekit.planning.plan import plan
-from spherekit.planning.poles import LinePole, all_poles, describe
+from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.planning.plan_text import describe
+from spherekit.planning.pole_plan import LinePole, all_poles
+from spherekit.planning.pole_planner import plan
 
 
 def test_plan_for_one_pole_holds_only_its_ancestors():

@@ -9,10 +9,12 @@ from broken_plugins import Tuned
 from common import Asking, distribution
 
 import spherekit as sk
-from spherekit.analysis.batch import Batch, Needs
-from spherekit.analysis.contract import Findings
-from spherekit.analysis.registry import create, load, names, records, registered
-from spherekit.analysis.tables import (
+from spherekit.errors import AnalysisError, PluginError
+from spherekit.runs.contract import Findings
+from spherekit.runs.needs import Needs
+from spherekit.runs.registry import create, load, names, records, registered
+from spherekit.runs.table_scenes import Batch
+from spherekit.tables.table import (
     ASSEMBLY_MODE,
     INPUTS,
     SAMPLE,
@@ -21,7 +23,6 @@ from spherekit.analysis.tables import (
     Table,
     input_columns,
 )
-from spherekit.errors import AnalysisError, PluginError
 
 
 @final

@@ -9,11 +9,11 @@ from refusals import text_of
 from scipy.optimize import brentq
 
 import spherekit as sk
-from spherekit.engine.fields import evaluate
-from spherekit.files.read import loads
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.files.mechanism_reader import loads
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 
 def _vector(field, pole, rows):

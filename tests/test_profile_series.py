@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from spherekit.sphere.profile import fourier, through
-from spherekit.sphere.profile_series import ProfileSeries
+from spherekit.geometry.profile_curve import fourier, through
+from spherekit.geometry.profile_series import ProfileSeries
 
 CLOSED, A = fourier([0.0, 0.6, 0.8], [0.5, 0.02, 0.04], [0.0, 0.01]), np.linspace(0, 2, 15)
 C = 0.8 + 0.1 * np.sin(2.0 * A)

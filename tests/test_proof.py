@@ -12,16 +12,17 @@ from refusals import written_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.guarantee import Guarantee
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.elimination import assemblies
-from spherekit.numeric.crossings import wrap
-from spherekit.planning.inputs import driven_at, plan_assembly
+from spherekit.completeness import Guarantee
+from spherekit.numerics.angles import wrap
+from spherekit.planning.assembly_plan import driven_at, plan_assembly
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_mode import Solver
 from spherekit.proof.balls import floats, middles, upper
 from spherekit.proof.certificate import modes_certificate
+from spherekit.proof.certified_modes import certified_modes
 from spherekit.proof.construction import construct
-from spherekit.proof.gears import Written, structure_of
-from spherekit.proof.modes import certified_modes
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.structure import structure_of
 
 CASES = [
     ("four_bar", None, ("40",), 2),

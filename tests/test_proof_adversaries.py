@@ -5,11 +5,12 @@ import pytest
 from proof_checker import check, recorded
 from refusals import text_of, written_of
 
-from spherekit.guarantee import Guarantee
-from spherekit.proof.balls import bits, exact, middle, pi
+from spherekit.completeness import Guarantee
+from spherekit.proof.ball_frames import exact
+from spherekit.proof.balls import bits, middle, pi
 from spherekit.proof.certificate import modes_certificate
-from spherekit.proof.curves import certified_curves
-from spherekit.proof.modes import certified_modes
+from spherekit.proof.certified_modes import certified_modes
+from spherekit.proof.configuration_curves import certified_curves
 
 BASE, TIP = 40, 75
 """Angles (deg) from the axis of symmetry to the base's axes and to those of the cranks."""

@@ -14,9 +14,9 @@ from spherekit.proof.certificate import (
     modes_certificate,
     wheels_certificate,
 )
-from spherekit.proof.gears import Written
-from spherekit.proof.modes import certified_modes
-from spherekit.proof.paving import input_map
+from spherekit.proof.certified_modes import certified_modes
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.input_map import input_map
 
 
 @pytest.fixture(scope="module")

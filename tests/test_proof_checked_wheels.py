@@ -12,10 +12,10 @@ from spherekit.proof.certificate import (
     curves_certificate,
     modes_certificate,
     singular_table,
-    singularities,
 )
-from spherekit.proof.curves import certified_curves
-from spherekit.proof.modes import certified_modes
+from spherekit.proof.certified_modes import certified_modes
+from spherekit.proof.certified_singularities import singularities
+from spherekit.proof.configuration_curves import certified_curves
 
 WITHIN = FIVE_BAR + 'contact = "internal"\n'
 TURNED = FIVE_BAR.replace('links = ["1", "5"]', 'links = ["5", "1"]')

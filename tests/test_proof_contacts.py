@@ -10,14 +10,14 @@ from proof_checker import check, recorded
 from refusals import text_of, written_of
 
 import spherekit as sk
-from spherekit.analysis.proven_poles import check_provable, prove_poles
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, PlanError
-from spherekit.numeric.crossings import wrap
+from spherekit.numerics.angles import wrap
 from spherekit.proof.balls import floats, middle
 from spherekit.proof.certificate import modes_certificate
-from spherekit.proof.gears import Written
-from spherekit.proof.modes import certified_modes
+from spherekit.proof.certified_modes import certified_modes
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.runs.proven_poles import check_provable, prove_poles
 
 DISCS = text_of("proof_contacts_discs")
 BARS = {"a": (70.0, 0.0, 25.0), "b": (75.0, 55.0, 31.5), "c": (50.0, 0.0, 19.0)}

@@ -10,10 +10,10 @@ from test_proof_adversaries import FOUR_BAR, two_dyads
 from test_proof_range import check_counts
 
 from spherekit.cli.main import main
-from spherekit.guarantee import Guarantee
+from spherekit.completeness import Guarantee
 from spherekit.proof.balls import bits, library, pi
-from spherekit.proof.certificate import singularities
-from spherekit.proof.curves import certified_curves
+from spherekit.proof.certified_singularities import singularities
+from spherekit.proof.configuration_curves import certified_curves
 
 TURN = ("0", "360")
 FOLDS = ("80", "30", "50", "60")

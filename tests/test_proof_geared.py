@@ -11,11 +11,12 @@ from scipy.optimize import brentq
 from test_wheels import FIVE_BAR, closes, right_crank
 
 from spherekit.cli.main import main
+from spherekit.completeness import Guarantee
 from spherekit.errors import PlanError
-from spherekit.guarantee import Guarantee
-from spherekit.proof.certificate import curves_certificate, singularities
-from spherekit.proof.curves import certified_curves
-from spherekit.proof.modes import certified_modes
+from spherekit.proof.certificate import curves_certificate
+from spherekit.proof.certified_modes import certified_modes
+from spherekit.proof.certified_singularities import singularities
+from spherekit.proof.configuration_curves import certified_curves
 
 PLANET = FIVE_BAR.replace('links = ["2", "5"]\nteeth', 'links = ["1", "3"]\nteeth')
 PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')

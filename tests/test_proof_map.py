@@ -7,8 +7,8 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.proof.gears import Written
-from spherekit.proof.paving import CONTAINS, REGULAR, input_map
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.input_map import CONTAINS, REGULAR, input_map
 
 
 @pytest.fixture(scope="module")

@@ -12,24 +12,22 @@ from proof_checker import check, recorded, refuse
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.files.read import loads
-from spherekit.guarantee import Guarantee
-from spherekit.model.parts import Input
-from spherekit.numeric.crossings import wrap
-from spherekit.planning.inputs import driven_at
-from spherekit.proof.along import rates
-from spherekit.proof.balls import bits, circle, exact
-from spherekit.proof.certificate import (
-    curves_certificate,
-    output_pairs,
-    singular_table,
-    singularities,
-)
+from spherekit.completeness import Guarantee
+from spherekit.files.mechanism_reader import loads
+from spherekit.mechanism.elements import Input
+from spherekit.numerics.angles import wrap
+from spherekit.planning.assembly_plan import driven_at
+from spherekit.proof.arc_equations import Equations
+from spherekit.proof.ball_frames import exact
+from spherekit.proof.balls import bits, circle
+from spherekit.proof.certificate import curves_certificate, singular_table
+from spherekit.proof.certified_modes import certified_modes
+from spherekit.proof.certified_singularities import output_pairs, singularities
+from spherekit.proof.configuration_curves import certified_curves
 from spherekit.proof.construction import construct
-from spherekit.proof.curves import certified_curves
-from spherekit.proof.equations import Equations
-from spherekit.proof.gears import Written, structure_of
-from spherekit.proof.modes import certified_modes
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.stationary_points import rates
+from spherekit.proof.structure import structure_of
 
 TURN = ("0", "360")
 
@@ -116,7 +114,7 @@ def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     assert parts.claim.box < 0.022 and len(parts.undecided) == 4
     assert [count for _, _, count in parts.intervals] == [0, 2, 0, 2, 0]
     wide = Written.of(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
-    monkeypatch.setattr("spherekit.proof.curves.MOST_BOXES", 3000)
+    monkeypatch.setattr("spherekit.proof.configuration_curves.MOST_BOXES", 3000)
     undecided = certified_curves(wide, TURN)
     assert undecided.claim.guarantee is not Guarantee.CERTIFIED
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.analysis.frames import read_parquet
-from spherekit.analysis.proven_poles import prove_poles
 from spherekit.cli.main import main
-from spherekit.conventions import Status
-from spherekit.planning.inputs import driven_at
+from spherekit.planning.assembly_plan import driven_at
+from spherekit.runs.proven_poles import prove_poles
+from spherekit.status import Status
+from spherekit.tables.table_files import read_parquet
 
 
 @pytest.fixture(scope="module")

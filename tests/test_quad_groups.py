@@ -13,10 +13,11 @@ from chains import grown
 from exact_configurations import deviations
 from special_mechanisms import four_bar
 
-from spherekit.conventions import EPS, Status
-from spherekit.model.parts import Input
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.motion.quad_positions import QuadAssembly
+from spherekit.mechanism.elements import Input
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.quad_positions import QuadAssembly
+from spherekit.status import Status
+from spherekit.tolerances import EPS
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 

@@ -9,11 +9,12 @@ from newton_euler import loaded, newton_euler, row_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.conventions import Status
-from spherekit.dynamics.inverse import holding_torques, output_stiffness
+from spherekit.dynamics.inverse_dynamics import holding_torques, output_stiffness
 from spherekit.dynamics.reactions import reactions
-from spherekit.model.study import Polynomial
-from spherekit.motion.motion import PositionAnalysis, by_laws
+from spherekit.files.time_law import Polynomial
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.timing import by_laws
+from spherekit.status import Status
 
 STARTS = {
     "two_dof_spm": (0.3, 0.35),

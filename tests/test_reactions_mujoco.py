@@ -11,8 +11,9 @@ from test_dynamics_several_inputs import STARTS, heavy
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.model.study import Polynomial
-from spherekit.motion.motion import PositionAnalysis, by_laws
+from spherekit.files.time_law import Polynomial
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.timing import by_laws
 
 mujoco = pytest.importorskip("mujoco")
 

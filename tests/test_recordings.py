@@ -12,16 +12,16 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.analysis.plotted import plotted_range
-from spherekit.analysis.scene import Axis, Diagram, InputMarks, Series, Trace
 from spherekit.cli.main import main
 from spherekit.cli.view import find_recording
+from spherekit.display.rerun.charts import FRAME_HEIGHT, Chart, gridded, ticks, written
+from spherekit.display.rerun.preview import preview
+from spherekit.display.rerun.recorder import RerunRecorder
+from spherekit.display.rerun.screenshot import check_picture, check_version
 from spherekit.errors import OutputError, SolveError
-from spherekit.view.charts import FRAME_HEIGHT, Chart, gridded, ticks, written
-from spherekit.view.colours import HEAT, heat_of
-from spherekit.view.pictures import check_picture, check_version
-from spherekit.view.rerun_view import RerunRecorder
-from spherekit.view.viewer import preview
+from spherekit.scenes.colours import HEAT, heat_of
+from spherekit.scenes.plot_layout import plotted_range
+from spherekit.scenes.scene import Axis, Diagram, InputMarks, Series, Trace
 
 
 def recorded(path, name, *args, **options):

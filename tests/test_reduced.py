@@ -13,19 +13,19 @@ from common import bare
 from refusals import TABLES, check_call
 
 from spherekit.cli.main import main
-from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.stored_model import write_archive
-from spherekit.dynamics.tabulate import reduced_model
-from spherekit.dynamics.tabulated import KIND, load_reduced
-from spherekit.engine.fields import evaluate
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
+from spherekit.dynamics.reduced_model import KIND, load_reduced
+from spherekit.dynamics.reduced_model_archive import write_archive
+from spherekit.dynamics.reduced_model_maker import reduced_model
 from spherekit.errors import FileError, SolveError
-from spherekit.files.read import load
-from spherekit.files.write import dumps
-from spherekit.model.dynamics import JointLimit
-from spherekit.model.study import Polynomial
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import parse_pole
-from spherekit.rates.request import request
+from spherekit.files.mechanism_reader import load
+from spherekit.files.mechanism_writer import dumps
+from spherekit.files.time_law import Polynomial
+from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.planning.pole_plan import parse_pole
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 TURN = 2.0 * np.pi
 
@@ -190,13 +190,13 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
 
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
     models[0].save(tmp_path / "model.npz")
-    code = """import sys; from spherekit.dynamics.stored_model import write_archive
-from spherekit.dynamics.tabulated import KIND, load_reduced
+    code = """import sys; from spherekit.dynamics.reduced_model_archive import write_archive
+from spherekit.dynamics.reduced_model import KIND, load_reduced
 print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1), *sys.modules)"""
     command = [sys.executable, "-c", code, str(tmp_path / "model.npz")]
     torque, *modules = subprocess.check_output(command, text=True).split()
     assert float(torque) == models[0].torque(0.3, 1.0, 0.2, 0.1)
-    own = {"spherekit.model.mechanism", "spherekit.motion", "spherekit.files"}
+    own = {"spherekit.mechanism.mechanism", "spherekit.positions", "spherekit.files"}
     assert not own & {*modules}
     top = {name.split(".")[0] for name in modules}
     assert not top & {"scipy", "pandas", "networkx", "heyoka", "rerun"}

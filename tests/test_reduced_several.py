@@ -8,11 +8,11 @@ from newton_euler import loaded
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.conventions import Status
-from spherekit.dynamics.tabulate import reduced_grid_model
+from spherekit.dynamics.reduced_model_maker import reduced_grid_model
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.parts import Input
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.mechanism.elements import Input
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
 
 
 def narrowed(mechanism, *spans):

@@ -12,19 +12,19 @@ from exact_four_bar import four_bar as four_bar_at
 from example_mechanisms import one_link
 
 import spherekit as sk
-from spherekit.analysis.registry import create
-from spherekit.analysis.running.evaluation import Setting
-from spherekit.conventions import EPS
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.reference import reference_simulation
-from spherekit.engine.compiler import available
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.reference_simulation import reference_simulation
 from spherekit.errors import EngineError
-from spherekit.model.dynamics import Gravity, JointLimit, PairTorque, Spring
-from spherekit.model.load import TorqueTable
-from spherekit.model.study import Start
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.files.study import Start
+from spherekit.mechanism.load import TorqueTable
+from spherekit.mechanism.load_kinds import Gravity, JointLimit, PairTorque, Spring
+from spherekit.positions.motion import PositionAnalysis
 from spherekit.proof.balls import Digits
-from spherekit.tradeoff.trade import trade
+from spherekit.runs.evaluation_options import Setting
+from spherekit.runs.registry import create
+from spherekit.runs.trade import trade
+from spherekit.symbolic.compiler import available
+from spherekit.tolerances import EPS
 
 INERTIA, WEIGHT = 0.75, 2.5
 FIFTY = Digits(50)
@@ -183,8 +183,8 @@ traded = partial(trade, analysis="eksergian", rounds=1)
 
 def tables_of(made, analysis, setting, t, start):
     """Return the tables of a simulation by a setting, as an ordinary run gives them."""
-    from spherekit.analysis.running.sampling import simulated_course
-    from spherekit.tradeoff.measure import tables_by
+    from spherekit.runs.sampling import simulated_course
+    from spherekit.runs.simulation_measurement import tables_by
 
     done = simulate(
         made, start, float(t[-1]), tolerance=setting.tolerance, engine=setting.integrator
@@ -217,10 +217,10 @@ def test_the_table_says_what_the_reference_was(monkeypatch):
     def none(*given, **more):
         raise EngineError("there is none")
 
-    monkeypatch.setattr("spherekit.tradeoff.measure.refined", none)
+    monkeypatch.setattr("spherekit.runs.simulation_measurement.refined", none)
     by_numpy = partial(simulate, engine="numpy")
     monkeypatch.setattr(
-        "spherekit.tradeoff.measure.simulate",
+        "spherekit.runs.simulation_measurement.simulate",
         lambda *x, engine, **y: none() if engine == "compiled" else by_numpy(*x, **y),
     )
     found = short_trade()

@@ -14,25 +14,26 @@ from example_mechanisms import LINKS, built, two_four_bars
 from refusals import TABLES, changed, check, check_call, text_of
 
 import spherekit as sk
-from spherekit.analysis.registry import registered
 from spherekit.cli.main import main
-from spherekit.design.sweep import between
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.tabulate import reduced_model
+from spherekit.designs.design_space import between
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
+from spherekit.dynamics.reduced_model_maker import reduced_model
 from spherekit.errors import FileError
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.files.read import loads
-from spherekit.model.study import ConstantSpeed, Start, Tabulated
-from spherekit.motion.closure import Closure
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.region.refine import find_region
-from spherekit.singular.aspects import aspects
-from spherekit.singular.curves import singular_curves
-from spherekit.singular.single import SingleFreedom
-from spherekit.singular.stationarity import output_of
-from spherekit.singular.surface import singular_surface
-from spherekit.tradeoff.trade import trade
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.study import Start
+from spherekit.files.time_law import ConstantSpeed, Tabulated
+from spherekit.geometry.direction_region import find_region
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.runs.registry import registered
+from spherekit.runs.trade import trade
+from spherekit.singularities.aspects import aspects
+from spherekit.singularities.single_freedom import SingleFreedom
+from spherekit.singularities.singular_curves import singular_curves
+from spherekit.singularities.singular_surface import singular_surface
+from spherekit.singularities.stationarity import output_of
 
 TEMPLATE = Path(sk.__file__).parent / "cli" / "templates" / "four_bar.toml"
 MECHANISMS = (

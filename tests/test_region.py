@@ -5,10 +5,10 @@ import pytest
 from sphere_areas import common_area
 
 from spherekit.errors import RegionError
-from spherekit.region.mesh import triangle_areas
-from spherekit.region.orientations import ALL_ORIENTATIONS, find_orientations
-from spherekit.region.refine import find_region
-from spherekit.sphere.rotation import from_quaternion
+from spherekit.geometry.direction_region import find_region
+from spherekit.geometry.orientation_region import ALL_ORIENTATIONS, find_orientations
+from spherekit.geometry.rotation import from_quaternion
+from spherekit.geometry.sphere_mesh import triangle_areas
 
 
 def unit(vector):

@@ -9,10 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.conventions import EPS, Status
-from spherekit.output.forward import ForwardKinematics, pose_of
-from spherekit.sphere.rotation import angles_between
-from spherekit.workspace.inverse import output_kinematics
+from spherekit.geometry.mirror import angles_between
+from spherekit.outputs.forward_kinematics import ForwardKinematics, pose_of
+from spherekit.outputs.pose_solver import output_kinematics
+from spherekit.status import Status
+from spherekit.tolerances import EPS
 
 COUNTS = [500, pytest.param(100_000, marks=pytest.mark.long)]
 ROUNDINGS = 16

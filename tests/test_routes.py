@@ -7,13 +7,13 @@ import pytest
 from chains import FOUR_BAR, mechanism, random_axes
 
 import spherekit as sk
-from spherekit.conventions import Status
-from spherekit.engine.fields import evaluate
 from spherekit.errors import SolveError
-from spherekit.model.parts import Input
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import ROUTES, request
+from spherekit.mechanism.elements import Input
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import ROUTES, request
 
 SHARP = 2e-10
 """Bound of directions (rad) below which a row counts as well conditioned."""

@@ -9,15 +9,15 @@ import pytest
 from common import with_values
 
 import spherekit as sk
-from spherekit.design.variables import design_variable
-from spherekit.engine.algebra import singular_values
-from spherekit.engine.expression_graph import array_function, symbols
-from spherekit.engine.row_quantities import row_quantities
+from spherekit.designs.design_variables import design_variable
 from spherekit.files.library import find
-from spherekit.files.write import document_of
-from spherekit.model.load import BearingFriction
-from spherekit.model.study import Study
+from spherekit.files.number_change import document_of
+from spherekit.files.study import Study
+from spherekit.mechanism.load import BearingFriction
 from spherekit.plugin.designs import Sensitivity
+from spherekit.symbolic.expression_graph import array_function, symbols
+from spherekit.symbolic.vector_algebra import singular_values
+from spherekit.velocities.row_quantities import row_quantities
 
 CASES = {
     "four_bar": ("links.2.arc", [0.7]),
@@ -39,7 +39,7 @@ RATES, ACCELERATIONS = (1.3, -0.7, 0.5), (0.4, 0.9, -0.6)
 @pytest.fixture(autouse=True)
 def _on_arrays(monkeypatch):
     """Compiling takes longer than a row does on arrays."""
-    monkeypatch.setattr("spherekit.engine.design_kernel.available", lambda: False)
+    monkeypatch.setattr("spherekit.designs.design_kernel.available", lambda: False)
 
 
 def with_masses(name):

@@ -10,11 +10,11 @@ import pytest
 from common import Listener
 
 import spherekit as sk
-from spherekit.analysis.frames import read_parquet
-from spherekit.analysis.link_scenes import link_shapes
 from spherekit.cli.main import main
 from spherekit.errors import OutputError
-from spherekit.motion import assembly_modes as assembly_modes
+from spherekit.positions import assembly_mode as assembly_mode
+from spherekit.scenes.link_scenes import link_shapes
+from spherekit.tables.table_files import read_parquet
 
 POLES = [
     "sample", "assembly_mode", "mode_name", "q", "link", "relative_to", "ux", "uy", "uz",

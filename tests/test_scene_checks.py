@@ -10,9 +10,7 @@ from common import Asking
 
 import spherekit as sk
 from spherekit import plugin
-from spherekit.analysis.scene_checks import ARRAY_SHAPES, check_scene
 from spherekit.cli.main import main
-from spherekit.conformance.examine import ConformanceSuite
 from spherekit.plugin import (
     ASSEMBLY_MODE,
     SAMPLE,
@@ -39,6 +37,8 @@ from spherekit.plugin import (
     Trace,
     registered,
 )
+from spherekit.plugin.checks.examination import ConformanceSuite
+from spherekit.scenes.scene_checks import ARRAY_SHAPES, check_scene
 
 SAMPLES = 5
 N3 = np.tile([0.0, 0.0, 1.0], (SAMPLES, 1))

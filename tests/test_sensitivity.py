@@ -9,15 +9,15 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.sensitivity import Sensitivity, SizeDeviations
+from spherekit.designs.sensitivity import Sensitivity, SizeDeviations
 from spherekit.files.library import find
-from spherekit.files.read import read
-from spherekit.files.write import document_of, number_at, number_path, with_numbers
-from spherekit.model.gears import joints_of
-from spherekit.model.parts import PoseGeometry
-from spherekit.motion.closure import Closure
+from spherekit.files.mechanism_reader import read
+from spherekit.files.number_change import document_of, number_at, number_path, with_numbers
+from spherekit.mechanism.elements import PoseGeometry
+from spherekit.mechanism.joint_frames import joints_of
 from spherekit.plugin import conformance
-from spherekit.proof.rows import exact_rows
+from spherekit.positions.loop_closure import Closure
+from spherekit.proof.reference_rows import exact_rows
 
 
 @pytest.fixture(autouse=True)

@@ -7,13 +7,13 @@ from oracles import locked_rates, off_axis
 from scipy.optimize import brentq
 
 import spherekit as sk
-from spherekit.conventions import Status
-from spherekit.engine.fields import evaluate
-from spherekit.motion.loops import rank_mobility
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.inputs import graph_mobility
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.planning.mobility import graph_mobility
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.linearisation import rank_mobility
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 SHIPPED = {
     # name: (mobility by the graph, by rank)

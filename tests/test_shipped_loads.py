@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.mjcf import MujocoModel
-from spherekit.exchange.posed import posed
 
 LOADED = {
     **dict.fromkeys(("stephenson", "universal_joint", "planetary_bevel"), 1e-6),

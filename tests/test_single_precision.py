@@ -13,8 +13,8 @@ import pytest
 from languages import GPP
 
 import spherekit as sk
-from spherekit.exchange.formulas import formulas
-from spherekit.exchange.source import source
+from spherekit.exchange.formula_maker import formulas
+from spherekit.exchange.source_languages import source
 
 OBJDUMP = shutil.which("objdump")
 pytestmark = pytest.mark.skipif(not GPP, reason="no C++ compiler")

@@ -5,11 +5,11 @@ import pytest
 from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
 from exact_rest import exact_rest
 
-from spherekit.guarantee import Guarantee
-from spherekit.motion.elimination import assemblies
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.singular.relation import Type
-from spherekit.singular.single import SingleFreedom
+from spherekit.completeness import Guarantee
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.singularities.input_output_relation import Type
+from spherekit.singularities.single_freedom import SingleFreedom
 
 CHAINS = (STEPHENSON, WATT, *EIGHT_BARS)
 RESTING = 1e-28

@@ -10,11 +10,11 @@ from singular_examples import ROCKER, axes_at, findings_of, in_line
 
 import spherekit as sk
 from spherekit import progress
-from spherekit.guarantee import Guarantee, TimeLimit
-from spherekit.guidance.loci import mid_plane_loci
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.singular.curves import singular_curves
-from spherekit.singular.surface import singular_surface
+from spherekit.completeness import Guarantee, TimeLimit
+from spherekit.outputs.mid_plane_loci import mid_plane_loci
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.singularities.singular_curves import singular_curves
+from spherekit.singularities.singular_surface import singular_surface
 
 NAME = "singularities"
 GEARED = text_of("geared_five_bar_singular_roots")

@@ -11,16 +11,17 @@ from scipy import ndimage
 from singular_examples import axes_at, components
 
 import spherekit as sk
-from spherekit.conventions import Status
-from spherekit.model.parts import Output
-from spherekit.motion.motion import PositionAnalysis, motion_of
-from spherekit.singular import curves, surface
-from spherekit.singular.aspects import aspects
-from spherekit.singular.curves import singular_curves
-from spherekit.singular.locus import SingularityLocus, solver_of
-from spherekit.singular.several import RowType, coefficients
-from spherekit.singular.stationarity import InputsLocked, output_of
-from spherekit.singular.surface import singular_surface
+from spherekit.mechanism.elements import Output
+from spherekit.positions.motion import PositionAnalysis, motion_of
+from spherekit.singularities import singular_surface as surface
+from spherekit.singularities.aspects import aspects
+from spherekit.singularities.curve_tracing import trace_curves
+from spherekit.singularities.several_inputs import RowType, coefficients
+from spherekit.singularities.singular_curves import singular_curves
+from spherekit.singularities.singular_surface import singular_surface
+from spherekit.singularities.slices import SingularityLocus, solver_of
+from spherekit.singularities.stationarity import InputsLocked, output_of
+from spherekit.status import Status
 
 LEGS = [(1, 2), (2, 3), (3, 8), (1, 4), (4, 5), (5, 8), (1, 6), (6, 7), (7, 8)]
 """Three legs of three pairs from link 1 to link 8, pair by pair."""
@@ -295,8 +296,8 @@ def test_cusps_of_a_three_rrr_with_one_input_locked(monkeypatch):
     motion, driven = tracer.motion(), tracer.solver.driven
     values = motion.values[~motion.failed][0]
     locus = SingularityLocus(tracer.solver.closure, 2, InputsLocked(driven))
-    monkeypatch.setattr(curves, "LONGEST", 20.0)
-    (curve,) = curves.trace_curves(locus, locus.onto(values[None]))
+    monkeypatch.setattr("spherekit.singularities.curve_tracing.LONGEST", 20.0)
+    (curve,) = trace_curves(locus, locus.onto(values[None]))
     assert curve is not None
     cusps = curve.cusps()
     assert len(cusps) >= 2

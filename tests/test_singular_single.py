@@ -7,18 +7,18 @@ import pytest
 from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
 from example_mechanisms import four_bar
 
-from spherekit.conventions import Status
-from spherekit.engine.fields import evaluate
-from spherekit.motion.arc_curve import curve_points
-from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.crossing import crossing_near, ways_out
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.plan import plan
-from spherekit.planning.poles import all_poles, pole_of
-from spherekit.rates.request import request
-from spherekit.rates.sequence import PlannedPoles
-from spherekit.singular.relation import FourLinks, Type, relation_of
-from spherekit.singular.single import SingleFreedom
+from spherekit.planning.pole_plan import all_poles, pole_of
+from spherekit.planning.pole_planner import plan
+from spherekit.positions.curve_continuation import follow_arc
+from spherekit.positions.curve_crossing import crossing_near, ways_out
+from spherekit.positions.curve_segment import curve_points
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.singularities.input_output_relation import FourLinks, Type, relation_of
+from spherekit.singularities.single_freedom import SingleFreedom
+from spherekit.status import Status
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
+from spherekit.velocities.pole_sequence import PlannedPoles
 
 TURN = 2.0 * np.pi
 

@@ -11,14 +11,22 @@ from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.model.parts import Input, Output
-from spherekit.motion.motion import motion_of
-from spherekit.rates.transmission import SINGULAR, Transmission
-from spherekit.singular.locus import solver_of
-from spherekit.singular.several import SingularityReport, coefficients, what_vanishes
-from spherekit.singular.starts import closed_configurations, everywhere, points_from
-from spherekit.singular.stationarity import output_of
-from spherekit.workspace.inverse import output_kinematics
+from spherekit.mechanism.elements import Input, Output
+from spherekit.outputs.pose_solver import output_kinematics
+from spherekit.positions.motion import motion_of
+from spherekit.singularities.curve_starts import (
+    closed_configurations,
+    everywhere,
+    points_from,
+)
+from spherekit.singularities.several_inputs import (
+    SingularityReport,
+    coefficients,
+    what_vanishes,
+)
+from spherekit.singularities.slices import solver_of
+from spherekit.singularities.stationarity import output_of
+from spherekit.velocities.transmission import SINGULAR, Transmission
 
 NAME = "singularities"
 FIVE = joints("1-2 2-3 3-4 4-5 1-5")

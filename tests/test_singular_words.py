@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.conformance.variants import renamed
+from spherekit.plugin.checks.variants import renamed
 from spherekit.plugin.singularities import ordered_pole
 
 NAME = "singularities"

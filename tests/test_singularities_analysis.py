@@ -12,10 +12,10 @@ from example_mechanisms import dixon, four_bar
 from singular_examples import ROCKER, findings_of, in_line
 
 import spherekit as sk
-from spherekit.analysis.scene import Portrait, Text
 from spherekit.cli.main import main
-from spherekit.model.parts import Input
-from spherekit.singular.grashof import class_of
+from spherekit.mechanism.elements import Input
+from spherekit.scenes.scene import Portrait, Text
+from spherekit.singularities.grashof import class_of
 
 NAME = "singularities"
 Z, SLANT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])

@@ -6,8 +6,8 @@ from common import Listener
 from rerun.chunk import RrdReader
 
 import spherekit as sk
-from spherekit.analysis.scene import Portrait, SphereCurves, Surface
-from spherekit.view.rerun_view import RerunRecorder
+from spherekit.display.rerun.recorder import RerunRecorder
+from spherekit.scenes.scene import Portrait, SphereCurves, Surface
 
 FEW = "singularities:slices=3,input_grid=5,near=10"
 

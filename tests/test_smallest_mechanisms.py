@@ -10,19 +10,21 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.conventions import Status
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.tabulate import reduced_model
-from spherekit.engine.fields import evaluate
+from spherekit.completeness import Guarantee
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
+from spherekit.dynamics.reduced_model_maker import reduced_model
 from spherekit.errors import PlanError, SolveError
-from spherekit.guarantee import Guarantee
-from spherekit.model.dynamics import Gravity, Mass
-from spherekit.model.parts import Input, Output
-from spherekit.model.study import ConstantSpeed, Start
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import request
+from spherekit.files.study import Start
+from spherekit.files.time_law import ConstantSpeed
+from spherekit.mechanism.elements import Input, Output
+from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.load_kinds import Gravity
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 OPEN = {
     "one link": "1-2",

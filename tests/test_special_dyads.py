@@ -10,11 +10,11 @@ from example_mechanisms import four_bar
 from scipy.optimize import brentq
 
 import spherekit as sk
-from spherekit.conventions import Status
-from spherekit.motion import modes
-from spherekit.motion.loops import LoopTree
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.numeric.crossings import crossings
+from spherekit.numerics.sign_changes import crossings
+from spherekit.positions import mode_search
+from spherekit.positions.linearisation import LoopTree
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
 
 
 @pytest.fixture(autouse=True)
@@ -110,7 +110,7 @@ def test_steps_of_following_end_the_search_of_modes(monkeypatch):
     """As the claim says, with the steps along its modes; others were followed beside."""
     made = sk.load("eight_bar_07")
     every = PositionAnalysis(made, samples=3)
-    monkeypatch.setattr(modes, "MOST_TRIED", 100)
+    monkeypatch.setattr(mode_search, "MOST_TRIED", 100)
     few = PositionAnalysis(made, samples=3)
     assert 0 < len(few.assembly_modes) < len(every.assembly_modes)
     count = len(few.assembly_modes)

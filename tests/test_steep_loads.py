@@ -10,13 +10,13 @@ from example_mechanisms import one_link as linked
 from newton_euler import heavy, hold_to
 
 from spherekit.cli.main import FAILED_SAMPLES, main
-from spherekit.dynamics.forward import simulate
-from spherekit.engine.compiler import available
+from spherekit.dynamics.forward_dynamics import simulate
 from spherekit.errors import EngineError, SolveError
-from spherekit.files.read import load
-from spherekit.files.write import dump
-from spherekit.model.dynamics import Friction, JointLimit, PairTorque
-from spherekit.model.study import Start
+from spherekit.files.mechanism_reader import load
+from spherekit.files.mechanism_writer import dump
+from spherekit.files.study import Start
+from spherekit.mechanism.load_kinds import Friction, JointLimit, PairTorque
+from spherekit.symbolic.compiler import available
 
 START = Start(0.3, 1.0)
 RUBBED = [

@@ -5,10 +5,10 @@ import pytest
 
 import spherekit as sk
 from spherekit import progress
-from spherekit.analysis.result import MOTION
-from spherekit.dynamics import forward
+from spherekit.dynamics import forward_dynamics
 from spherekit.dynamics.numpy_engine import Collocation
-from spherekit.sphere.rotation import quaternion
+from spherekit.geometry.mirror import quaternion
+from spherekit.runs.run_result import MOTION
 
 START = sk.Start(q=0.3, dq=1.0)
 COUNT = 801
@@ -20,7 +20,7 @@ def simulated(engine, **given):
 
 
 def test_rows_are_those_of_the_engine_that_ends(monkeypatch):
-    monkeypatch.setattr(forward, "compiling_time", lambda *_: 1e-3)
+    monkeypatch.setattr(forward_dynamics, "compiling_time", lambda *_: 1e-3)
     result = simulated("auto")
     assert result.summary["simulation"]["engine"]["name"] == "compiled"
     for name in ("motion", "eksergian"):
@@ -28,13 +28,13 @@ def test_rows_are_those_of_the_engine_that_ends(monkeypatch):
 
 
 def test_rows_are_those_of_the_tighter_run_where_a_tolerance_is_missed(monkeypatch):
-    difference, asked = forward._difference, []
+    difference, asked = forward_dynamics._difference, []
 
     def missed(one, other):
         asked.append(one)
         return 1.0 if len(asked) == 1 else difference(one, other)
 
-    monkeypatch.setattr(forward, "_difference", missed)
+    monkeypatch.setattr(forward_dynamics, "_difference", missed)
     frame = simulated("numpy", duration=2.0).frame("motion")
     t = frame["t"].to_numpy()
     tight = sk.simulate("four_bar", START, 2.0, engine="numpy", tolerance=1e-11).at(t)

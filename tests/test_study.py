@@ -10,13 +10,13 @@ from broken_plugins import Tuned
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.analysis.registry import registered
-from spherekit.analysis.study import analyses_of
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, FileError
 from spherekit.files.library import shipped
-from spherekit.files.study import load_study
-from spherekit.model.study import Study
+from spherekit.files.study import Study
+from spherekit.files.study_reader import load_study
+from spherekit.runs.registry import registered
+from spherekit.runs.study_analyses import analyses_of
 
 STUDY = text_of("study.study")
 

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import spherekit as sk
-from spherekit.design import cluster
+from spherekit.designs import dask_cluster
 from spherekit.errors import DesignError, OutputError
 from spherekit.progress import progress_listener
 
@@ -32,7 +32,7 @@ os.access = lambda path, mode: ".sweep-work" not in str(path) and access(path, m
 
 SLOW = """
 import time
-from spherekit.design import sweep
+from spherekit.designs import sweep
 
 write = sweep.Sweep.write
 
@@ -47,7 +47,7 @@ sweep.Sweep.write = write_slowly
 
 ENDING = """
 import os, signal
-from spherekit.design import sweep
+from spherekit.designs import sweep
 
 write = sweep.Sweep.write
 
@@ -64,7 +64,7 @@ sweep.Sweep.write = write_or_end
 LACKING = """
 import sys
 
-sys.modules["spherekit.design.sweep"] = None
+sys.modules["spherekit.designs.sweep"] = None
 """
 
 
@@ -194,8 +194,8 @@ class WorkerlessClient:
     def __init__(self, monkeypatch, until):
         self.now = 1000.0
         self.until = self.now + until
-        monkeypatch.setattr(cluster.time, "monotonic", lambda: self.now)
-        monkeypatch.setattr(cluster.time, "sleep", self.sleep)
+        monkeypatch.setattr(dask_cluster.time, "monotonic", lambda: self.now)
+        monkeypatch.setattr(dask_cluster.time, "sleep", self.sleep)
 
     def sleep(self, seconds):
         self.now += seconds
@@ -221,7 +221,7 @@ def test_waiting_for_workers_is_reported_every_minute_with_a_way_out(
     said = []
     client = WorkerlessClient(monkeypatch, wait)
     with progress_listener(said.append):
-        cluster._await_workers(client, "tcp://here:1")
+        dask_cluster._await_workers(client, "tcp://here:1")
     assert client.now >= client.until
     assert len(said) == len(minutes)
     for text, minute in zip(said, minutes, strict=True):
@@ -261,7 +261,7 @@ def test_when_all_workers_are_lost_others_make_the_parts(machines, tmp_path, wan
             machines.work()
 
     made = 0
-    write = cluster._take_part
+    write = dask_cluster._take_part
 
     def take_and_end(*words):
         nonlocal made
@@ -273,7 +273,7 @@ def test_when_all_workers_are_lost_others_make_the_parts(machines, tmp_path, wan
                 process.wait()
 
     with pytest.MonkeyPatch.context() as patch, progress_listener(listen):
-        patch.setattr(cluster, "_take_part", take_and_end)
+        patch.setattr(dask_cluster, "_take_part", take_and_end)
         found = swept(tmp_path / "designs", machines.address)
     same(found, wanted)
 
@@ -327,7 +327,7 @@ def test_a_worker_without_spherekit_is_told(machines, tmp_path):
 
 
 def test_no_scheduler_is_told(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "CONNECT_SECONDS", 0.5)
+    monkeypatch.setattr(dask_cluster, "CONNECT_SECONDS", 0.5)
     for address in ("tcp://127.0.0.1:1", "nonsense://x", "127.0.0.1:99999"):
         with pytest.raises(DesignError, match="no scheduler answers"):
             swept(tmp_path / "designs", address)
@@ -337,17 +337,17 @@ def test_no_scheduler_is_told(tmp_path, monkeypatch):
 
 def test_a_part_that_is_not_there_is_no_part(undisturbed, tmp_path, monkeypatch):
     """What says that it has computed it may have written elsewhere."""
-    monkeypatch.setattr(cluster, "VISIBLE_SECONDS", 0.1)
+    monkeypatch.setattr(dask_cluster, "VISIBLE_SECONDS", 0.1)
     sweep = undisturbed.sweep
     with pytest.raises(OutputError, match="computed part 2, and it does not appear here"):
-        cluster._take_part(None, str(tmp_path), sweep, 2)
+        dask_cluster._take_part(None, str(tmp_path), sweep, 2)
     with pytest.raises(OutputError, match="part 2 was computed, and is not in"):
         sweep.settle(str(tmp_path), tmp_path / "designs", 2)
 
     def elsewhere(sweep, folder, numbers):
         yield sweep.write(folder, numbers[0])
 
-    from spherekit.design.sweep_parts import run_sweep
+    from spherekit.designs.sweep_parts import run_sweep
 
     with pytest.raises(OutputError, match=r"2 parts of 3 are missing in the end \(1, 2\)"):
         run_sweep(sweep, tmp_path / "designs", elsewhere=elsewhere)

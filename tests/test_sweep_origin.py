@@ -15,9 +15,9 @@ from test_processors import lesser
 
 import spherekit as sk
 from spherekit import processor
-from spherekit.analysis import folder
 from spherekit.cli.main import main
 from spherekit.errors import FileError, OutputError, SpherekitError
+from spherekit.runs import run_folder
 
 VARY = {"links.2.arc": [float(x) for x in np.linspace(10.0, 40.0, 40)]}
 WORDS = ["sweep", "four_bar", "-a", "poles", "--tables", "--samples", "5", "--workers", "1"]
@@ -94,8 +94,8 @@ def test_parts_of_other_processors_are_recorded_and_said(tmp_path):
 
 @pytest.mark.parametrize("library", ["spherekit", "numpy", "scipy", "heyoka", "machine"])
 def test_parts_of_other_versions_are_refused(library, folder_of_sweep, monkeypatch):
-    code = folder.code_identity() | {library: "1.2.3"}
-    monkeypatch.setattr("spherekit.design.sweep.code_identity", lambda: code)
+    code = run_folder.code_identity() | {library: "1.2.3"}
+    monkeypatch.setattr("spherekit.designs.sweep.code_identity", lambda: code)
     with pytest.raises(OutputError, match=f"by other code .{library}: .* there, 1.2.3 now"):
         swept(folder_of_sweep)
 

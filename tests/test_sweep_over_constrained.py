@@ -13,7 +13,7 @@ from test_over_constrained import double_cross, five_bar, pose, second_rod
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.design.figures import reason_of
+from spherekit.designs.figures_of_merit import reason_of
 from spherekit.errors import SpherekitError
 
 FILES = Path(__file__).parent / "files"

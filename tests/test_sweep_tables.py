@@ -10,18 +10,18 @@ import pytest
 from common import Asking
 
 import spherekit as sk
-from spherekit.analysis import folder
-from spherekit.analysis.tables import SAMPLE, Column, Table
+from spherekit.api.sweep import sweep_of
 from spherekit.cli.main import main
-from spherekit.design import sweep_identity
-from spherekit.design.cluster import PartComputer
-from spherekit.design.sweep import DesignSpace, variation
-from spherekit.design.sweep_parts import run_sweep
+from spherekit.designs import sweep_identity
+from spherekit.designs.dask_cluster import PartComputer
+from spherekit.designs.design_space import DesignSpace, variation
+from spherekit.designs.sweep_parts import run_sweep
 from spherekit.errors import DesignError, OutputError
-from spherekit.files.read import read
+from spherekit.files.mechanism_reader import read
+from spherekit.files.number_change import document_of, number_path, with_numbers
 from spherekit.files.schema import check
-from spherekit.files.write import document_of, number_path, with_numbers
-from spherekit.front.designs import sweep_of
+from spherekit.runs import run_folder as folder
+from spherekit.tables.table import SAMPLE, Column, Table
 
 CASES = [
     (

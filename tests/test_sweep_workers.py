@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 import spherekit as sk
-from spherekit.design import part_processes
+from spherekit.designs import worker_processes
 from spherekit.errors import DesignError
 from spherekit.progress import progress_listener
 
@@ -189,7 +189,7 @@ def sweep_of_runs(folder, workers=2, **options):
 
 def test_what_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
     state = {"lock": threading.Lock()}
-    monkeypatch.setattr("spherekit.design.sweep.Sweep.__getstate__", lambda _: state)
+    monkeypatch.setattr("spherekit.designs.sweep.Sweep.__getstate__", lambda _: state)
     with pytest.raises(DesignError, match="cannot be sent.*keep locks.*--workers 1"):
         sweep_of_runs(tmp_path)
 
@@ -202,10 +202,10 @@ def test_what_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
     ],
 )
 def test_a_python_that_does_not_start_is_told(python, says, tmp_path, monkeypatch):
-    monkeypatch.setattr(part_processes, "get_executable", lambda: python)
+    monkeypatch.setattr(worker_processes, "get_executable", lambda: python)
     with pytest.raises(DesignError, match=f"{says}.*--workers 1"):
         sweep_of_runs(tmp_path)
-    monkeypatch.setattr(part_processes, "get_executable", lambda: None)
+    monkeypatch.setattr(worker_processes, "get_executable", lambda: None)
     assert sweep_of_runs(tmp_path, None).computed == 3  # in this process
 
 
@@ -226,7 +226,7 @@ def test_modules_that_a_worker_lacks_are_named(tmp_path, monkeypatch):
 ENDING = """
 import os, signal, sys
 from pathlib import Path
-from spherekit.design import sweep
+from spherekit.designs import sweep
 
 mark, mode, number = Path({mark!r}), {mode!r}, {number}
 write = sweep.Sweep.write

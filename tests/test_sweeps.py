@@ -19,18 +19,18 @@ from example_mechanisms import crank_rocker
 from refusals import text_of
 
 import spherekit as sk
+from spherekit.api.sweep import sweep_of
 from spherekit.cli.main import main
-from spherekit.design.descent import FigureGradients, HeldMode
-from spherekit.design.figures import DesignSamples
-from spherekit.design.sweep import DesignSpace, variation
-from spherekit.design.sweep_identity import DEFINITION
-from spherekit.design.sweep_parts import run_sweep
-from spherekit.design.variables import design_variable
+from spherekit.designs.descent import FigureGradients, HeldMode
+from spherekit.designs.design_space import DesignSpace, variation
+from spherekit.designs.design_variables import design_variable
+from spherekit.designs.figures_of_merit import DesignSamples
+from spherekit.designs.sweep_identity import DEFINITION
+from spherekit.designs.sweep_parts import run_sweep
 from spherekit.errors import ModelError, OutputError
 from spherekit.files.library import find
-from spherekit.files.write import document_of
-from spherekit.front.designs import sweep_of
-from spherekit.model.study import Study
+from spherekit.files.number_change import document_of
+from spherekit.files.study import Study
 
 SAMPLES = 25
 
@@ -368,7 +368,7 @@ def test_a_folder_holds_one_sweep_that_is_known(tmp_path):
 @pytest.mark.parametrize("where", [(), "links_2_arc > 25"])
 def test_a_folder_is_one_data_set(where, tmp_path, monkeypatch):
     """Also where no row of the first part is left."""
-    monkeypatch.setattr("spherekit.design.evaluate.PART", 2)
+    monkeypatch.setattr("spherekit.designs.design_evaluation.PART", 2)
     vary = {"links.2.arc": [10.0, 20.0, 30.0, 200.0, 40.0]}
     how = {"where": where, "folder": tmp_path, "workers": 1}
     found = sk.sweep("four_bar", vary, "max(rate_41)", samples=5, **how)

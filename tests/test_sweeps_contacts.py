@@ -6,8 +6,8 @@ from common import with_values
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.design.descent import FigureGradients, HeldMode
-from spherekit.design.sensitivity import Sensitivity
+from spherekit.designs.descent import FigureGradients, HeldMode
+from spherekit.designs.sensitivity import Sensitivity
 
 WHEELS = text_of("three_wheels")
 

@@ -8,10 +8,10 @@ from common import with_values
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.design.variables import design_variable
+from spherekit.designs.design_variables import design_variable
 from spherekit.files.library import find
-from spherekit.files.write import document_of
-from spherekit.model.study import Study
+from spherekit.files.number_change import document_of
+from spherekit.files.study import Study
 
 MASSES = text_of("sweeps_several_masses")
 

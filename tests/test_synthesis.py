@@ -8,12 +8,13 @@ from refusals import TABLES, changed, check_call, text_of
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.design.descent import FigureGradients, HeldMode, least_greatest
-from spherekit.design.requirements import nondominated
-from spherekit.design.synthesis import one_linkage
+from spherekit.api.designs import specification_of
+from spherekit.designs.cutting_planes import least_greatest
+from spherekit.designs.descent import FigureGradients, HeldMode
+from spherekit.designs.synthesis import one_linkage
+from spherekit.designs.synthesis_requirements import nondominated
 from spherekit.errors import FileError
 from spherekit.files.library import find
-from spherekit.front.designs import specification_of
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "synthesis"
 

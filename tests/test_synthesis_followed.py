@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.design.descent import FigureGradients, every_mode
-from spherekit.design.variables import EIGHTH
+from spherekit.api.designs import specification_of
+from spherekit.designs.descent import FigureGradients, every_mode
+from spherekit.designs.design_variables import EIGHTH
 from spherekit.files.library import find
-from spherekit.front.designs import specification_of
 
 AXES = {
     "pairs.C.longitude": [-13.0, -3.0],

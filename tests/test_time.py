@@ -14,17 +14,18 @@ from refusals import text_of
 from test_view import columns
 
 import spherekit as sk
-from spherekit.analysis.batch import Needs
-from spherekit.analysis.run import run
-from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.display.rerun.recorder import RerunRecorder
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
 from spherekit.errors import AnalysisError, FileError
-from spherekit.files.study import load_study
-from spherekit.model.dynamics import JointLimit
-from spherekit.model.study import ConstantSpeed, Start
-from spherekit.view.rerun_view import RerunRecorder
+from spherekit.files.study import Start
+from spherekit.files.study_reader import load_study
+from spherekit.files.time_law import ConstantSpeed
+from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.runs.needs import Needs
+from spherekit.runs.runner import run
+from spherekit.tables.table import Column, Table
 
 HEAD = text_of("timed.study")
 LAWS = {
@@ -281,8 +282,8 @@ def test_recordings_have_a_timeline_of_time(tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.viewer
 def test_pictures_of_a_time_and_of_a_tab(tmp_path):
+    from spherekit.display.rerun.screenshot import screenshot
     from spherekit.errors import OutputError
-    from spherekit.view.pictures import screenshot
 
     laws = {"21": ConstantSpeed(1.0)}
     path = recorded(tmp_path / "a.rrd", samples=21, laws=laws, duration=2.0)

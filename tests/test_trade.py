@@ -10,21 +10,24 @@ import pytest
 from common import Asking
 
 import spherekit as sk
-from spherekit.analysis.contract import Sweep
-from spherekit.analysis.registry import create
-from spherekit.analysis.running.evaluation import Setting
-from spherekit.analysis.running.sampling import course_of
-from spherekit.analysis.tables import Column, Table
 from spherekit.cli.main import main
-from spherekit.conventions import EPS, Status
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.model.study import Study
+from spherekit.files.study import Study
 from spherekit.proof.balls import Digits, floats
-from spherekit.proof.rows import exact_direction, exact_rows
-from spherekit.tradeoff.choice import WORTH, choose
-from spherekit.tradeoff.measure import deviations_of, plan_of, reference_at, tables_by
-from spherekit.tradeoff.record import MARGIN, Measured, read_trade
-from spherekit.tradeoff.trade import trade
+from spherekit.proof.reference_rows import exact_direction, exact_rows
+from spherekit.runs.contract import Sweep
+from spherekit.runs.evaluation_options import Setting
+from spherekit.runs.registry import create
+from spherekit.runs.sampling import course_of
+from spherekit.runs.simulation_measurement import plan_of, tables_by
+from spherekit.runs.trade import trade
+from spherekit.runs.trade_choice import WORTH, choose
+from spherekit.runs.trade_files import read_trade
+from spherekit.runs.trade_measurement import deviations_of, reference_at
+from spherekit.runs.trade_record import MARGIN, Measured
+from spherekit.status import Status
+from spherekit.tables.table import Column, Table
+from spherekit.tolerances import EPS
 
 FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
 FEW = (Setting(), Setting(route="conditioned"), Setting(engine="extended"))
@@ -309,7 +312,9 @@ def test_a_run_takes_a_stored_trade(capsys, stored):
 def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
     capsys, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("spherekit.tradeoff.measure.TOLERANCES", [1e-4, 1e-7, 1e-11])
+    monkeypatch.setattr(
+        "spherekit.runs.simulation_measurement.TOLERANCES", [1e-4, 1e-7, 1e-11]
+    )
     kept = stored_trade(tmp_path, *MOVED)
     capsys.readouterr()
     given = ["run", "four_bar", *MOVED, "--trade", kept]

@@ -8,10 +8,12 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from spherekit.analysis.running.evaluation import Setting
 from spherekit.cli.main import main
-from spherekit.figures.contents import figures_of
-from spherekit.tradeoff.record import Measured, Trade, as_text, scene, seconds
+from spherekit.display.figures.contents import figures_of
+from spherekit.runs.evaluation_options import Setting
+from spherekit.runs.trade_chart import scene
+from spherekit.runs.trade_record import Measured, Trade, seconds
+from spherekit.runs.trade_text import as_text
 
 WORST = "poles.velocity_coefficient"
 

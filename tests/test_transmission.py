@@ -8,18 +8,18 @@ from oracles import least_misfit, velocity_equations
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.conventions import Status
-from spherekit.guidance.follow import follow_rotation
-from spherekit.motion.assembly_modes import Solver
-from spherekit.motion.motion import PositionAnalysis, motion_of
-from spherekit.planning.inputs import plan_assembly
-from spherekit.rates.transmission import SINGULAR, Transmission
-from spherekit.singular.several import RowType, coefficients
-from spherekit.singular.stationarity import output_of
-from spherekit.sphere.rotation import normal_at
-from spherekit.workspace.inverse import closed_kinematics, output_kinematics
-from spherekit.workspace.rows import Constraints, bounds_of
-from spherekit.workspace.workspace import judge
+from spherekit.geometry.mirror import normal_at
+from spherekit.outputs.fixed_axis_rotation import follow_rotation
+from spherekit.outputs.pose_constraints import Constraints, bounds_of
+from spherekit.outputs.pose_solver import closed_kinematics, output_kinematics
+from spherekit.outputs.workspace import judge
+from spherekit.planning.assembly_plan import plan_assembly
+from spherekit.positions.assembly_mode import Solver
+from spherekit.positions.motion import PositionAnalysis, motion_of
+from spherekit.singularities.several_inputs import RowType, coefficients
+from spherekit.singularities.stationarity import output_of
+from spherekit.status import Status
+from spherekit.velocities.transmission import SINGULAR, Transmission
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
 DISTANCES = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]

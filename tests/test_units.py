@@ -8,9 +8,9 @@ import pytest
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.analysis.frames import read_parquet
-from spherekit.analysis.registry import names
-from spherekit.files.study import load_study
+from spherekit.files.study_reader import load_study
+from spherekit.runs.registry import names
+from spherekit.tables.table_files import read_parquet
 
 TURN = text_of("units_turn.study")
 
@@ -90,7 +90,7 @@ def test_numbers_change_as_their_units_say(folders):
 
 def test_every_column_of_every_analysis_has_a_unit_that_is_one():
     """Units are products of known ones; what is called an angle is in rad."""
-    from spherekit.analysis.registry import load
+    from spherekit.runs.registry import load
 
     known = {"1", "rad", "s", "s2", "kg", "m2", "N", "m", "W", "J", "sr", "or"}
     for name in names():

@@ -18,17 +18,19 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.analysis.link_scenes import link_bodies
-from spherekit.analysis.scene import Arrow, RecordingHead, Scene, rows_of
+from spherekit.display.figures.collector import Collector
+from spherekit.display.rerun.blueprint import input_ticks
+from spherekit.display.rerun.labels import Names, facing, seen
+from spherekit.display.rerun.recorder import RerunRecorder
+from spherekit.display.rerun.screenshot import screenshot
+from spherekit.display.rerun.shapes import path_on_sphere
+from spherekit.display.rerun.timelines import input_scale, input_timeline
+from spherekit.display.rerun.viewer_program import free_ports
 from spherekit.errors import OutputError
-from spherekit.figures.collector import Collector
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.view.blueprint import input_scale, input_ticks, input_timeline
-from spherekit.view.names import Names, facing, seen
-from spherekit.view.pictures import screenshot
-from spherekit.view.program import free_ports
-from spherekit.view.rerun_view import RerunRecorder
-from spherekit.view.shapes import path_on_sphere
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.scenes.link_scenes import link_bodies
+from spherekit.scenes.recording_head import RecordingHead
+from spherekit.scenes.scene import Arrow, Scene, rows_of
 
 SAMPLES = np.arange(361)
 INPUTS = np.radians(SAMPLES)

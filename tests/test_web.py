@@ -10,7 +10,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.view.viewer import served
+from spherekit.display.rerun.web_viewer import served
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +48,8 @@ def answers(host, port):
 
 
 def test_the_command_says_the_address_and_ends_with_ctrl_c(recording, capsys, monkeypatch):
-    monkeypatch.setattr("spherekit.view.viewer.has_display", lambda: False)
-    monkeypatch.setattr("spherekit.view.viewer.time.sleep", interrupted)
+    monkeypatch.setattr("spherekit.display.rerun.viewer.has_display", lambda: False)
+    monkeypatch.setattr("spherekit.display.rerun.web_viewer.time.sleep", interrupted)
     assert main(["view", str(recording), "--web"]) == 0
     said = capsys.readouterr().err
     assert "http://127.0.0.1:" in said and "Ctrl-C" in said

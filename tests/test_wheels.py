@@ -14,17 +14,18 @@ from sceptic.suspects import random_suspect
 from strategies import MECHANISMS
 
 import spherekit as sk
-from spherekit.conventions import Status
-from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.dynamics.start import prepare
-from spherekit.files.read import loads
-from spherekit.guarantee import Guarantee
-from spherekit.model.dynamics import Mass
-from spherekit.model.gears import pitch_angles
-from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
-from spherekit.model.study import ConstantSpeed, Start
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.output.forward import ForwardKinematics
+from spherekit.completeness import Guarantee
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
+from spherekit.dynamics.simulation_start import prepare
+from spherekit.files.mechanism_reader import loads
+from spherekit.files.study import Start
+from spherekit.files.time_law import ConstantSpeed
+from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
+from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.joint_frames import pitch_angles
+from spherekit.outputs.forward_kinematics import ForwardKinematics
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
 
 DEGREE = np.pi / 180.0
 BASE, LEFT, COUPLERS, RIGHT = 75.0, 40.0, (60.0, 55.0), 35.0

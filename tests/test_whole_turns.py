@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.design.variables import design_variable, sizes_of
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.designs.design_variables import design_variable, sizes_of
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
 from spherekit.errors import SolveError
-from spherekit.exchange.coupling_made import coupling_table
-from spherekit.exchange.posed import posed
-from spherekit.files.write import document_of
-from spherekit.model.dynamics import JointLimit, Mass, PairTorque
-from spherekit.model.study import ConstantSpeed, Start
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.exchange.coupling_table_maker import coupling_table
+from spherekit.exchange.exported_pose import posed
+from spherekit.files.number_change import document_of
+from spherekit.files.study import Start
+from spherekit.files.time_law import ConstantSpeed
+from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.load_kinds import JointLimit, PairTorque
+from spherekit.positions.motion import PositionAnalysis
 
 AWAY = 0.3 + 6.0 * np.pi
 

@@ -7,9 +7,9 @@ import re
 import pytest
 from sources import ANALYSES, FILES, PACKAGE, ROOT, nodes_of
 
-from spherekit.analysis.registry import load as analysis_of
-from spherekit.analysis.registry import names
-from spherekit.files.read import load
+from spherekit.files.mechanism_reader import load
+from spherekit.runs.registry import load as analysis_of
+from spherekit.runs.registry import names
 
 PAGES = [
     ROOT / "README.md",

@@ -11,30 +11,23 @@ from example_mechanisms import mechanism_of, unlike_legs
 from sphere_areas import common_area
 
 import spherekit as sk
-from spherekit.analysis.scene import SphereCurves, SphereMap, Text
-from spherekit.conventions import Status
-from spherekit.model.dynamics import JointLimit
-from spherekit.model.parts import Output
-from spherekit.motion.assembly_modes import AssemblyMode
-from spherekit.output.forward import ForwardKinematics
-from spherekit.output.inverse import InverseKinematics
-from spherekit.region.mesh import spread
-from spherekit.sphere.rotation import (
-    arc,
-    azimuth_tilt,
-    euler_zyz,
-    from_quaternion,
-    transpose,
-)
-from spherekit.workspace.inverse import closed_kinematics
-from spherekit.workspace.rows import (
+from spherekit.geometry.region_margins import spread
+from spherekit.geometry.rotation import from_quaternion, transpose
+from spherekit.geometry.tilt_torsion import azimuth_tilt, euler_zyz
+from spherekit.geometry.triangle import arc
+from spherekit.mechanism.elements import Output
+from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.outputs.forward_kinematics import ForwardKinematics
+from spherekit.outputs.inverse_kinematics import InverseKinematics
+from spherekit.outputs.pose_constraints import (
     AngleLimit,
     Constraints,
     InterferenceLimit,
     bounds_of,
     left_of,
 )
-from spherekit.workspace.workspace import (
+from spherekit.outputs.pose_solver import closed_kinematics
+from spherekit.outputs.workspace import (
     direction_workspaces,
     judge,
     margins_of,
@@ -42,6 +35,9 @@ from spherekit.workspace.workspace import (
     orientation_samples,
     orientation_workspaces,
 )
+from spherekit.positions.assembly_mode import AssemblyMode
+from spherekit.scenes.scene import SphereCurves, SphereMap, Text
+from spherekit.status import Status
 
 DIRECTIONS = spread(20_000)
 SCATTER = 0.02

@@ -7,11 +7,11 @@ import numpy as np
 from benchmarks.extremes.parallel import at_pose
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.samples import mechanism, random_axes
-from spherekit.engine.fields import evaluate
-from spherekit.files.read import load
-from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.rates.request import request
+from spherekit.files.mechanism_reader import load
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_request import request
 
 FAMILY = "charts of the sphere"
 HEIGHT = "height over the edge, rad"

@@ -11,8 +11,8 @@ from benchmarks.extremes.reference import DIGITS
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import cam, point_of
 from benchmarks.samples import random_axes
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input, Pair, PoseGeometry, Profile
+from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
+from spherekit.mechanism.mechanism import Mechanism
 
 FAMILY = "contacts"
 FRAME, ROCKER = np.radians(60.0), np.radians(45.0)

@@ -16,13 +16,15 @@ from benchmarks.extremes.reference import (
     truth,
 )
 from benchmarks.extremes.registry import Row, case
-from spherekit.conventions import Status
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.inverse import inverse_dynamics
-from spherekit.files.read import load
-from spherekit.model.dynamics import PairTorque, Tensor
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Polynomial, Start
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
+from spherekit.files.mechanism_reader import load
+from spherekit.files.study import Start
+from spherekit.files.time_law import Polynomial
+from spherekit.mechanism.inertia import Tensor
+from spherekit.mechanism.load_kinds import PairTorque
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.status import Status
 
 FAMILY = "inertia"
 RATIO = "inertia of one link over the others"

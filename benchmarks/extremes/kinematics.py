@@ -19,15 +19,12 @@ from benchmarks.extremes.reference import (
     truth,
 )
 from benchmarks.extremes.registry import ROUNDOFF, Row
-from spherekit.conventions import Status
-from spherekit.engine.fields import evaluate
-from spherekit.motion.motion import Motion, PositionAnalysis
-from spherekit.planning.poles import all_poles
-from spherekit.rates.request import (
-    PoleField,
-    Route,
-    request,
-)
+from spherekit.planning.pole_plan import all_poles
+from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.status import Status
+from spherekit.velocities.pole_evaluation import evaluate
+from spherekit.velocities.pole_field import PoleField
+from spherekit.velocities.pole_request import Route, request
 
 BEYOND = float("inf")
 """Conditioning where there is no configuration, or no rate."""

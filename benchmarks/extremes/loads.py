@@ -18,15 +18,16 @@ from benchmarks.extremes.reference import (
     truth,
 )
 from benchmarks.extremes.registry import Row, case
-from spherekit.conventions import Status
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.inverse import inverse_dynamics
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.inverse_dynamics import inverse_dynamics
 from spherekit.errors import SpherekitError
-from spherekit.files.read import load
-from spherekit.model.dynamics import PairTorque
-from spherekit.model.joints import revolute
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Polynomial, Start
+from spherekit.files.mechanism_reader import load
+from spherekit.files.study import Start
+from spherekit.files.time_law import Polynomial
+from spherekit.mechanism.joint import revolute
+from spherekit.mechanism.load_kinds import PairTorque
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.status import Status
 
 FAMILY = "loads"
 POWER = "power of ten of the load, N m"

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.extremes.registry import Row, case
-from spherekit.dynamics.forward import simulate
-from spherekit.dynamics.start import PoseStart
+from spherekit.dynamics.forward_dynamics import simulate
+from spherekit.dynamics.simulation_start import PoseStart
 from spherekit.errors import EngineError
-from spherekit.files.read import load
-from spherekit.model.dynamics import PairTorque
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.study import Start
-from spherekit.numeric.crossings import wrap
+from spherekit.files.mechanism_reader import load
+from spherekit.files.study import Start
+from spherekit.mechanism.load_kinds import PairTorque
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.angles import wrap
 
 FAMILY = "long runs"
 TURNS = "turns of the input"

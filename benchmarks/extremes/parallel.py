@@ -10,11 +10,9 @@ from benchmarks.extremes.reference import DIGITS, Reference, exact
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar, point_of
 from benchmarks.samples import EIGHT_BARS, mechanism, random_axes
-from spherekit.model.gears import joints_in_pose
-from spherekit.model.mechanism import Mechanism
-from spherekit.rates.request import (
-    Route,
-)
+from spherekit.mechanism.joint_frames import joints_in_pose
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.velocities.pole_request import Route
 
 FAMILY = "parallel axes"
 APART = "angle between, rad"

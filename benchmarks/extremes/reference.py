@@ -12,10 +12,10 @@ from typing import Any, final
 import numpy as np
 
 from spherekit.errors import ModelError
-from spherekit.model.gears import joints_of
-from spherekit.model.joints import revolute
-from spherekit.model.mechanism import Mechanism
-from spherekit.motion.loops import LoopTree
+from spherekit.mechanism.joint import revolute
+from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.linearisation import LoopTree
 
 import mpmath as mp  # isort: skip
 
@@ -156,7 +156,7 @@ class Reference:
                         f"{self.mechanism.name}: pairs.{self.mechanism.pairs[k].name}: the "
                         f'profile of link {self.mechanism.pairs[k].links[which]} is "'
                         f'{profile.kind}", but this reference is of circles alone; '
-                        "compare with spherekit.proof.rows, which knows all profiles"
+                        "compare with spherekit.proof.reference_rows for other profiles"
                     )
                 turns[which, k] = -1 if curve.backwards else 1
                 frames[which, k] = curve.path.axes  # type: ignore[union-attr]

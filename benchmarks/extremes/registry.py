@@ -6,7 +6,7 @@ from typing import final
 
 import numpy as np
 
-from spherekit.conventions import EPS
+from spherekit.tolerances import EPS
 
 ROUNDOFF = EPS / 2
 """Unit roundoff of float64."""

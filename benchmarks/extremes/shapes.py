@@ -7,9 +7,9 @@ import numpy as np
 
 from benchmarks.extremes.kinematics import Point
 from benchmarks.extremes.reference import DIGITS, Reference, exact
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import Input, LinkSizes, Pair, Profile, SizeGeometry
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.mechanism.elements import Input, LinkSizes, Pair, Profile, SizeGeometry
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import PositionAnalysis
 
 TURN = 2 * np.pi
 

@@ -15,11 +15,11 @@ from benchmarks.extremes.kinematics import Point, judged
 from benchmarks.extremes.reference import DIGITS, Exact, Reference, exact
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar
-from spherekit.files.read import load
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import PoseGeometry
-from spherekit.motion.arc_length import follow_arc
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.files.mechanism_reader import load
+from spherekit.mechanism.elements import PoseGeometry
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.curve_continuation import follow_arc
+from spherekit.positions.motion import PositionAnalysis
 
 FAMILY = "singularities"
 ALONG = "distance on the curve, rad"

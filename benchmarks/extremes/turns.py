@@ -8,7 +8,7 @@ from benchmarks.extremes.kinematics import Point, judged
 from benchmarks.extremes.reference import DIGITS
 from benchmarks.extremes.registry import Row, case
 from benchmarks.extremes.shapes import point_of
-from spherekit.files.read import load
+from spherekit.files.mechanism_reader import load
 
 FAMILY = "many turns"
 TURNS = "whole turns"

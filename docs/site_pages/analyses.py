@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import MISSING
 
-from spherekit.analysis.arguments import parameters
-from spherekit.analysis.contract import AbstractAnalysis
-from spherekit.analysis.registry import load, names
+from spherekit.runs.contract import AbstractAnalysis
+from spherekit.runs.parameter_text import parameters
+from spherekit.runs.registry import load, names
 
 INDEX = """\
 # Tables of the analyses

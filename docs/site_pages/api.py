@@ -13,8 +13,8 @@ PACKAGES = (
     "spherekit",
     "spherekit.plugin",
     *(name for _, name, _ in iter_modules(plugin.__path__, f"{plugin.__name__}.")),
-    "spherekit.view",
-    "spherekit.engine",
+    "spherekit.display",
+    "spherekit.velocities",
 )
 
 INDEX = """\

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Iterator
 
 from spherekit import errors
-from spherekit.conventions import STATUS_MEANING
+from spherekit.status import STATUS_MEANING
 
 
 def pages() -> Iterator[tuple[str, str]]:

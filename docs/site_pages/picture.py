@@ -8,10 +8,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import spherekit as sk
-from spherekit.analysis.link_scenes import link_curves, link_shapes
-from spherekit.conventions import Status
-from spherekit.sphere.rotation import Floats
-from spherekit.view.colours import link_colour
+from spherekit.geometry.rotation import Floats
+from spherekit.scenes.colours import link_colour
+from spherekit.scenes.link_scenes import link_curves, link_shapes
+from spherekit.status import Status
 
 VIEWS = 400
 """Directions tried to look from."""

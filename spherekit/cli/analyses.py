@@ -23,7 +23,7 @@ def execute(options: Namespace) -> int:
     """List the analyses, or describe one."""
     if options.analysis:
         return _describe(options)
-    from spherekit.analysis.registry import load, records
+    from spherekit.runs.registry import load, records
 
     rows = [
         {
@@ -44,8 +44,8 @@ def execute(options: Namespace) -> int:
 
 
 def _describe(options: Namespace) -> int:
-    from spherekit.analysis.arguments import parameters
-    from spherekit.analysis.registry import load
+    from spherekit.runs.parameter_text import parameters
+    from spherekit.runs.registry import load
 
     cls = load(options.analysis)
     allowed = parameters(cls)

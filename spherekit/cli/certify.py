@@ -11,7 +11,8 @@ from typing import Any
 
 from spherekit.cli.main import say
 from spherekit.cli.study import INPUT, LOCK, with_locks
-from spherekit.conventions import Facts, Lines, counted
+from spherekit.conventions import Facts, Lines
+from spherekit.wording import counted
 
 PAGE = (
     INPUT
@@ -63,13 +64,13 @@ LARGEST = 100000
 def execute(options: Namespace) -> int:
     """Prove what can be proven; 3 if that is not all."""
     from spherekit.errors import AnalysisError
-    from spherekit.files.atomic import check_file, write_text
-    from spherekit.files.document import parse
-    from spherekit.files.read import checked_document, stated
-    from spherekit.files.write import dumps
-    from spherekit.planning.inputs import driven_at
+    from spherekit.files.mechanism_reader import checked_document, stated
+    from spherekit.files.mechanism_writer import dumps
+    from spherekit.files.toml_document import parse
+    from spherekit.planning.assembly_plan import driven_at
     from spherekit.proof.construction import construct
-    from spherekit.proof.gears import Written
+    from spherekit.proof.decimal_mechanism import Written
+    from spherekit.storage.atomic_write import check_file, write_text
 
     document = checked_document(options.file)
     tolerance = options.tolerance
@@ -118,7 +119,7 @@ def _at(written: Any, text: str, with_poles: bool) -> Made:
     """Return lines and certificate of the modes at inputs."""
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import modes_certificate, pole_table
-    from spherekit.proof.modes import certified_modes
+    from spherekit.proof.certified_modes import certified_modes
 
     mechanism = written.mechanism
     values = [_decimal("--at", part) for part in text.split(",")]
@@ -214,17 +215,13 @@ def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
     """Return lines and certificate of the curves over the range of the only input."""
     import numpy as np
 
+    from spherekit.completeness import Guarantee
     from spherekit.errors import AnalysisError
-    from spherekit.guarantee import Guarantee
     from spherekit.proof.balls import bits, middle
-    from spherekit.proof.certificate import (
-        curves_certificate,
-        output_pairs,
-        singular_table,
-        singularities,
-    )
+    from spherekit.proof.certificate import curves_certificate, singular_table
+    from spherekit.proof.certified_singularities import output_pairs, singularities
+    from spherekit.proof.configuration_curves import certified_curves
     from spherekit.proof.construction import construct
-    from spherekit.proof.curves import certified_curves
 
     mechanism = written.mechanism
     low, high = written.input_range(mechanism.inputs[0].pair)
@@ -258,7 +255,7 @@ def _map(written: Any, options: Namespace) -> Made:
     """Return lines and certificate of boxes of two inputs, and draw them if asked."""
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import map_certificate
-    from spherekit.proof.paving import CELL, input_map
+    from spherekit.proof.input_map import CELL, input_map
 
     mechanism = written.mechanism
     names = mechanism.input_pairs
@@ -285,8 +282,8 @@ def _map(written: Any, options: Namespace) -> Made:
 def _draw(boxes: Any, names: Lines, path: str) -> None:
     import numpy as np
 
-    from spherekit.figures import certified_map
-    from spherekit.proof.paving import CONTAINS, UNDECIDED
+    from spherekit.display.figures import certified_map
+    from spherekit.proof.input_map import CONTAINS, UNDECIDED
 
     of = {counted(count, "mode"): boxes.modes == count for count in boxes.counts}
     of[certified_map.CONTAINS] = boxes.kind == CONTAINS

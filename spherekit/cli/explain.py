@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 from spherekit.cli.main import print_json
 from spherekit.cli.study import STUDY, study_from
-from spherekit.conventions import Facts, Lines, counted, numbered, size_text
+from spherekit.conventions import Facts, Lines
+from spherekit.wording import counted, numbered, size_text
 
 if TYPE_CHECKING:
-    from spherekit.analysis.contract import AbstractAnalysis
-    from spherekit.model.study import Study
+    from spherekit.files.study import Study
+    from spherekit.runs.contract import AbstractAnalysis
 
 PAGE = (
     STUDY
@@ -38,10 +39,10 @@ examples:
 
 def execute(options: Namespace) -> int:
     """Print the closure of what the analyses need."""
-    from spherekit.analysis.registry import create
-    from spherekit.analysis.running.expected import extrapolated_recording
-    from spherekit.analysis.running.summary import needed_part
-    from spherekit.analysis.study import analyses_of
+    from spherekit.runs.expected_size import extrapolated_recording
+    from spherekit.runs.registry import create
+    from spherekit.runs.run_plan import needed_part
+    from spherekit.runs.study_analyses import analyses_of
 
     study = study_from(options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
@@ -49,7 +50,7 @@ def execute(options: Namespace) -> int:
         study = replace(study, mechanism=needed_part(study, analyses))
     facts = _facts(study, analyses)
     if options.recording and facts["predicted"].get("assembly_modes"):
-        from spherekit.view.rerun_view import RerunRecorder
+        from spherekit.display.rerun.recorder import RerunRecorder
 
         with TemporaryDirectory() as folder:
             facts["predicted"]["recording"] = extrapolated_recording(
@@ -67,14 +68,17 @@ def execute(options: Namespace) -> int:
 
 def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     """Return what analyses ask for, and what that takes."""
-    from spherekit.analysis.folder import memory_at_once
-    from spherekit.analysis.running.cost import counts_of
-    from spherekit.analysis.running.expected import expected
-    from spherekit.analysis.study import needs_of, requests_for
-    from spherekit.motion.input_grid import check_sample_counts
-    from spherekit.motion.traced import assembly_by_count_or_rank, is_mobile_by_rank_only
-    from spherekit.planning.inputs import driven_pairs
-    from spherekit.planning.poles import describe
+    from spherekit.planning.assembly_plan import driven_pairs
+    from spherekit.planning.plan_text import describe
+    from spherekit.positions.input_grid import check_sample_counts
+    from spherekit.positions.motion_cache import (
+        assembly_by_count_or_rank,
+        is_mobile_by_rank_only,
+    )
+    from spherekit.runs.analysis_requests import needs_of, requests_for
+    from spherekit.runs.expected_size import expected
+    from spherekit.runs.run_cost import counts_of
+    from spherekit.runs.run_folder import memory_at_once
 
     mechanism = study.mechanism
     check_sample_counts(mechanism, study.samples)

@@ -56,9 +56,9 @@ examples:
 
 def execute(options: Namespace) -> int:
     """Write the file and say what it holds."""
-    from spherekit.files.read import angle_unit_of, load
-    from spherekit.files.units import to_radians
-    from spherekit.front.export import SUFFIXES, export
+    from spherekit.api.export import SUFFIXES, export
+    from spherekit.files.angle_units import to_radians
+    from spherekit.files.mechanism_reader import angle_unit_of, load
 
     stated = load(options.file)
     mechanism = with_locks(stated, options.lock, options.file)

@@ -170,7 +170,7 @@ class Parser(argparse.ArgumentParser):
 
     def _meant(self, message: str) -> str:
         """Return a hint at the word that was meant by a refused one."""
-        from spherekit.conventions import nearest
+        from spherekit.wording import nearest
 
         wrong = re.search(
             r"unrecognized arguments: (-\S+)|invalid choice: '([^']*)'", message

@@ -23,9 +23,9 @@ examples:
 
 def execute(options: Namespace) -> int:
     """Write the file and say what it holds."""
-    from spherekit.conventions import counted, listing
     from spherekit.errors import OutputError
-    from spherekit.exchange.imported import import_mechanism
+    from spherekit.exchange.mechanism_import import import_mechanism
+    from spherekit.wording import counted, listing
 
     target = Path(options.output or Path(options.model).with_suffix(".toml").name)
     if target.suffix != ".toml":

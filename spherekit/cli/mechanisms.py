@@ -21,7 +21,7 @@ def execute(options: Namespace) -> int:
     """List the shipped mechanisms, one a line."""
     from spherekit.errors import SpherekitError
     from spherekit.files.library import shipped
-    from spherekit.files.read import load
+    from spherekit.files.mechanism_reader import load
 
     rows = []
     for pack in shipped():

@@ -40,7 +40,7 @@ _NAME = re.compile(r"^\s*name\s*=.*$", re.M)
 def execute(options: Namespace) -> int:
     """Write the file or the folder, and say what to do next."""
     from spherekit.errors import OutputError
-    from spherekit.files.atomic import make_folder, write_text
+    from spherekit.storage.atomic_write import make_folder, write_text
 
     analysis = options.what == "analysis"
     if analysis and (options.kind or options.like):
@@ -69,9 +69,9 @@ def execute(options: Namespace) -> int:
 
 def _check_name(what: str, name: str) -> None:
     """Raise `OutputError` if neither a file nor a plugin can have a name."""
-    from spherekit.analysis.registry import names
     from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN
     from spherekit.errors import OutputError
+    from spherekit.runs.registry import names
 
     better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     pattern = NAME_PATTERN.pattern
@@ -106,7 +106,7 @@ def files_of(name: str) -> dict[str, str]:
 def _like(name: str) -> str:
     """Return the text of a mechanism's file, which has been read to be one."""
     from spherekit.files.library import find
-    from spherekit.files.read import load
+    from spherekit.files.mechanism_reader import load
 
     mechanism = load(name)
     note = f"# Made from {mechanism.name}; what [source] says is of that one.\n"

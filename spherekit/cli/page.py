@@ -35,8 +35,8 @@ examples:
 
 def execute(options: Namespace) -> int:
     """Write the page and say what it holds."""
-    from spherekit.files.read import load
-    from spherekit.front.page import page
+    from spherekit.api.page import page
+    from spherekit.files.mechanism_reader import load
 
     file, locks = options.file, options.lock
     made = page(

@@ -35,11 +35,11 @@ examples:
 def execute(options: Namespace) -> int:
     """Print the plan, or one plan for each of several inputs."""
     from spherekit.errors import CountError
-    from spherekit.files.read import load
-    from spherekit.motion.motion import PositionAnalysis
-    from spherekit.planning.inputs import driven_pairs
-    from spherekit.planning.plan import plan
-    from spherekit.planning.poles import as_dict, as_markdown, as_text, describe
+    from spherekit.files.mechanism_reader import load
+    from spherekit.planning.assembly_plan import driven_pairs
+    from spherekit.planning.plan_text import as_dict, as_markdown, as_text, describe
+    from spherekit.planning.pole_planner import plan
+    from spherekit.positions.motion import PositionAnalysis
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
     names = mechanism.names_of(driven_pairs(mechanism))

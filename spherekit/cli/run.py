@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json, say
 from spherekit.cli.run_report import progress, report
 from spherekit.cli.study import STUDY, TIMED, study_from
-from spherekit.conventions import Facts, counted
+from spherekit.conventions import Facts
+from spherekit.wording import counted
 
 if TYPE_CHECKING:
-    from spherekit.analysis.contract import AbstractAnalysis
-    from spherekit.analysis.result import RunResult
-    from spherekit.analysis.tables import Format
-    from spherekit.model.study import Study
+    from spherekit.files.study import Study
+    from spherekit.runs.contract import AbstractAnalysis
+    from spherekit.runs.run_result import RunResult
+    from spherekit.tables.table import Format
 
 FORMATS: dict[str, tuple["Format", ...]] = {
     "both": ("csv", "parquet"),
@@ -96,17 +97,17 @@ examples:
 
 def execute(options: Namespace) -> int:
     """Run, write, and print the summary."""
-    from spherekit.analysis.study import chosen
     from spherekit.errors import SpherekitError
-    from spherekit.files.atomic import check_folder, make_folder
+    from spherekit.runs.study_analyses import chosen
+    from spherekit.storage.atomic_write import check_folder, make_folder
 
     study = _wanted(options)
     analyses = chosen(study, options.analysis or ())
     _check_effect(study, options)
     if options.figures:
-        import spherekit.figures.sdk  # noqa: F401  a missing library is told before the run
+        import spherekit.display.figures.matplotlib_sdk  # noqa: F401  a missing library is told before the run
     if options.prove:
-        from spherekit.analysis.proven_poles import check_provable
+        from spherekit.runs.proven_poles import check_provable
 
         check_provable(study.mechanism, [x.name for x in analyses], not options.only_needed)
     made = None
@@ -125,7 +126,7 @@ def execute(options: Namespace) -> int:
     if study.recording:
         note(options, f"recording in {study.recording}")
         if options.view:
-            from spherekit.view.viewer import open_viewer
+            from spherekit.display.rerun.viewer import open_viewer
 
             note(options, open_viewer(study.recording))
     return _exit_status(result, exceeded, options.strict)
@@ -135,8 +136,8 @@ def _executed(
     study: "Study", analyses: "Sequence[AbstractAnalysis]", options: Namespace
 ) -> tuple["RunResult", int]:
     """Run, tell and draw; return the result, and how many proven bounds are exceeded."""
-    from spherekit.analysis.run import run
-    from spherekit.figures.collector import Collector
+    from spherekit.display.figures.collector import Collector
+    from spherekit.runs.runner import run
 
     with _recorder(options, study) as recorder:
         if options.serve is not None:
@@ -169,8 +170,8 @@ def _executed(
         # The summary comes before the figures, so that it is not lost if one of them fails.
         _tell(options, study, result)
         if collector and study.folder:
-            from spherekit.figures.contents import figures_of
-            from spherekit.figures.write import write_figures
+            from spherekit.display.figures.contents import figures_of
+            from spherekit.display.figures.figure_files import write_figures
 
             figures = figures_of(collector.scenes(), collector.titles)
             folder = study.folder / "figures"
@@ -203,7 +204,7 @@ def _exit_status(result: "RunResult", exceeded: int, strict: bool) -> int:
 
 def _prove(options: Namespace, study: "Study", result: "RunResult") -> int:
     """Prove the poles of a run, write and tell; return how many bounds are exceeded."""
-    from spherekit.analysis.proven_poles import prove_poles
+    from spherekit.runs.proven_poles import prove_poles
 
     motion, poles = (result.results[name].data[name] for name in ("motion", "poles"))
     proven = prove_poles(study.mechanism, motion, poles)
@@ -219,8 +220,8 @@ def _prove(options: Namespace, study: "Study", result: "RunResult") -> int:
 
 def _tell(options: Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and what else there is to say to stderr."""
-    from spherekit.analysis.faults import failed
-    from spherekit.analysis.tables import COLUMNS
+    from spherekit.runs.analysis_faults import failed
+    from spherekit.tables.table import COLUMNS
 
     summary = result.summary
     if study.folder:
@@ -285,7 +286,7 @@ def _check_effect(study: "Study", options: Namespace) -> None:
 
 def _add_hint(error: BaseException, study: "Study", options: Namespace) -> None:
     """Add the command by which a stopped run goes on, if there is one."""
-    from spherekit.analysis.folder import has_unfinished
+    from spherekit.runs.run_folder import has_unfinished
 
     noted = getattr(error, "__notes__", ())
     if noted and study.folder and has_unfinished(study.folder):
@@ -308,7 +309,7 @@ def _accuracy(
         )
     if options.tol is None or (study.start is not None and not options.trade):
         return {}
-    from spherekit.tradeoff.choice import choose, stored_for
+    from spherekit.runs.trade_choice import choose, stored_for
 
     stored = stored_for(study, analyses, options.trade) if options.trade else []
     setting, accuracy = choose(study, analyses, options.tol, stored)
@@ -340,7 +341,7 @@ def _records(options: Namespace, study: "Study") -> bool:
 def _recorder(options: Namespace, study: "Study") -> Any:
     if not _records(options, study):
         return nullcontext(None)
-    from spherekit.view.rerun_view import RerunRecorder
+    from spherekit.display.rerun.recorder import RerunRecorder
 
     return RerunRecorder(
         study.mechanism.name,

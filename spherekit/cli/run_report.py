@@ -4,13 +4,14 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from spherekit.conventions import Lines, counted, numbered, size_text
+from spherekit.conventions import Lines
 from spherekit.progress import ProgressReporter
+from spherekit.wording import counted, numbered, size_text
 
 
 def report(summary: Any) -> str:
     """Return the summary in a few lines for people."""
-    from spherekit.analysis.faults import failed_rows
+    from spherekit.runs.analysis_faults import failed_rows
 
     lines = [
         f"{summary['mechanism']}: {_asked(summary)}; groups: "
@@ -42,7 +43,7 @@ def report(summary: Any) -> str:
         lines.append(_simulated(summary["simulation"], summary["cost"]["simulate"]))
     lines += _errors(summary["errors_reached"])
     if "verified" in summary:
-        from spherekit.analysis.running.summary import told
+        from spherekit.runs.summary import told
 
         lines += told(summary["verified"])
     lines += spent(summary["cost"])

@@ -6,8 +6,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from spherekit.model.mechanism import Mechanism
-    from spherekit.model.study import Law, Study
+    from spherekit.files.study import Study
+    from spherekit.files.time_law import Law
+    from spherekit.mechanism.mechanism import Mechanism
 
 LOCK = """
 --lock PAIR=VALUE ...
@@ -66,8 +67,8 @@ def with_locks(
 ) -> "Mechanism":
     """Return a mechanism with the pairs locked that ``PAIR=VALUE`` name, if any."""
     from spherekit.errors import AnalysisError
-    from spherekit.files.study import angle_unit_of_mechanism
-    from spherekit.model.locking import lock
+    from spherekit.files.study_reader import angle_unit_of_mechanism
+    from spherekit.mechanism.locking import lock
 
     if not texts:
         return mechanism
@@ -89,7 +90,7 @@ def study_from(options: Namespace, more: Mapping[str, Any] = NONE) -> "Study":
 
     `more` are other fields of it, those that are not None.
     """
-    from spherekit.files.study import load_study
+    from spherekit.files.study_reader import load_study
 
     study = load_study(options.file)
     mechanism = with_locks(study.mechanism, options.lock, options.file)
@@ -115,12 +116,12 @@ def study_from(options: Namespace, more: Mapping[str, Any] = NONE) -> "Study":
 
 def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     """Return the time laws that ``[PAIR=]KIND:key=value,...`` gives, by input."""
-    from spherekit.analysis.arguments import given_in
-    from spherekit.conventions import choices, listing
     from spherekit.errors import AnalysisError, ModelError
+    from spherekit.files.time_law import KINDS
     from spherekit.files.units import KEYS
-    from spherekit.model.study import KINDS
-    from spherekit.planning.inputs import driven_pairs
+    from spherekit.planning.assembly_plan import driven_pairs
+    from spherekit.runs.parameter_text import given_in
+    from spherekit.wording import choices, listing
 
     inputs = study.mechanism.names_of(driven_pairs(study.mechanism))
     laws: dict[str, Law] = {}
@@ -145,8 +146,8 @@ def laws_of(texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
 
 def torque_of(texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
     """Return the driving torque that ``[PAIR=]EXPR`` gives, or that of each input."""
-    from spherekit.conventions import listing
     from spherekit.errors import AnalysisError
+    from spherekit.wording import listing
 
     if len(texts) == 1 and "=" not in texts[0]:
         return texts[0]

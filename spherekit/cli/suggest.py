@@ -32,8 +32,8 @@ def analyses(prefix: str, typed: Any = None) -> Lines:
         from importlib.metadata import entry_points
 
         return [point.name for point in entry_points(group="spherekit.analyses")]
-    from spherekit.analysis.arguments import parameters
-    from spherekit.analysis.registry import load
+    from spherekit.runs.parameter_text import parameters
+    from spherekit.runs.registry import load
 
     before = prefix[: len(prefix) - len(given.rpartition(",")[2])]
     return [f"{before}{key}=" for key in parameters(load(name))]
@@ -42,7 +42,7 @@ def analyses(prefix: str, typed: Any = None) -> Lines:
 def pairs(prefix: str, typed: Any) -> Lines:
     """Return the pairs of the mechanism that the command line names."""
     from spherekit.errors import SpherekitError
-    from spherekit.files.study import load_study
+    from spherekit.files.study_reader import load_study
 
     with suppress(SpherekitError, AttributeError, TypeError):
         return [pair.name for pair in load_study(typed.file).mechanism.pairs]

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from spherekit.cli.main import note
 from spherekit.cli.study import STUDY, TIMED, study_from
-from spherekit.conventions import Lines, counted, numbered, with_units, without_numbers
+from spherekit.conventions import Lines
 from spherekit.escaping import terminal_text
+from spherekit.wording import counted, numbered, with_units, without_numbers
 
 if TYPE_CHECKING:
-    from spherekit.design.sweep_parts import SweepResult
+    from spherekit.designs.sweep_parts import SweepResult
 
 PAGE = (
     STUDY
@@ -68,10 +69,10 @@ def execute(options: Namespace) -> int:
     """Compute, and print the first rows."""
     from dataclasses import replace
 
-    from spherekit.analysis.registry import create
-    from spherekit.design.sweep import DesignSpace, variation
+    from spherekit.api.sweep import perform, sweep_of
+    from spherekit.designs.design_space import DesignSpace, variation
     from spherekit.errors import DesignError
-    from spherekit.front.designs import perform, sweep_of
+    from spherekit.runs.registry import create
 
     if options.tables and not options.output:
         raise DesignError("--tables: give the folder to which they go, -o DIR")

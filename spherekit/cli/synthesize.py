@@ -4,7 +4,7 @@ import sys
 from argparse import Namespace
 
 from spherekit.cli.main import note
-from spherekit.conventions import counted, with_units
+from spherekit.wording import counted, with_units
 
 PAGE = """
 SYNTHESIS
@@ -33,9 +33,9 @@ def execute(options: Namespace) -> int:
     """Find sizes, and print the best designs."""
     import numpy as np
 
+    from spherekit.api.designs import synthesize
     from spherekit.errors import DesignError
-    from spherekit.files.write import dump
-    from spherekit.front.designs import synthesize
+    from spherekit.files.mechanism_writer import dump
 
     for name in ("designs", "starts"):
         if getattr(options, name) < 1:

@@ -36,11 +36,12 @@ examples:
 
 def execute(options: Namespace) -> int:
     """Measure, print, and write."""
-    from spherekit.analysis.registry import create
-    from spherekit.analysis.study import analyses_of
+    from spherekit.api.trade import trade
     from spherekit.errors import AnalysisError
-    from spherekit.front.run import trade
-    from spherekit.tradeoff.record import as_text, check_tolerance
+    from spherekit.runs.registry import create
+    from spherekit.runs.study_analyses import analyses_of
+    from spherekit.runs.trade_record import check_tolerance
+    from spherekit.runs.trade_text import as_text
 
     study = study_from(options)
     if options.tol is not None:
@@ -68,8 +69,8 @@ def execute(options: Namespace) -> int:
 
 def _check_places(options: Namespace) -> None:
     """Refuse what cannot be written before minutes are spent on measuring it."""
-    from spherekit.files.atomic import MARK, check_folder, check_own
-    from spherekit.view.outputs import check_place
+    from spherekit.display.rerun.destination import check_place
+    from spherekit.storage.atomic_write import MARK, check_folder, check_own
 
     if options.save:
         check_place(options.save)
@@ -81,8 +82,8 @@ def _check_places(options: Namespace) -> None:
 
 
 def _write(result: Any, options: Namespace) -> None:
-    from spherekit.files.atomic import MARK, make_folder, write_text
-    from spherekit.tradeoff.record import as_csv
+    from spherekit.runs.trade_text import as_csv
+    from spherekit.storage.atomic_write import MARK, make_folder, write_text
 
     folder = make_folder(options.output)
     data = json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False)
@@ -100,9 +101,9 @@ def _write(result: Any, options: Namespace) -> None:
 def _record(result: Any, options: Namespace) -> None:
     import numpy as np
 
-    from spherekit.analysis.scene import RecordingHead
-    from spherekit.tradeoff.record import scene
-    from spherekit.view.rerun_view import RerunRecorder
+    from spherekit.display.rerun.recorder import RerunRecorder
+    from spherekit.runs.trade_chart import scene
+    from spherekit.scenes.recording_head import RecordingHead
 
     with RerunRecorder(result.mechanism, path=options.save) as recorder:
         recorder.start(RecordingHead())

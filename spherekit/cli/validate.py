@@ -7,8 +7,9 @@ from dataclasses import replace
 
 from spherekit.cli.main import say
 from spherekit.cli.study import LOCK, with_locks
-from spherekit.conventions import Facts, counted, numbered
+from spherekit.conventions import Facts
 from spherekit.errors import SolveError, SpherekitError
+from spherekit.wording import counted, numbered
 
 PAGE = (
     LOCK
@@ -54,13 +55,13 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
     """Return what a mechanism or study file holds, having planned and assembled it."""
     import numpy as np
 
-    from spherekit.analysis.running.sampling import check_time
-    from spherekit.analysis.study import analyses_of
-    from spherekit.files.study import load_study
-    from spherekit.motion.loops import rank_mobility
-    from spherekit.motion.motion import PositionAnalysis
-    from spherekit.planning.inputs import graph_mobility
-    from spherekit.planning.plan import plans
+    from spherekit.files.study_reader import load_study
+    from spherekit.planning.mobility import graph_mobility
+    from spherekit.planning.pole_planner import plans
+    from spherekit.positions.linearisation import rank_mobility
+    from spherekit.positions.motion import PositionAnalysis
+    from spherekit.runs.sampling import check_time
+    from spherekit.runs.study_analyses import analyses_of
 
     study = load_study(name)
     study = replace(study, mechanism=with_locks(study.mechanism, locks, name))

@@ -8,8 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from spherekit.cli.main import note
-from spherekit.conventions import listing
 from spherekit.errors import OutputError
+from spherekit.wording import listing
 
 PAGE = """
 FILE|DIR
@@ -49,7 +49,7 @@ def execute(options: Namespace) -> int:
     if options.web and options.png:
         raise OutputError("--web and --png: say one of them")
     if options.png:
-        from spherekit.view.pictures import check_picture
+        from spherekit.display.rerun.screenshot import check_picture
 
         check_picture(Path(options.png), _size(options.size))
     if is_mechanism(options.file):
@@ -69,8 +69,9 @@ def is_mechanism(name: str) -> bool:
 
 def _of_mechanism(options: Namespace) -> int:
     """Show a mechanism as its file has it, without a run."""
-    from spherekit.files.read import load
-    from spherekit.view.viewer import has_display, preview
+    from spherekit.display.rerun.preview import preview
+    from spherekit.display.rerun.viewer import has_display
+    from spherekit.files.mechanism_reader import load
 
     mechanism = load(options.file)
     if not (options.png or has_display()):
@@ -93,16 +94,16 @@ def _of_mechanism(options: Namespace) -> int:
 
 def _of_recording(path: Path, options: Namespace) -> int:
     if options.web:
-        from spherekit.view.viewer import serve_web
+        from spherekit.display.rerun.web_viewer import serve_web
 
         serve_web(path, lambda url: print(f"{url}  (Ctrl-C ends it)", file=sys.stderr))
         return 0
     if not options.png:
-        from spherekit.view.viewer import open_viewer
+        from spherekit.display.rerun.viewer import open_viewer
 
         note(options, open_viewer(path))
         return 0
-    from spherekit.view.pictures import screenshot
+    from spherekit.display.rerun.screenshot import screenshot
 
     screenshot(
         path,
@@ -125,7 +126,7 @@ def _size(text: str) -> tuple[int, int]:
 
 def find_recording(name: str, quiet: bool = False) -> Path:
     """Return the recording that a path or a folder stands for."""
-    from spherekit.view.program import recording_at
+    from spherekit.display.rerun.viewer_program import recording_at
 
     path = Path(name)
     with suppress(OSError, ValueError):  # of which the next line tells

@@ -1,1 +1,1 @@
-"""Dynamics of single-DOF mechanisms by Eksergian's equation, in both directions."""
+"""Forces and motion: inverse and forward dynamics, reactions, reduced models."""

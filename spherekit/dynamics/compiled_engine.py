@@ -7,14 +7,15 @@ from itertools import combinations
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import STATUS_MEANING, TURN, Names, Status
+from spherekit.conventions import TURN, Names
+from spherekit.dynamics.compiled_equation import COARSEST, LOOSEST, compiled_equation
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     inertia_matrix,
     reciprocal_condition,
 )
-from spherekit.dynamics.forces import rates_by_time
-from spherekit.dynamics.path import (
+from spherekit.dynamics.several_freedoms import STEEPEST, mass_size
+from spherekit.dynamics.simulated_path import (
     Frames,
     StatePath,
     in_coordinates,
@@ -38,16 +39,18 @@ from spherekit.dynamics.simulation import (
     stop_end,
     too_many,
 )
-from spherekit.dynamics.start import Problem
-from spherekit.engine.equation import (
-    COARSEST,
-    LOOSEST,
-    compiled_equation,
+from spherekit.dynamics.simulation_start import Problem
+from spherekit.dynamics.taylor_integration import (
+    CROSSED,
+    MOST_STEPS,
+    Integration,
+    Run,
+    RunEnd,
 )
-from spherekit.engine.integration import CROSSED, MOST_STEPS, Integration, Run, RunEnd
-from spherekit.engine.system import STEEPEST, mass_size
+from spherekit.dynamics.transmitted_forces import rates_by_time
 from spherekit.errors import EngineError
-from spherekit.sphere.rotation import all_finite
+from spherekit.geometry.rotation import all_finite
+from spherekit.status import STATUS_MEANING, Status
 
 NO_CROSSING = 1e-3
 """Less belongs to a crossing of curves, see `reciprocal_condition`."""
@@ -82,7 +85,7 @@ def by_taylor_series(
     Parameters
     ----------
     tolerance
-        See `spherekit.engine.equation.compiled_equation`.
+        See `spherekit.dynamics.compiled_equation.compiled_equation`.
     reason, forecast
         Why it is this engine that runs.
 

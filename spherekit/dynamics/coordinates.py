@@ -19,14 +19,16 @@ from typing import Literal
 import numpy as np
 
 from spherekit.arrays import Floats, SmallIntegers
-from spherekit.conventions import Status, listing
 from spherekit.errors import ModelError, SolveError
-from spherekit.model.mechanism import Mechanism
-from spherekit.motion.closure import Closure
-from spherekit.motion.loops import Linearisation, left_inverse, penetrates
-from spherekit.numeric.zeros import ArrayRows
-from spherekit.rates.sequence import null_motion
-from spherekit.sphere.rotation import all_finite, cross, nans, transpose
+from spherekit.geometry.rotation import all_finite, cross, nans, transpose
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.array_rows import ArrayRows
+from spherekit.positions.linearisation import Linearisation, left_inverse
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.pair_states import penetrates
+from spherekit.status import Status
+from spherekit.velocities.pole_sequence import null_motion
+from spherekit.wording import listing
 
 Order = Literal[1, 2]
 

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import EPS, STATUS_MEANING, Status
 from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
-from spherekit.dynamics.path import (
+from spherekit.dynamics.equation_of_motion import Dynamics
+from spherekit.dynamics.simulated_path import (
     GAUSS,
     INTEGRAL,
     NODES,
@@ -42,11 +42,13 @@ from spherekit.dynamics.simulation import (
     stop_end,
     too_many,
 )
-from spherekit.dynamics.start import Problem, variable_of
-from spherekit.dynamics.state import Dynamics
-from spherekit.engine.integration import CROSSED, SHORTEST, first_missed
+from spherekit.dynamics.simulation_start import Problem, variable_of
+from spherekit.dynamics.step_probes import first_missed
+from spherekit.dynamics.taylor_integration import CROSSED, SHORTEST
+from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.progress import ProgressReporter
-from spherekit.sphere.rotation import all_finite, max_abs
+from spherekit.status import STATUS_MEANING, Status
+from spherekit.tolerances import EPS
 
 FIRST_ARC = 0.1
 

@@ -19,13 +19,13 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
-from spherekit.conventions import Status
-from spherekit.dynamics.forces import DrivenState, JointReactions, transmitted
-from spherekit.dynamics.inverse import InverseSolution, needed_torques
-from spherekit.dynamics.state import IndeterminateForces, lacking
-from spherekit.model.dynamics import Bearings
-from spherekit.motion.motion import Motion
-from spherekit.sphere.rotation import max_abs, nans
+from spherekit.dynamics.bearing_friction import IndeterminateForces, lacking
+from spherekit.dynamics.inverse_dynamics import InverseSolution, needed_torques
+from spherekit.dynamics.transmitted_forces import DrivenState, JointReactions, transmitted
+from spherekit.geometry.rotation import max_abs, nans
+from spherekit.mechanism.friction import Bearings
+from spherekit.positions.motion import Motion
+from spherekit.status import Status
 
 ROUNDING = 1e-12
 """A contact pulls where it does so by more than this part of the largest reaction."""

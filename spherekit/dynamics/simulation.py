@@ -10,25 +10,26 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.conventions import TURN, counted
+from spherekit.conventions import TURN
 from spherekit.dynamics.coordinates import (
     InputMotion,
     inertia_matrix,
     single,
 )
-from spherekit.dynamics.forces import (
+from spherekit.dynamics.equation_of_motion import Dynamics, EquationOfMotion
+from spherekit.dynamics.simulated_path import StatePath, Traced
+from spherekit.dynamics.simulation_start import Problem
+from spherekit.dynamics.transmitted_forces import (
     DrivenState,
     JointReactions,
     rates_by_time,
     transmitted,
 )
-from spherekit.dynamics.path import StatePath, Traced
-from spherekit.dynamics.start import Problem
-from spherekit.dynamics.state import Dynamics, EquationOfMotion
 from spherekit.errors import SolveError
-from spherekit.model.mechanism import Mechanism
-from spherekit.motion.motion import Timing
-from spherekit.sphere.rotation import max_abs
+from spherekit.geometry.rotation import max_abs
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.timing import Timing
+from spherekit.wording import counted
 
 EventKind = Literal[
     "dead_centre", "type_2", "crossing", "rest", "joint_limit", "switch", "lift_off"

@@ -1,1 +1,1 @@
-"""Mechanisms for other programs, and from them."""
+"""Mechanisms for other programs: source code, LaTeX, MJCF, URDF, coupling tables."""

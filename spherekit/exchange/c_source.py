@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from spherekit.arrays import Floats
 from spherekit.escaping import c_comment
 from spherekit.exchange import identifiers
-from spherekit.exchange.printed import (
+from spherekit.exchange.source_printer import (
     CALLS,
     Function,
     Language,

@@ -17,8 +17,9 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
-from spherekit.model.graph import spanning
-from spherekit.sphere.rotation import arc, unit_rows
+from spherekit.geometry.rotation import unit_rows
+from spherekit.geometry.triangle import arc
+from spherekit.mechanism.graph import spanning
 
 SAME_AXIS_SINE = 1e-6
 """Sine of the angle below which two axes are one. Larger: gears with tiny pitch cones are

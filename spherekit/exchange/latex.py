@@ -10,20 +10,21 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import listing, nearest
-from spherekit.design.variables import design_variable
-from spherekit.engine.expression_graph import Expr
+from spherekit.designs.design_variables import design_variable
 from spherekit.errors import EngineError
 from spherekit.escaping import latex_text
 from spherekit.exchange.latex_formulas import Formulas
 from spherekit.exchange.latex_text import text_of
-from spherekit.files.write import document_of
-from spherekit.model.gears import link_axes, pair_frames, reference_frame
-from spherekit.model.locking import restated, sizes_by_frames
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import LinkSizes, PoseGeometry
-from spherekit.motion.traced import assembly_by_count_or_rank
-from spherekit.planning.poles import as_text
+from spherekit.files.number_change import document_of
+from spherekit.mechanism.changed_axes import restated
+from spherekit.mechanism.elements import LinkSizes, PoseGeometry
+from spherekit.mechanism.joint_frames import link_axes, pair_frames, reference_frame
+from spherekit.mechanism.locking import sizes_by_frames
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.plan_text import as_text
+from spherekit.positions.motion_cache import assembly_by_count_or_rank
+from spherekit.symbolic.expression_graph import Expr
+from spherekit.wording import listing, nearest
 
 HEAD = r"""\documentclass[a4paper]{article}
 \usepackage{amsmath}
@@ -70,9 +71,10 @@ def latex(
     mechanism
         The mechanism, its inputs joined to the ground.
     quantities
-        What is wanted, by the names of `spherekit.engine.row_quantities.row_quantities`;
-        vectors also without their components. By default the angles of pairs, poles,
-        coefficients of links against the ground and, where there are masses, torques.
+        What is wanted, by the names of
+        `spherekit.velocities.row_quantities.row_quantities`; vectors also without their
+        components. By default the angles of pairs, poles, coefficients of links against the
+        ground and, where there are masses, torques.
     vary
         Keys of sizes and masses in the mechanism's file, ``links.2.arc``, that stay symbols
         whatever their values.

@@ -11,8 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import listing
-from spherekit.engine.expression_graph import (
+from spherekit.errors import EngineError
+from spherekit.escaping import latex_text
+from spherekit.exchange.latex_text import number
+from spherekit.mechanism.elements import SizeGeometry
+from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.load import Component, TorqueTable, expression_of
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import Group, plan_assembly
+from spherekit.planning.pole_plan import LinePole, Plan, PrimaryPole, pole_of, roman
+from spherekit.planning.pole_planner import plan
+from spherekit.planning.pole_sequence import circles
+from spherekit.symbolic.expression_graph import (
     Expr,
     ExpressionNode,
     derivatives,
@@ -22,19 +32,8 @@ from spherekit.engine.expression_graph import (
     substituted,
     vector_product,
 )
-from spherekit.engine.expression_graph import (
-    dot as sum_of_products,
-)
-from spherekit.errors import EngineError
-from spherekit.escaping import latex_text
-from spherekit.exchange.latex_text import number
-from spherekit.model.graph import spanning
-from spherekit.model.load import Component, TorqueTable, expression_of
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import SizeGeometry
-from spherekit.planning.inputs import Group, plan_assembly
-from spherekit.planning.plan import circles, plan
-from spherekit.planning.poles import LinePole, Plan, PrimaryPole, pole_of, roman
+from spherekit.symbolic.expression_graph import dot as sum_of_products
+from spherekit.wording import listing
 
 cross, inner = partial(vector_product, "cross"), partial(vector_product, "dot")
 symbol = partial(function, "variable")
@@ -74,7 +73,7 @@ class Formulas:
         Meanings and values of the symbols that nothing gives.
     quantities
         The terms of each quantity, by the names of
-        `spherekit.engine.row_quantities.row_quantities` without components of vectors.
+        `spherekit.velocities.row_quantities.row_quantities` without components of vectors.
     left_out
         Loads whose friction follows from reactions.
     free_terms

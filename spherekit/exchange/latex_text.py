@@ -6,7 +6,7 @@ Factors stand at a thin space, ``\,``, so that what is printed can be read back.
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from spherekit.engine.expression_graph import Expr, ExpressionNode, rewrite
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, rewrite
 
 _NAMED: Mapping[str, str] = {
     "asin": r"\arcsin",

@@ -10,19 +10,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from spherekit.analysis.link_scenes import link_shapes
 from spherekit.arrays import Floats
-from spherekit.conventions import listing
-from spherekit.engine.expression_graph import (
-    array_function,
-    derivatives,
-    expression_terms,
-    symbols,
-    varies,
-)
 from spherekit.errors import EngineError
 from spherekit.escaping import xml_comment
-from spherekit.exchange.bodies import (
+from spherekit.exchange.link_bodies import (
     LIGHT_CARRIER,
     LIGHT_END,
     BodyInertia,
@@ -30,7 +21,10 @@ from spherekit.exchange.bodies import (
     spokes,
 )
 from spherekit.exchange.mjcf_names import name_elements
-from spherekit.model.dynamics import (
+from spherekit.geometry.mirror import quaternion
+from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.mechanism.load import Called, Component, TorqueTable
+from spherekit.mechanism.load_kinds import (
     Damper,
     Friction,
     Gravity,
@@ -39,10 +33,17 @@ from spherekit.model.dynamics import (
     PointForce,
     Spring,
 )
-from spherekit.model.load import Called, Component, TorqueTable
-from spherekit.model.mechanism import Mechanism
-from spherekit.sphere.rotation import all_finite, max_abs, quaternion
-from spherekit.view.colours import link_colour
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.scenes.colours import link_colour
+from spherekit.scenes.link_scenes import link_shapes
+from spherekit.symbolic.expression_graph import (
+    array_function,
+    derivatives,
+    expression_terms,
+    symbols,
+    varies,
+)
+from spherekit.wording import listing
 
 Attributes = dict[str, Any]
 """Of an element, as texts, numbers, or rows of numbers."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from spherekit.exchange.identifiers import unique_names
-from spherekit.model.mechanism import Mechanism
+from spherekit.mechanism.mechanism import Mechanism
 
 WORLD = "world"
 """The name of the body that MuJoCo's models begin with."""

@@ -1,7 +1,7 @@
 """Finds the assembly modes of explicit formulas, and compares each with the mechanism.
 
 Exported source code contains a table of assembly modes. Each mode has *places*, the numbers
-that select it in the formulas (see `formula_terms`):
+that select it in the formulas (see `formula_expressions`):
 
 - If the formulas are in closed form, they are the sign of each dyad (+1 or -1). This is the
   sign of the triple product of its three axes. An assembly mode of a run has one sign for
@@ -28,21 +28,22 @@ from itertools import pairwise
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.conventions import Status, listing
-from spherekit.design.varied import VariedMechanism
-from spherekit.engine.expression_graph import Expr
-from spherekit.engine.row_quantities import VariedTerms
+from spherekit.completeness import Guarantee
+from spherekit.designs.varied_mechanism import VariedMechanism
 from spherekit.errors import EngineError
-from spherekit.exchange.formula_terms import Formulas, Mode, ModeTable, SmoothModes
-from spherekit.guarantee import Guarantee
-from spherekit.model.gears import joints_of
-from spherekit.model.study import Crossings
-from spherekit.motion.assembly_modes import AssemblyMode
-from spherekit.motion.closure import Closure
-from spherekit.motion.motion import Motion, PositionAnalysis
-from spherekit.motion.traced import traced
-from spherekit.numeric.crossings import wrap
-from spherekit.sphere.rotation import max_abs
+from spherekit.exchange.formula_expressions import Formulas, Mode, ModeTable, SmoothModes
+from spherekit.files.study import Crossings
+from spherekit.geometry.rotation import max_abs
+from spherekit.mechanism.joint_frames import joints_of
+from spherekit.numerics.angles import wrap
+from spherekit.positions.assembly_mode import AssemblyMode
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion_cache import traced
+from spherekit.status import Status
+from spherekit.symbolic.expression_graph import Expr
+from spherekit.velocities.row_quantities import VariedTerms
+from spherekit.wording import listing
 
 MODE_SAMPLES = 121
 """Number of samples in the ranges of the inputs. The compared inputs are among them."""

@@ -1,11 +1,4 @@
-"""MuJoCo's reading of MJCF and URDF files; the only module that imports mujoco.
-
-What URDF files say of loops and drives in elements that the format itself lacks.
-
-Tree joints cannot close loops. In use are `<loop_joint>` with two links and the places on
-them (Drake, Isaac Sim, and exporters that write parent and child with origins), and
-`<loop>` with `<predecessor>` and `<successor>` (URDF+, Chignoli et al. 2024).
-"""
+"""MuJoCo's reading of MJCF and URDF files; the only module that imports mujoco."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -17,9 +10,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from spherekit.arrays import Floats
-from spherekit.conventions import Lines, counted, listing
+from spherekit.conventions import Lines
 from spherekit.errors import FileError
 from spherekit.exchange.mujoco_cleaning import drop_missing_files, replace_ball_joints
+from spherekit.exchange.urdf_loops import TURNING, Element, _vector
 from spherekit.exchange.urdf_transmissions import (
     DrivenJoint,
     DrivenWheel,
@@ -27,19 +21,13 @@ from spherekit.exchange.urdf_transmissions import (
     name_wheels,
     read_transmissions,
 )
-from spherekit.sphere.rotation import max_abs
+from spherekit.geometry.rotation import max_abs
+from spherekit.wording import counted, listing
 
-Element = ElementTree.Element
-
-TURNING = ("revolute", "continuous")
 KINDS = (*TURNING, "spherical", "ball", "fixed")
 """The types of loop joints."""
 ENDS = ("link1", "link2", "predecessor", "successor", "parent", "child")
 """What their links are called."""
-
-
-def _vector(item: Element, key: str) -> Floats:
-    return np.array((item.get(key) or "0 0 0").split(), dtype=float)
 
 
 MASSLESS = 1e-14

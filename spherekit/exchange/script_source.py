@@ -12,7 +12,7 @@ from spherekit.escaping import (
     python_comment,
 )
 from spherekit.exchange import identifiers
-from spherekit.exchange.printed import (
+from spherekit.exchange.source_printer import (
     WIDTH,
     Language,
     Source,

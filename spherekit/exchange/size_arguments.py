@@ -11,13 +11,15 @@ from collections.abc import Iterable
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.conventions import EPS, Names, listing
-from spherekit.design.profile_numbers import numbers_of, profiles_of, tracks_of
-from spherekit.design.variables import ACTIONS, DesignVariable, designed
-from spherekit.design.varied import VariedMechanism
+from spherekit.conventions import Names
+from spherekit.designs.design_variables import ACTIONS, DesignVariable, designed
+from spherekit.designs.profile_numbers import numbers_of, profiles_of, tracks_of
+from spherekit.designs.varied_mechanism import VariedMechanism
 from spherekit.errors import DesignError, SpherekitError
-from spherekit.exchange.formula_terms import FormulaFunction, Formulas
-from spherekit.model.mechanism import Mechanism
+from spherekit.exchange.formula_expressions import FormulaFunction, Formulas
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.tolerances import EPS
+from spherekit.wording import listing
 
 RELATIVE_STEP = 1e-3
 """Relative change of a number that is tried to see its effect; absolute if it is zero.

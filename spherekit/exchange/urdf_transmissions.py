@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
-from spherekit.conventions import counted, listing
 from spherekit.errors import FileError
+from spherekit.wording import counted, listing
 
 Element = ElementTree.Element
 

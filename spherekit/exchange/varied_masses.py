@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from spherekit.engine.algebra import Exprs, constants, cross, vector
-from spherekit.engine.expression_graph import Expr, ExpressionNode, dot, function
-from spherekit.engine.pose import root
-from spherekit.engine.turns import TurningPairs
-from spherekit.files.document import Document, KeyPath
-from spherekit.model.dynamics import Mass, moved_to_sphere_centre
-from spherekit.model.mechanism import Mechanism
+from spherekit.files.toml_document import Document
+from spherekit.files.toml_lines import KeyPath
+from spherekit.mechanism.inertia import Mass, moved_to_sphere_centre
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function
+from spherekit.symbolic.frame_expressions import cross
+from spherekit.symbolic.vector_algebra import Exprs, constants, vector
+from spherekit.velocities.axis_rotations import TurningPairs
+from spherekit.velocities.carried_vectors import root
 
 
 def masses_in_terms(
@@ -84,7 +86,7 @@ def arc_inertia(
 ) -> tuple[Exprs, Exprs]:
     """Return tensor (3, 3) about O and centre of mass (3,) of a uniform arc, as terms.
 
-    They are those of `spherekit.model.dynamics.uniform_arc`, in its notation.
+    They are those of `spherekit.mechanism.inertia.uniform_arc`, in its notation.
     """
     normal, middle, across = cross(first, second), first + second, second - first
     length = function("atan2", root(dot(normal, normal)), dot(first, second))
@@ -98,7 +100,7 @@ def arc_inertia(
 
 
 def _frame(first: Exprs, second: Exprs) -> Exprs:
-    """Return the frame (3, 3) of two axes, see `spherekit.model.dynamics.axes_frame`."""
+    """Return the frame (3, 3) of two axes, see `spherekit.mechanism.inertia.axes_frame`."""
     across = cross(second, first)
     x = across * (1.0 / root(dot(across, across)))
     return np.stack([x, cross(first, x), first], axis=1)

@@ -1,1 +1,1 @@
-"""Mechanism files: reading, writing, and finding the shipped ones."""
+"""Mechanism and study files in TOML: schema, reading, writing, the shipped library."""

@@ -10,8 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, AnyPath, listing, nearest
+from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN, AnyPath
 from spherekit.errors import FileError
+from spherekit.wording import listing, nearest
 
 GROUP = "spherekit.mechanisms"
 """Entry-point group of packs; the value is the package that holds the files."""

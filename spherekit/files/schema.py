@@ -15,9 +15,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from spherekit.conventions import MAX_NAME_LENGTH, choices, counted, listing, nearest
+from spherekit.conventions import MAX_NAME_LENGTH
 from spherekit.errors import FileError
-from spherekit.files.document import Document, KeyPath, Table, spelt, values_in
+from spherekit.files.toml_document import Document, Table, spelt, values_in
+from spherekit.files.toml_lines import KeyPath
+from spherekit.wording import choices, counted, listing, nearest
 
 FORMAT = 1
 """The format of mechanism and study files that this version reads and writes."""

@@ -1,210 +1,220 @@
-"""A study from a TOML file of format 1: a mechanism and what is to be run on it."""
+"""What a run goes through: a mechanism, the samples of its inputs, and what drives them."""
 
-import os
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
-from spherekit.argument_validation import checked
+from spherekit.argument_validation import check_fields, checked_class
 from spherekit.arrays import Floats
-from spherekit.conventions import DEFAULT_SAMPLES, AnyPath, choices, listing
-from spherekit.errors import FileError, ModelError
-from spherekit.files.document import Document, KeyPath, Table, parse, read_text
-from spherekit.files.library import STUDY_SUFFIX, find, is_study, named_in
-from spherekit.files.read import angle_unit_of, load
-from spherekit.files.schema import check
-from spherekit.files.units import converted, made
-from spherekit.model.locking import lock
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import AngleUnit, Input
-from spherekit.model.study import KINDS, Law, Start, Study, Tabulated
+from spherekit.conventions import DEFAULT_SAMPLES
+from spherekit.errors import AnalysisError, ModelError, SpherekitError
+from spherekit.files.time_law import Law, _need_finite_fields, _numbers
+from spherekit.mechanism.joint import Numbers
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.wording import counted
 
-Subject = Study | Mechanism | str | os.PathLike[str]
-"""What is run: a study, a mechanism, or the path or shipped name of either."""
-
-_FIELDS = ("assembly_mode", "search", "duration", "tolerance", "crossings", "verify")
-"""Keys that are fields of a study as they stand."""
+Crossings = Literal["end", "pass"]
+"""What a simulation does where sets of configurations cross."""
 
 
-@checked(FileError)
-def load_study(name_or_path: AnyPath) -> Study:
-    """Read a study file; a mechanism file is read as the study with all defaults.
+@checked_class(ModelError, "each")
+@dataclass(frozen=True)
+class Start:
+    """The input's variable (rad) and rate (rad/s) when a simulation starts, at t = 0.
 
-    Raises
-    ------
-    FileError
-        If there is no such file, or with one line for each fault in it.
+    Of several inputs one number for each, in their order; a rate of 0 is that of all.
     """
-    path = find(name_or_path)
-    if not is_study(path):
-        mechanism = load(path)
-        return Study(mechanism.name, mechanism)
-    document = parse(read_text(path), str(path))
-    check(document, "study")
-    return _Reader(document, converted(document, document.data, "study")).study(path)
+
+    q: float | Numbers
+    dq: float | Numbers = 0.0
+
+    def __post_init__(self) -> None:
+        _need_finite_fields(self)
+
+    @staticmethod
+    def of(given: "StartGiven") -> "Start":
+        """Return the start that the command's text or a mapping gives.
+
+        ``"q=0.4,dq=1.2"`` and ``{"q": 0.4, "dq": 1.2}``, of several inputs
+        ``"q=0.4+0.2,dq=1+0"`` and sequences of numbers, in rad and rad/s; without dq at
+        rest.
+
+        Raises
+        ------
+        ModelError
+            For other keys, for what does not read as numbers, and without q.
+        """
+        if isinstance(given, Start):
+            return given
+        if isinstance(given, str):
+            parts = (part.partition("=") for part in given.split(","))
+            given = {key.strip(): text for key, _, text in parts}
+        read = {}
+        for key, state in given.items():
+            if key not in ("q", "dq"):
+                raise ModelError(f'start: "{key}" is neither q nor dq; {START_SHOWN}')
+            try:
+                read[key] = _numbers(state)
+            except (TypeError, ValueError):
+                raise ModelError(
+                    f'start: {key}: "{state}" does not read as a number, or as one for '
+                    f"each input; {START_SHOWN}"
+                ) from None
+        if "q" not in read:
+            raise ModelError(f"start: q is missing; {START_SHOWN}")
+        return Start(**read)
+
+    def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
+        """Return variable and rate (inputs,) of each input, by their names.
+
+        Raises
+        ------
+        ModelError
+            If there is not one number for each.
+        """
+        state = []
+        rates = np.zeros(len(inputs)) if self.dq == 0.0 else self.dq
+        for key, given in (("q", self.q), ("dq", rates)):
+            numbers = np.array(given, float, ndmin=1)
+            if len(numbers) != len(inputs):
+                raise ModelError(
+                    f"start: {key} has {counted(len(numbers), 'number')}, needs "
+                    f"{len(inputs)}, one for each input ({', '.join(inputs)})"
+                )
+            state.append(numbers)
+        return state[0], state[1]
 
 
-def study_of(subject: Subject) -> Study:
-    """Return a study, given as such, or that of a mechanism, or read as `load_study`."""
-    if isinstance(subject, Study):
-        return subject
-    if isinstance(subject, Mechanism):
-        return Study(subject.name, subject)
-    return load_study(subject)
+StartGiven = Start | str | Mapping[str, Any]
+"""A start, or what `Start.of` reads."""
+
+START_SHOWN = "give q=Q,dq=W in rad and rad/s, of several inputs q=Q+Q,dq=W+W"
 
 
-def angle_unit_of_mechanism(name_or_path: AnyPath) -> AngleUnit:
-    """Return the unit of the angles in a mechanism file, or in that of a study."""
-    path = find(name_or_path)
-    if is_study(path):
-        document = parse(read_text(path), str(path))
-        path = find(named_in(document.data["mechanism"], path.parent))
-    return angle_unit_of(path)
+DEFAULT_TOLERANCE = 1e-9
+"""Error tolerated in each step of a simulation, for pair variables (rad)."""
+
+Locate = Callable[[tuple[str | int, ...], str], SpherekitError]
+"""Makes the error to raise about a key, given by its path, with file and line."""
 
 
 @dataclass(frozen=True)
-class _Reader:
-    """Builds a study from data that fits the schema, converted as the model has it."""
+class Study:
+    """A mechanism with the inputs it is driven at, and what is to be run on it.
 
-    document: Document
-    data: Table
+    Raises `AnalysisError` where a value is not of the type that its field has.
 
-    def study(self, path: Path) -> Study:
-        data, start = self.data, self.data.get("start", {})
-        mechanism = self.driven(self.locked(self.mechanism(path.parent)))
-        return Study(
-            name=path.name.removesuffix(STUDY_SUFFIX),
-            mechanism=mechanism,
-            samples=self.samples(mechanism),
-            path=self.input_path(mechanism),
-            analyses=self.document.data.get("analyses", {}),
-            folder=self.path("folder"),
-            recording=self.path("recording"),
-            degrees=data.get("output", {}).get("degrees", False),
-            laws={
-                pair: self.law(("inputs", pair, "law"), item["law"])
-                for pair, item in data.get("inputs", {}).items()
-                if "law" in item
-            },
-            start=Start(start["q"], start.get("dq", 0.0)) if start else None,
-            torque=start.get("torque"),
-            locate=self.document.fault,
-            **{key: data[key] for key in _FIELDS if key in data},
+    Attributes
+    ----------
+    name, mechanism
+        What it is called, and a mechanism with a freedom for each of its inputs.
+    samples
+        Samples on the straight path through the ranges of the inputs or, with a number for
+        each input, of a grid.
+    grid
+        Whether all combinations of the inputs are sampled, so many of each.
+    path
+        (n, inputs) rad, the inputs at every sample, in place of their ranges.
+    assembly_mode
+        Number of the only assembly mode that is wanted, or its name; all by default.
+    search
+        Whether assembly modes are looked for beside that of a given reference pose.
+    analyses
+        Names of analyses with their parameters, as they stand in a file.
+    laws, duration
+        Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
+        both ends included. With a duration alone the only input turns at 1 rad/s.
+    start, torque, tolerance
+        State of the inputs at t = 0, also as what `Start.of` reads, ``"q=0.4,dq=1.2"`` or
+        ``{"q": 0.4, "dq": 1.2}`` in rad and rad/s: the motion over `duration` then
+        follows from the loads and the `torque` (N m, a number or an expression) at the
+        input, or that of each of several inputs that has one, by its name; each step
+        within the tolerance (rad), from the `assembly_mode` (default 0) of all there are.
+    crossings
+        What happens where curves of configurations cross: modes keep the signs of their
+        dyads and a simulation ends there ("end"), or both follow the smooth curves
+        ("pass").
+    verify
+        How many rows are computed once more in 50 digits.
+    degrees
+        Whether files have angles in degrees.
+    folder, recording
+        Where a file wants its results, relative to the working folder; the command writes
+        there, `spherekit.run` only where it is told to.
+    locate
+        Gives errors about a key the file and line that say it.
+    """
+
+    name: str
+    mechanism: Mechanism
+    samples: int | Sequence[int] = DEFAULT_SAMPLES
+    grid: bool = False
+    path: Floats | None = None
+    assembly_mode: int | str | None = None
+    search: bool = True
+    analyses: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    laws: Mapping[str, Law] = field(default_factory=dict)
+    duration: float | None = None
+    start: Start | None = None
+    torque: str | float | Mapping[str, str | float] | None = None
+    tolerance: float = DEFAULT_TOLERANCE
+    crossings: Crossings = "end"
+    verify: int | None = None
+    degrees: bool = False
+    folder: Path | None = None
+    recording: Path | None = None
+    locate: Locate | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.start, str | Mapping):
+            object.__setattr__(self, "start", Start.of(self.start))
+        check_fields(self, AnalysisError, self.name)
+        if self.verify is not None and self.verify < 1:
+            raise AnalysisError(
+                f"{self.name}: verify must be at least 1, not {self.verify}"
+            )
+        if self.path is not None:
+            object.__setattr__(self, "path", np.array(self.path, dtype=np.float64))
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another study says the same, whatever file it is from."""
+        return isinstance(other, Study) and all(
+            np.array_equal(getattr(self, item.name), getattr(other, item.name))
+            for item in fields(self)
+            if item.compare
         )
 
-    def mechanism(self, folder: Path) -> Mechanism:
-        try:
-            path = find(named_in(self.data["mechanism"], folder))
-        except FileError as error:
-            raise self.document.fault(("mechanism",), str(error)) from None
-        if is_study(path):
-            raise self.document.fault(
-                ("mechanism",),
-                f'found "{self.data["mechanism"]}", a study; needs a mechanism file',
-            )
-        return load(path)
+    @property
+    def driving_torque(self) -> str | Mapping[str, str] | None:
+        """The torque at the input, or at each of several, as an expression, if any."""
+        if isinstance(self.torque, Mapping):
+            return {pair: _as_text(torque) for pair, torque in self.torque.items()}
+        return None if self.torque is None else _as_text(self.torque)
 
-    def locked(self, mechanism: Mechanism) -> Mechanism:
-        """Return the mechanism with the pairs locked that the study locks."""
-        if not self.data.get("lock"):
-            return mechanism
-        try:
-            return lock(mechanism, self.data["lock"], angle_unit="rad")
-        except ModelError as error:
-            raise self.document.fault(("lock",), str(error)) from None
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """How many samples are asked for along a path, or along each input of a grid."""
+        if self.path is not None:
+            return (len(self.path),)
+        if not isinstance(self.samples, int):
+            return tuple(self.samples)
+        return (self.samples,) * (len(self.mechanism.inputs) if self.grid else 1)
 
-    def driven(self, mechanism: Mechanism) -> Mechanism:
-        """Return the mechanism with the study's inputs and their ranges."""
-        given = self.data.get("inputs", {})
-        for pair in given:
-            if pair not in mechanism.pair_number:
-                raise self.document.fault(
-                    ("inputs", pair),
-                    f'{mechanism.name} has no pair "{pair}"'
-                    f"{choices(pair, mechanism.pair_number, 'Pairs')}",
-                )
-        if not set(mechanism.input_pairs).issuperset(given):
-            mechanism = mechanism.with_inputs(*given)
-        ranged = []
-        for item in mechanism.inputs:
-            ends = made(
-                Input,
-                {"from": item.start, "to": item.stop, **given.get(item.pair, {})},
-                {"pair": item.pair},
-            )
-            if item.pair in given and ends.start == ends.stop:
-                raise self.document.fault(
-                    ("inputs", item.pair),
-                    "the range from `from` to `to` is empty, both are "
-                    f"{ends.start:.6g} rad; give another `to`, greater or less",
-                )
-            ranged.append(ends)
-        return replace(mechanism, inputs=tuple(ranged))
+    @property
+    def count(self) -> int:
+        """How many samples are asked for in all."""
+        return math.prod(self.shape)
 
-    def samples(self, mechanism: Mechanism) -> int | tuple[int, ...]:
-        samples: int | tuple[int, ...] = self.data.get("samples", DEFAULT_SAMPLES)
-        if isinstance(samples, tuple) and len(samples) != len(mechanism.inputs):
-            raise self.document.fault(
-                ("samples",),
-                f"has {len(samples)} numbers for {len(mechanism.inputs)} inputs "
-                f"({listing(mechanism.input_pairs)})",
-            )
-        return samples
+    def fault(self, path: tuple[str | int, ...], message: str) -> SpherekitError:
+        """Return the error to raise about a key, with file and line if it has one."""
+        if self.locate is not None:
+            return self.locate(path, message)
+        return AnalysisError(f"{self.name}: {'.'.join(map(str, path))}: {message}")
 
-    def input_path(self, mechanism: Mechanism) -> Floats | None:
-        """Return the inputs' values (samples, inputs) in rad, if given."""
-        given, fault = self.data.get("inputs", {}), self.document.fault
-        if not any("values" in item for item in given.values()):
-            return None
-        columns: list[tuple[float, ...]] = []
-        for item in mechanism.inputs:
-            path, table = ("inputs", item.pair), given.get(item.pair, {})
-            if "values" not in table:
-                raise fault(
-                    path if item.pair in given else ("inputs",),
-                    f"input {item.pair} has no values, but another input has; give values "
-                    "for every input",
-                )
-            for key in ("from", "to"):
-                if key in table:
-                    raise fault((*path, key), "excluded by values, which says every sample")
-            columns.append(table["values"])
-            if len(columns[-1]) != len(columns[0]):
-                raise fault(
-                    (*path, "values"),
-                    f"has {len(columns[-1])} values, input {mechanism.inputs[0].pair} has "
-                    f"{len(columns[0])}; give equally many",
-                )
-        if "samples" in self.data:
-            raise fault(("samples",), "excluded by the inputs' values")
-        return np.array(columns).T
 
-    def law(self, path: KeyPath, item: Table) -> Law:
-        kind: Callable[..., Law] = KINDS[item["kind"]]
-        try:
-            law = made(kind, item)
-        except ModelError as error:
-            key, _, message = str(error).partition(": ")
-            raise self.document.fault((*path, key), message) from None
-        duration = self.data.get("duration")
-        if isinstance(law, Tabulated) and duration is not None:
-            first, *_, last = law.times
-            if first > 0 or last < duration:
-                raise self.document.fault(
-                    (*path, "times"),
-                    f"has {first:g} to {last:g} s, but the study lasts from 0 to "
-                    f"{duration:g} s; add rows, or change the duration",
-                )
-        return law
-
-    def path(self, key: str) -> Path | None:
-        output = self.data.get("output", {})
-        if key not in output:
-            return None
-        if not output[key].isprintable():
-            raise self.document.fault(
-                ("output", key), f"{output[key]!a}: not a usable path"
-            )
-        return Path(output[key])
+def _as_text(torque: str | float) -> str:
+    return torque if isinstance(torque, str) else repr(float(torque))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from spherekit.escaping import toml_string
-from spherekit.files.document import LiteralNumber
+from spherekit.files.toml_document import LiteralNumber
 
 _WIDTH = 88
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

@@ -1,1 +1,1 @@
-"""What follows from the graph: freedoms, groups, the sequence of poles."""
+"""What follows from the link/pair graph: mobility, groups, and the plan of poles."""

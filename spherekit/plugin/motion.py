@@ -6,13 +6,15 @@ from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
-    from spherekit.motion.configuration import configuration_curves as configuration_curves
-    from spherekit.motion.motion import Motion as Motion
-    from spherekit.motion.motion import PositionAnalysis as PositionAnalysis
-    from spherekit.planning.poles import BlockPoles as BlockPoles
-    from spherekit.planning.poles import LinePole as LinePole
-    from spherekit.planning.poles import Plan as Plan
-    from spherekit.planning.poles import PrimaryPole as PrimaryPole
-    from spherekit.planning.poles import describe as describe
+    from spherekit.planning.plan_text import describe as describe
+    from spherekit.planning.pole_plan import BlockPoles as BlockPoles
+    from spherekit.planning.pole_plan import LinePole as LinePole
+    from spherekit.planning.pole_plan import Plan as Plan
+    from spherekit.planning.pole_plan import PrimaryPole as PrimaryPole
+    from spherekit.positions.configuration_space import (
+        configuration_curves as configuration_curves,
+    )
+    from spherekit.positions.motion import Motion as Motion
+    from spherekit.positions.motion import PositionAnalysis as PositionAnalysis
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

@@ -6,39 +6,39 @@ from spherekit.lazy_imports import offered as _offered
 from spherekit.plugin import _offer
 
 if TYPE_CHECKING:
-    from spherekit.guidance.follow import RotationSamples as RotationSamples
-    from spherekit.guidance.follow import follow_rotation as follow_rotation
-    from spherekit.guidance.loci import mid_plane_form as mid_plane_form
-    from spherekit.guidance.mid_plane_architecture import (
+    from spherekit.geometry.mirror import mirror_angles as mirror_angles
+    from spherekit.geometry.mirror import normal_at as normal_at
+    from spherekit.geometry.mirror import normals_of as normals_of
+    from spherekit.geometry.mirror import quaternion as quaternion
+    from spherekit.geometry.rotation import from_quaternion as from_quaternion
+    from spherekit.geometry.tilt_torsion import azimuth_tilt as azimuth_tilt
+    from spherekit.geometry.tilt_torsion import from_tilt_torsion as from_tilt_torsion
+    from spherekit.geometry.tilt_torsion import pointing as pointing
+    from spherekit.geometry.tilt_torsion import tilt_torsion as tilt_torsion
+    from spherekit.mechanism.joint_frames import link_axes as link_axes
+    from spherekit.mechanism.mechanism import chosen_output as chosen_output
+    from spherekit.numerics.angles import wrap as wrap
+    from spherekit.outputs.fixed_axis_rotation import RotationSamples as RotationSamples
+    from spherekit.outputs.fixed_axis_rotation import follow_rotation as follow_rotation
+    from spherekit.outputs.mid_plane_architecture import (
         MidPlaneArchitecture as MidPlaneArchitecture,
     )
-    from spherekit.guidance.poses import AtDirection as AtDirection
-    from spherekit.guidance.poses import AtInputs as AtInputs
-    from spherekit.guidance.poses import AtMirror as AtMirror
-    from spherekit.guidance.poses import AtOrientation as AtOrientation
-    from spherekit.guidance.poses import AtRotation as AtRotation
-    from spherekit.guidance.poses import EndOrientation as EndOrientation
-    from spherekit.guidance.poses import Pose as Pose
-    from spherekit.guidance.poses import PoseCandidates as PoseCandidates
-    from spherekit.guidance.poses import PoseFinder as PoseFinder
-    from spherekit.guidance.rotation import SHAPES as SHAPES
-    from spherekit.guidance.rotation import FixedAxisRotation as FixedAxisRotation
-    from spherekit.guidance.rotation import TimeScaling as TimeScaling
-    from spherekit.guidance.rotation import Trajectory as Trajectory
-    from spherekit.guidance.rotation import dead_centre as dead_centre
-    from spherekit.guidance.rotation import schedule_limits as schedule_limits
-    from spherekit.guidance.rotation import time_optimal as time_optimal
-    from spherekit.model.gears import link_axes as link_axes
-    from spherekit.model.mechanism import chosen_output as chosen_output
-    from spherekit.numeric.crossings import wrap as wrap
-    from spherekit.sphere.rotation import azimuth_tilt as azimuth_tilt
-    from spherekit.sphere.rotation import from_quaternion as from_quaternion
-    from spherekit.sphere.rotation import from_tilt_torsion as from_tilt_torsion
-    from spherekit.sphere.rotation import mirror_angles as mirror_angles
-    from spherekit.sphere.rotation import normal_at as normal_at
-    from spherekit.sphere.rotation import normals_of as normals_of
-    from spherekit.sphere.rotation import pointing as pointing
-    from spherekit.sphere.rotation import quaternion as quaternion
-    from spherekit.sphere.rotation import tilt_torsion as tilt_torsion
+    from spherekit.outputs.mid_plane_symmetry import mid_plane_form as mid_plane_form
+    from spherekit.outputs.output_pose import AtDirection as AtDirection
+    from spherekit.outputs.output_pose import AtInputs as AtInputs
+    from spherekit.outputs.output_pose import AtMirror as AtMirror
+    from spherekit.outputs.output_pose import AtOrientation as AtOrientation
+    from spherekit.outputs.output_pose import AtRotation as AtRotation
+    from spherekit.outputs.output_pose import EndOrientation as EndOrientation
+    from spherekit.outputs.output_pose import Pose as Pose
+    from spherekit.outputs.output_pose import PoseCandidates as PoseCandidates
+    from spherekit.outputs.output_pose import PoseFinder as PoseFinder
+    from spherekit.outputs.rotation_timing import SHAPES as SHAPES
+    from spherekit.outputs.rotation_timing import FixedAxisRotation as FixedAxisRotation
+    from spherekit.outputs.rotation_timing import TimeScaling as TimeScaling
+    from spherekit.outputs.rotation_timing import Trajectory as Trajectory
+    from spherekit.outputs.rotation_timing import dead_centre as dead_centre
+    from spherekit.outputs.rotation_timing import schedule_limits as schedule_limits
+    from spherekit.outputs.rotation_timing import time_optimal as time_optimal
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

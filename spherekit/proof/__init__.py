@@ -1,1 +1,1 @@
-"""Certified statements: assembly modes and singular configurations proven with balls."""
+"""Proven statements and reference values, computed with balls that bound their error."""

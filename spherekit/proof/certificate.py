@@ -1,191 +1,21 @@
-"""Certificates: what was proven, with all that a checker needs to prove it again.
+"""Certificates: what was proven, with all that a checker needs to prove it again."""
 
-Singularities over a range, proven: where the input or an output stops along the curves.
-
-An output that a pair joins to the link it is seen from turns about one axis, so it rests
-where that pair's variable stops: type I. The input rests where its own variable stops:
-type II. Where neither does, the curves are free of both.
-
-Enclosures of pole axes and velocity coefficients of certified modes.
-"""
-
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import combinations
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-from spherekit.arrays import Array
-from spherekit.guarantee import Guarantee
-from spherekit.numeric.crossings import wrap
-from spherekit.proof.along import StationaryPlace, Stops
-from spherekit.proof.balls import (
-    Ball,
-    bits,
-    exact,
-    exactly,
-    lower,
-    middle,
-    solved,
-    upper,
-)
+from spherekit.completeness import Guarantee
+from spherekit.proof.ball_frames import exact
+from spherekit.proof.balls import Ball, bits, middle, upper
+from spherekit.proof.certified_modes import CertifiedModes
+from spherekit.proof.certified_singularities import CertifiedSingularities
+from spherekit.proof.configuration_curves import CertifiedCurves
 from spherekit.proof.construction import Construction
-from spherekit.proof.curves import CertifiedCurves
-from spherekit.proof.equations import Equations
-from spherekit.proof.gears import Written
-from spherekit.proof.modes import CertifiedModes
-from spherekit.proof.paving import CONTAINS, REGULAR, UNDECIDED, InputMap
-from spherekit.proof.roots import Root
-from spherekit.proof.systems import System
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.enclosed_poles import enclosed_poles
+from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED, InputMap
+from spherekit.proof.modes_over_boxes import System
+from spherekit.proof.root_ball import Root
 from spherekit.version import __version__
-
-ROUNDING = 1e-12
-"""More than inputs (rad) are off by in float64."""
-
-
-@dataclass(frozen=True)
-class CertifiedSingularities:
-    """All singularities of types I and II of outputs along certified curves.
-
-    Of the `points` each is the only singular configuration within `off` of its place: the
-    output, I, II, or "I or III" and "II or III" where the other one stops as near, the
-    input (rad), the number of the curve and the place. `undecided` counts the parts in
-    which one may be; `skipped` are outputs that no variable of the construction is the rate
-    of, of which only type II is known. An output of `resting` is at rest all along the
-    curve of that number.
-    """
-
-    curves: CertifiedCurves
-    points: Sequence[tuple[str, str, float, int, StationaryPlace]]
-    undecided: int
-    skipped: Sequence[str]
-    resting: Sequence[tuple[str, int]]
-
-    def clearance(self, q: float) -> float:
-        """Return how far (rad) the input may go from q before a singularity, at least.
-
-        In all modes, both ways, and not beyond the range; 0 where not all is proven.
-        """
-        curves = self.curves
-        if curves.claim.guarantee is not Guarantee.CERTIFIED or self.undecided:
-            return 0.0
-        ends = [] if curves.whole else [q - curves.low, curves.high - q]
-        stops = [stop for stopped, _ in curves.stopping for stop in stopped]
-        stops += [stop for *_, stop in self.points]
-        at = curves.input_at
-        places = [(at(stop.place), curves.laps * stop.off) for stop in stops]
-        places += [(at(saddle.centre), at(saddle.zone)) for saddle in curves.saddles]
-        places += [(place, 0.0) for place in curves.still_at]
-        half = np.pi * curves.laps
-        gaps = [
-            abs(np.remainder(place - q + half, 2.0 * half) - half) - off
-            for place, off in places
-        ]
-        return max(min([*gaps, *ends, half]) - curves.laps * ROUNDING, 0.0)
-
-
-def output_pairs(written: Written) -> dict[str, int]:
-    """Return the pairs that join outputs to what they are seen from, by output."""
-    mechanism, pairs = written.mechanism, dict[str, int]()
-    for output in mechanism.outputs:
-        two = {mechanism.link(output.link), mechanism.link(output.relative_to)}
-        for number, ends in enumerate(written.structure.ends):
-            if set(ends) == two:
-                pairs.setdefault(output.name, number)
-    return pairs
-
-
-def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
-    """Return the singularities of all declared outputs but the input itself."""
-    made, pairs = curves.construction, output_pairs(curves.written)
-    points: list[tuple[str, str, float, int, StationaryPlace]] = []
-    skipped: list[str] = []
-    resting: list[tuple[str, int]] = []
-    fixed = {made.pairs[curves.driven], *curves.equations.offsets}
-    looked = [(curves.driven, curves.stopping)]
-    for output in (item.name for item in curves.written.mechanism.outputs):
-        pair = pairs.get(output)
-        if pair in fixed:
-            continue
-        rests: list[Stops] = [([], []) for _ in curves.chains]
-        if pair in made.pairs:
-            variable = made.pairs.index(pair)
-            rests = curves.stops_of(variable)
-            looked.append((variable, rests))
-            resting += [
-                (output, k) for k, still in enumerate(curves.still_in(variable)) if still
-            ]
-        else:
-            skipped.append(output)
-        both = enumerate(zip(rests, curves.stopping, strict=True))
-        for curve, ((resting_at, _), (driven_at, _)) in both:
-            for kind, one, others in (
-                ("I", resting_at, driven_at),
-                ("II", driven_at, resting_at),
-            ):
-                for stop in one:
-                    words = f"{kind} or III" if _meets(stop, others) else kind
-                    q = curves.input_at(stop.place)
-                    inside = curves.inside(q)
-                    q = q if inside is None else inside
-                    points.append((output, words, q, curve, stop))
-    points.sort(key=lambda point: point[:3])
-    undecided = sum(len(doubts) for _, stops in looked for _, doubts in stops)
-    undecided += sum(
-        off > 0.0 for variable, _ in looked for off in curves.open_at(variable)
-    )
-    return CertifiedSingularities(curves, points, undecided, skipped, resting)
-
-
-def _meets(one: StationaryPlace, others: Sequence[StationaryPlace]) -> bool:
-    """Return whether a stop may be at the same configuration as others."""
-    return any(
-        np.all(np.abs(wrap(one.place - other.place)) <= one.off + other.off)
-        for other in others
-    )
-
-
-EnclosedPole = tuple[tuple[int, int, int], Array | None, Ball]
-"""The driven pair, the link that moves, and the link it is seen from; then three balls in
-ground axes of the direction, None where it may have none, and one, not negative, of the
-velocity coefficient. The angular velocity is this times the direction."""
-
-
-def enclosed_poles(equations: Equations, places: Sequence[Ball]) -> Iterator[EnclosedPole]:
-    """Yield the poles of all pairs of links at narrow balls of all variables.
-
-    With several inputs each moves in turn, the others locked.
-    """
-    for column, pair in enumerate(equations.construction.driven):
-        turning = _angular_velocities(equations, places, column)
-        for second, first in combinations(range(len(turning)), 2):
-            spin = turning[first] - turning[second]
-            size = np.sqrt(spin @ spin)
-            yield (pair, first, second), spin / size if lower(size) > 0.0 else None, size
-
-
-def _angular_velocities(equations: Equations, places: Sequence[Ball], driven: int) -> Array:
-    """Return the angular velocities of all links in ground axes, but for one vector.
-
-    While the input of a number moves at unit rate.
-    """
-    _, slopes = equations.arrays(places)
-    made, structure = equations.construction, equations.written.structure
-    count, moved = made.unknowns, exactly(np.eye(made.inputs)[driven])
-    rates = [*moved, *(row[driven] for row in equations.written.ratios())]
-    if count:
-        right = -(slopes[:, count:] @ rates)
-        rates = [*solved(slopes[:, :count], right[:, None])[:, 0], *rates]
-    placed = equations.orientations(places, 1)
-    velocities = exactly(np.zeros((structure.bodies, 3)))
-    for link, jet in placed.items():
-        parts = [jet[(v,)] * rate for v, rate in enumerate(rates) if (v,) in jet]
-        if parts and link < structure.bodies:
-            spin = sum(parts) @ jet[()].T
-            velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
-    return velocities @ placed[0][()]
-
 
 FORMAT = 1
 WHEEL_BITS = 80

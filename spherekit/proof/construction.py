@@ -20,10 +20,11 @@ from math import lcm, prod
 import numpy as np
 
 from spherekit.arrays import Indices
-from spherekit.conventions import listing
 from spherekit.errors import PlanError
-from spherekit.model.graph import joined, spanning
-from spherekit.proof.gears import Structure, Written
+from spherekit.mechanism.graph import joined, spanning
+from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.structure import Structure
+from spherekit.wording import listing
 
 MOST_ORDERS = 20000
 """Orders looked at; those of eight-bars are some hundred."""

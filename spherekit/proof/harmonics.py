@@ -14,15 +14,8 @@ from math import prod
 import numpy as np
 
 from spherekit.arrays import Array, Complexes, Floats, Indices
-from spherekit.proof.balls import (
-    UNIT,
-    Ball,
-    exact,
-    library,
-    middles,
-    pi,
-    upper,
-)
+from spherekit.proof.ball_frames import exact
+from spherekit.proof.balls import UNIT, Ball, library, middles, pi, upper
 
 Values = Callable[[Sequence[Ball]], Array]
 """Equations at angles (rad) of all variables."""

@@ -5,8 +5,8 @@ All functions take the pair variables as balls, or as power series in whatever m
 Profiles of contact pairs are curves as a mechanism declares them. Angles, radii and
 coefficients are taken as the float64 numbers they are given by, and directions are made
 unit vectors. A profile through points is the quintic spline that
-`spherekit.sphere.profile` lays through them: its float64 knots and coefficients are what is
-declared. No curvature occurs here: curves give places and tangents only, and their
+`spherekit.geometry.profile_curve` lays through them: its float64 knots and coefficients are
+what is declared. No curvature occurs here: curves give places and tangents only, and their
 derivatives are those of power series.
 """
 
@@ -20,33 +20,35 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
-from spherekit.conventions import Status
 from spherekit.errors import EngineError
-from spherekit.model.gears import joints_of
-from spherekit.model.graph import spanning
-from spherekit.model.mechanism import Mechanism
-from spherekit.model.parts import PoseGeometry, Profile
-from spherekit.proof.balls import (
-    Ball,
+from spherekit.geometry.parametric_curve import SplinePath
+from spherekit.geometry.profile_curve import spline_through
+from spherekit.mechanism.elements import PoseGeometry, Profile
+from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.proof.ball_frames import (
     Frames,
     axes_about,
-    coefficient,
     declared_frames,
     exact,
     exactly,
+    revolute,
+    unit,
+)
+from spherekit.proof.balls import (
+    Ball,
+    coefficient,
     floats,
     library,
     middles,
     pi,
     precision,
-    revolute,
     series,
     sine_cosine,
     terms,
-    unit,
 )
-from spherekit.sphere.paths import SplinePath
-from spherekit.sphere.profile import spline_through
+from spherekit.status import Status
 
 MOST_PANELS = 10_000
 

@@ -20,11 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.proof.arc_equations import Equations
+from spherekit.proof.ball_frames import exactly
 from spherekit.proof.balls import (
     Ball,
     bits,
     circle,
-    exactly,
     floats,
     lower,
     middles,
@@ -33,7 +34,6 @@ from spherekit.proof.balls import (
     upper,
     wide,
 )
-from spherekit.proof.equations import Equations
 from spherekit.proof.tubes import Zone
 
 Quadrant = tuple[int, int]

@@ -2,9 +2,9 @@
 
 A piece is z = z0 + t s + N y with |s| <= h and |y| <= r, in all variables z, t and N
 orthonormal. Where Y F' N is next to 1 in all of it, Y near the inverse at z0, there is one
-y at most for every s. And there is one: from z0 a way leads to F = 0 as in `roots`, and on
-from there with y' = -(F' N)^-1 F' t, which bounds of Y F' bound, so that it does not leave
-the piece. So the configurations in the piece are one arc without an end inside. No
+y at most for every s. And there is one: from z0 a way leads to F = 0 as in `root_ball`, and
+on from there with y' = -(F' N)^-1 F' t, which bounds of Y F' bound, so that it does not
+leave the piece. So the configurations in the piece are one arc without an end inside. No
 variable is special, so a dead centre of the input is an ordinary place. Everything is
 float64 with bounds of what it is off by.
 """
@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.numeric.crossings import wrap
+from spherekit.numerics.angles import wrap
+from spherekit.proof.arc_equations import Equations
 from spherekit.proof.balls import circle
-from spherekit.proof.equations import Equations
 
 LONGEST = 0.4
 """Largest half length (rad) of a piece."""

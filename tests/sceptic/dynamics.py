@@ -4,7 +4,7 @@ import numpy as np
 from sceptic.evidence import check
 
 import spherekit as sk
-from spherekit.model.dynamics import DRIVE
+from spherekit.mechanism.load_kinds import DRIVE
 
 UNTIL, SPEED, TOLERANCE = 1.5, 0.4, 1e-9
 """The time (s) that is simulated, the rate (rad/s) at the start, and the tolerance."""

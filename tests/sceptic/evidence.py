@@ -13,10 +13,10 @@ import numpy as np
 from pandas.api.types import is_numeric_dtype
 
 import spherekit as sk
-from spherekit.analysis.frames import read_parquet
 from spherekit.cli.main import main
 from spherekit.conventions import DEFAULT_SAMPLES
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.tables.table_files import read_parquet
 
 ANALYSES = (
     *("poles", "singularities", "eksergian"),

@@ -6,10 +6,10 @@ import numpy as np
 from independent import lacking
 from sceptic.evidence import Kind, check
 
-from spherekit.conventions import Status
-from spherekit.guarantee import Completeness, Guarantee
-from spherekit.motion.elimination import assemblies
-from spherekit.motion.motion import PositionAnalysis
+from spherekit.completeness import Completeness, Guarantee
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.status import Status
 
 SAME = 1e-6
 """Links whose orientations differ by less are in one configuration."""

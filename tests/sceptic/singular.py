@@ -6,9 +6,9 @@ import numpy as np
 from sceptic.evidence import Kind, check
 from sceptic.modes import place_of
 
-from spherekit.guarantee import Guarantee
-from spherekit.motion.elimination import assemblies
-from spherekit.motion.turns import whole_periods
+from spherekit.completeness import Guarantee
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.input_revolutions import whole_periods
 
 SINGULAR = 1e5
 """Least conditioning of the locked mechanism at a place that is said to be singular."""

@@ -9,8 +9,7 @@ from special_mechanisms import special_mechanism
 
 import spherekit as sk
 from spherekit.files.library import shipped
-from spherekit.model.dynamics import Mass
-from spherekit.model.parts import (
+from spherekit.mechanism.elements import (
     Input,
     Output,
     Pair,
@@ -18,8 +17,9 @@ from spherekit.model.parts import (
     Profile,
     SizeGeometry,
 )
-from spherekit.motion.motion import PositionAnalysis
-from spherekit.planning.inputs import driven_at
+from spherekit.mechanism.inertia import Mass
+from spherekit.planning.assembly_plan import driven_at
+from spherekit.positions.motion import PositionAnalysis
 
 TURN = 2.0 * np.pi
 RANGES = ((0.0, TURN), (-np.pi, np.pi), (0.0, 2.0 * TURN), (-0.7, 1.9), (-TURN, TURN))

@@ -1,0 +1,168 @@
+"""Singularities: where a mechanism locks or loses control, and how near it comes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import chain
+from typing import Literal
+
+import numpy as np
+
+from spherekit.plugin import (
+    AbstractAnalysis,
+    AnalysisError,
+    Batch,
+    Findings,
+    Mechanism,
+    Needs,
+    Scene,
+    Sweep,
+    TableData,
+)
+from spherekit.plugin.designs import FigureOfMerit, middle_pairs
+from spherekit.plugin.singularities import ordered_pole, output_of
+
+from .one_input import OneInput
+from .several_inputs import MOST_INPUTS, SeveralInputs, no_aspects
+from .tables import ASPECTS, RELATION, SINGULARITIES
+
+
+def _found_with(
+    parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
+) -> Sweep:
+    """Return the places of singularities by values of a parameter."""
+    beside = () if parameter in ("samples", "seconds") else (("seconds", 100.0),)
+    return Sweep(
+        parameter,
+        values,
+        "singularities",
+        "q",
+        ("kind", "output"),
+        places=True,
+        beside=beside,
+        inputs=inputs,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SingularityAnalysis(AbstractAnalysis):
+    """Singularities of types I, II and III, and the distance from them along the motion.
+
+    `near` (degrees) is the angle to a singularity below which a warning is given. Of type
+    II, where dyads place the output, their transmission angle also has to be below it. With
+    one input `output` lists the relative motions of interest, such as ``41`` or ``4/1``; by
+    default the outputs that the mechanism declares.
+
+    With several inputs the outputs are those declared. Singular curves of two inputs and
+    surfaces of three are looked for on `slices` values of each, 0 for none: by default 12
+    if there are two inputs and all groups are dyads, else from random starts, since each
+    slice then costs seconds to minutes. `mesh` is the length of the edges of surfaces
+    (degrees), 0 for none, by default a sixteenth of the narrowest range. Aspects are found
+    over `input_grid` values of each input, 0 for none, by default 11 of at most three
+    inputs, as an output of more can always rest. All that ends after `seconds` of
+    processor time with what it has.
+    """
+
+    name = "singularities"
+    version = "1"
+    summary = "singularities of types I, II, III, and how near they are"
+    cites = (
+        "R. Di Gregorio, Proc. IMechE C 227(8), 2013, 1830-1840",
+        "R. Di Gregorio, J. Mechanisms and Robotics 7(3), 2015, 031008",
+    )
+    tables = (SINGULARITIES, RELATION, ASPECTS)
+
+    trades = (
+        _found_with("samples", (31, 91, 181, 361, 1441), "one"),
+        _found_with("slices", (3, 6, 12, 24), "several"),
+        _found_with("mesh", (20.0, 10.0, 5.0, 2.5), "several"),
+        _found_with("seconds", (1.0, 3.0, 10.0, 100.0), "several"),
+    )
+
+    output: tuple[str, ...] = ()
+    near: float = 5.0
+    slices: int | None = None
+    mesh: float | None = None
+    input_grid: int | None = None
+    seconds: float = 50.0
+
+    def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
+        """Return the relative motions wanted, as numbers of links."""
+        if self.output:
+            return tuple(ordered_pole(mechanism, text) for text in self.output)
+        number = mechanism.link_number
+        ends = mechanism.ends
+        declared = dict.fromkeys(
+            (number[output.link], number[output.relative_to])
+            for output in mechanism.outputs
+        )
+        if len(mechanism.inputs) > 1:
+            return tuple(declared)
+        driven = set(ends[mechanism.pair_number[mechanism.inputs[0].pair]])
+        others = tuple(links for links in declared if set(links) != driven)
+        if others:
+            return others
+        beside = [max(two) for two in ends if 0 in two and not set(two) <= driven]
+        rest = beside or [k for k in range(1, len(mechanism.links)) if k not in driven]
+        return tuple((link, 0) for link in dict.fromkeys(rest))
+
+    def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
+        """Return the least transmission angle of each dyad, 0 at a type II singularity."""
+        return tuple(
+            FigureOfMerit(
+                f"least_transmission_angle_{pair}",
+                "min",
+                f"transmission_angle_{pair}",
+                meaning=f"least angle between the arcs at pair {pair}, 0 at type II",
+            )
+            for pair in middle_pairs(mechanism)
+        )
+
+    def needs(self, mechanism: Mechanism) -> Needs:
+        """Return the tracer, whose configuration curves are asked for more points."""
+        for name in ("near", "slices", "mesh", "input_grid", "seconds"):
+            value = getattr(self, name)
+            if value is not None and not value >= 0:
+                raise AnalysisError(
+                    f"singularities: {name}: {value:g} is not 0 or more; 0 leaves it out"
+                )
+        if len(mechanism.inputs) > 1:
+            if self.output:
+                raise AnalysisError(
+                    "singularities: output: with several inputs the outputs are those that "
+                    "the mechanism declares as [outputs.NAME]"
+                )
+            output_of(mechanism)
+            if self.input_grid and len(mechanism.inputs) > MOST_INPUTS:
+                raise AnalysisError(
+                    f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "
+                    "give 0"
+                )
+        return Needs(tracer=True, links=frozenset(chain(*self.outputs(mechanism))))
+
+    def compute(self, batch: Batch) -> Mapping[str, TableData]:
+        """Return the tables of singularities, the relation along the motion, aspects."""
+        half = self._half(batch)
+        return {
+            "singularities": half.points,
+            "relation": half.relation,
+            "aspects": half.aspects,
+        }
+
+    def scene(self, batch: Batch) -> tuple[Scene, ...]:
+        """Return plots of each assembly mode, and what there is to see of singularities."""
+        return self._half(batch).scenes()
+
+    def findings(self, batch: Batch) -> Findings:
+        """Return how many singularities there are, and where a mode comes near one."""
+        return self._half(batch).findings()
+
+    def _half(self, batch: Batch) -> OneInput | SeveralInputs:
+        def half() -> OneInput | SeveralInputs:
+            if len(batch.mechanism.inputs) == 1:
+                return OneInput(batch, self.outputs(batch.mechanism), self.near)
+            side = None if self.mesh is None else float(np.radians(self.mesh))
+            return SeveralInputs(
+                batch, self.slices, side, self.input_grid, self.near, self.seconds
+            )
+
+        return batch.once("half", half)

@@ -1,1 +1,0 @@
-"""The contract of analyses, their discovery, and running them."""

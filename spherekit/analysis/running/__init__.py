@@ -1,1 +1,0 @@
-"""What a run does: samples in blocks, evaluated for all analyses, counted and recorded."""

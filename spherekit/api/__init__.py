@@ -1,0 +1,1 @@
+"""Functions for users of Python that no other layer has."""

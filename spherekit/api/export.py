@@ -1,0 +1,322 @@
+"""Mechanisms for other programs: sources, functions, tables, MuJoCo models, files."""
+
+from collections.abc import Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from spherekit.argument_validation import checked
+from spherekit.conventions import AnyPath, Facts, Names
+from spherekit.dynamics.reduced_model_maker import reduced_grid_model, reduced_model
+from spherekit.errors import OutputError
+from spherekit.exchange.coupling_header import header
+from spherekit.exchange.coupling_table import CouplingTable, write_csv, write_npz
+from spherekit.exchange.coupling_table_maker import coupling_table
+from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.formula_expressions import SmoothModes
+from spherekit.exchange.formula_maker import (
+    check_sizes_keep_crossings,
+    formulas,
+    reduced_formulas,
+)
+from spherekit.exchange.latex import latex
+from spherekit.exchange.mjcf import MujocoModel
+from spherekit.exchange.size_arguments import check_arguments
+from spherekit.exchange.source_languages import source
+from spherekit.exchange.source_printer import OTHER_CROSSINGS
+from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
+from spherekit.files.mechanism_writer import dump
+from spherekit.files.study import Crossings
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import driven_at
+from spherekit.positions.mode_meetings import degrees_text
+from spherekit.positions.motion import PositionAnalysis
+from spherekit.storage.atomic_write import write_text
+from spherekit.wording import counted, listing
+
+Kind = Literal[
+    "c",
+    "cpp",
+    "js",
+    "python",
+    "julia",
+    "casadi",
+    "latex",
+    "model",
+    "mjcf",
+    "coupling",
+    "file",
+]
+
+SOURCES: Mapping[Kind, Names] = {
+    "c": (".c",),
+    "cpp": (".hpp",),
+    "js": (".mjs", ".js"),
+    "python": (".py",),
+    "julia": (".jl",),
+    "casadi": (".py",),
+}
+"""Languages of formulas, and endings of their files."""
+
+SUFFIXES: Mapping[Kind, Names] = {
+    **SOURCES,
+    "latex": (".tex",),
+    "model": (".npz", *dict.fromkeys(chain(*SOURCES.values()))),
+    "mjcf": (".xml",),
+    "file": (".toml",),
+    "coupling": (".csv", ".npz", ".h"),
+}
+"""Endings of files; without a kind the first that has the ending is meant."""
+
+OWN: Mapping[str, tuple[Kind, ...]] = {
+    "poles": ("model", "coupling"),
+    "tolerance": ("model", "coupling"),
+    "pairs": ("coupling",),
+    "samples": ("coupling",),
+    "at": ("mjcf",),
+    "quantities": (*SOURCES, "latex"),
+    "vary": (*SOURCES, "latex"),
+    "assembly_mode": (*SOURCES, "model", "mjcf", "coupling"),
+    "crossings": (*SOURCES,),
+}
+"""What each argument belongs to, of those that not every kind has."""
+
+
+class Exported(NamedTuple):
+    """A file that was written: what it holds, and `notes` on what it leaves out."""
+
+    path: Path
+    holds: str
+    notes: Names = ()
+
+
+@checked(OutputError)
+def export(
+    mechanism: AnyMechanism,
+    path: AnyPath,
+    *,
+    to: Kind | None = None,
+    input_pair: str | Sequence[str] | None = None,
+    assembly_mode: int | str | None = None,
+    poles: Sequence[str] | None = None,
+    pairs: Sequence[str] | None = None,
+    samples: int | Sequence[int] | None = None,
+    tolerance: float | None = None,
+    at: float | Sequence[float] | None = None,
+    quantities: Sequence[str] | None = None,
+    vary: Sequence[str] | None = None,
+    crossings: Crossings | None = None,
+) -> Exported:
+    """Write a mechanism for other programs, in the format that the file's ending says.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, the name of a shipped one, or the path of a file.
+    path
+        ``*.npz``: its functions, for use without it (see `load_reduced`); ``*.xml``: a
+        MuJoCo model; ``*.csv`` or ``*.h``: a coupling table for controllers, as C
+        with the function that reads it; ``*.toml``: its file. Its formulas as source:
+        ``*.c`` (C99), ``*.hpp`` (C++), ``*.mjs`` (JavaScript), ``*.py`` (NumPy), ``*.jl``,
+        and in print: ``*.tex``.
+    to
+        What to write, where the ending leaves a choice: with ``"coupling"`` the archive
+        ``*.npz`` is a coupling table (see `load_coupling`); ``"casadi"`` writes Python
+        that makes a function of CasADi.
+    input_pair, assembly_mode
+        The driven pairs, by default the inputs of the mechanism, and the assembly mode, by
+        its number or its name; by default the first, of coupling tables all.
+    poles, tolerance
+        Of functions and coupling tables: only these poles (functions of one input: all by
+        default, otherwise none), and the error allowed, of functions relative to the
+        largest value of each (1e-13, of several inputs 1e-11), of angles in tables in rad
+        (1e-6).
+    pairs, samples
+        Of coupling tables: only these passive pairs (all by default), and the nodes along
+        each input (by default as many as the error needs).
+    at
+        Of a MuJoCo model: the inputs (rad) of its pose, by default the first on the way
+        through their ranges at which there is one.
+    quantities, vary
+        Of sources and LaTeX: what they compute, by names or patterns such as ``"theta_*"``,
+        and keys of the file, such as ``"links.2.arc"``, whose numbers are arguments.
+    crossings
+        Of sources: whether assembly modes keep the signs of their dyads where curves cross
+        (``"end"``, the default), or follow the smooth curves through the range of the only
+        input (``"pass"``), as in `evaluate`. A function of the source then gives the signs
+        at an input.
+
+    Raises
+    ------
+    OutputError
+        If the ending is unknown, an argument does nothing there, or nothing can be written.
+    SolveError, PlanError, EngineError
+        If the mechanism cannot be exported so, or has no such assembly mode.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> made = sk.export("four_bar", "four_bar.npz", poles=["4/1"])
+    >>> model = sk.load_reduced(made.path)
+    """
+    target = Path(path)
+    kind = _kind(target, to)
+    options = {
+        "poles": poles,
+        "tolerance": tolerance,
+        "pairs": pairs,
+        "samples": samples,
+        "at": at,
+        "quantities": quantities,
+        "vary": vary,
+        "crossings": crossings,
+    }
+    given: Facts = {name: x for name, x in options.items() if x is not None}
+    stated = [*given, *(["assembly_mode"] if assembly_mode is not None else [])]
+    for name in stated:
+        if kind not in OWN[name]:
+            raise OutputError(
+                f"export: {name} does nothing but for {listing(OWN[name])}; this is {kind}"
+            )
+    if kind in SOURCES:
+        return _source(mechanism, target, kind, input_pair, assembly_mode, given)
+    made = driven_at(mechanism_of(mechanism), input_pair)
+    if kind == "latex":
+        write_text(target, latex(made, quantities, vary or ()))
+        return Exported(target, "formulas as LaTeX, of any assembly mode")
+    if isinstance(assembly_mode, str):
+        assembly_mode = (
+            PositionAnalysis(made, assembly_mode=assembly_mode).assembly_modes[0].number
+        )
+    mode = assembly_mode or 0
+    if kind == "model":
+        return _functions(made, target, mode, given)
+    if kind == "mjcf":
+        return _mujoco(made, target, mode, at)
+    if kind == "coupling":
+        table = coupling_table(made, assembly_mode=assembly_mode, **given)
+        return _coupling(table, target)
+    dump(made, target)
+    return Exported(target, "a mechanism file")
+
+
+def _kind(target: Path, to: Kind | None) -> Kind:
+    """Return what is to be written to a file."""
+    if to is not None and to not in SUFFIXES:
+        raise OutputError(f'export: to is "{to}"; allowed: {listing(SUFFIXES)}')
+    for kind, suffixes in SUFFIXES.items():
+        if target.suffix in suffixes and to in (None, kind):
+            return kind
+    allowed = dict.fromkeys(chain(*SUFFIXES.values())) if to is None else SUFFIXES[to]
+    raise OutputError(
+        f"{target}: {to or 'exported'} files are named *{', *'.join(allowed)}; give it one "
+        "of these endings"
+    )
+
+
+def _source(
+    mechanism: AnyMechanism,
+    target: Path,
+    kind: Kind,
+    input_pair: str | Sequence[str] | None,
+    assembly_mode: int | str | None,
+    given: Facts,
+) -> Exported:
+    if given.get("crossings") == "pass":
+        check_sizes_keep_crossings(mechanism, given.get("vary", ()))
+    made = formulas(mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **given)
+    check_arguments([made])
+    write_text(target, source(made, kind))
+    how = "by steps of Newton's method" if made.step else "in closed form"
+    holds = (
+        f"{counted(len(made.results), 'result')} of "
+        f"{listing(x.name for x in (*made.motion, *made.sizes))}, {how}: "
+        f"{made.operations} operations"
+    )
+    notes = [f"left out: assembly mode {why}" for why in made.mode_table.left_out]
+    if made.mode_table.smooth is not None:
+        notes.append(_describe_crossings(made.mode_table.smooth))
+    return Exported(target, holds, tuple(notes))
+
+
+def _describe_crossings(smooth: SmoothModes) -> str:
+    """Return a sentence on the crossings that modes of a source pass."""
+    unknown = "" if smooth.are_all_known else f". {OTHER_CROSSINGS}"
+    if not smooth.crossings:
+        verb = "cross" if smooth.are_all_known else "are known to cross"
+        return f"no curves {verb} in the range of the input{unknown}"
+    inputs = listing(dict.fromkeys(map(degrees_text, smooth.crossings)))
+    return f"modes follow their smooth curves through crossings at {inputs} deg{unknown}"
+
+
+def _coupling(table: CouplingTable, target: Path) -> Exported:
+    if target.suffix == ".npz":
+        write_npz(table, target)
+    elif target.suffix == ".csv":
+        write_csv(table, target)
+    else:
+        write_text(target, header(table))
+    sure = np.sum(table.sure)
+    reached = np.sum(np.isfinite(table.error))
+    doubtful = (
+        f"{reached - sure} of {reached} cells with a mode in all corners are not sure to "
+        f"{table.tolerance:g} rad and are not read; more samples make more sure"
+    )
+    held = (
+        f"a coupling table of {counted(len(table.variables), 'variable')} on "
+        f"{'x'.join(map(str, table.count))} nodes in assembly modes "
+        f"{listing(table.modes)}; errors measured: {table.angle_error:.2g} rad of angles, "
+        f"{table.coefficient_error:.2g} of coefficients"
+    )
+    return Exported(target, held, (doubtful,) if sure < reached else ())
+
+
+def _functions(
+    mechanism: Mechanism, target: Path, assembly_mode: int, given: Facts
+) -> Exported:
+    is_source = target.suffix != ".npz"
+    if is_source and len(mechanism.inputs) > 1:
+        raise OutputError(
+            f"{target}: a stored model of several inputs has no source; export the "
+            "formulas (--to c), or the archive *.npz"
+        )
+    notes = []
+    if mechanism.outputs:
+        notes.append(f"outputs left out: {listing(x.name for x in mechanism.outputs)}")
+    if not mechanism.masses:
+        notes.append("no inertia: the mechanism has no masses")
+    tabulated: Any = reduced_grid_model if len(mechanism.inputs) > 1 else reduced_model
+    model = tabulated(mechanism, assembly_mode=assembly_mode, **given)
+    if model.heading.covered < 1.0:
+        notes.append(
+            f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
+            "elsewhere the assembly mode does not exist or is near a singularity"
+        )
+    if is_source:
+        text = source(reduced_formulas(mechanism, model), _kind(target, None))
+        write_text(target, text)
+    else:
+        model.save(target)
+    holds = (
+        f"{len(model.heading.functions)} functions of {listing(model.heading.by)}, errors "
+        f"up to {model.error:.2g} of the largest value of each"
+    )
+    return Exported(target, holds, tuple(notes))
+
+
+def _mujoco(
+    mechanism: Mechanism,
+    target: Path,
+    assembly_mode: int,
+    at: float | Sequence[float] | None,
+) -> Exported:
+    made, values = posed(mechanism, assembly_mode, at)
+    inputs = {name: values[made.angles[name]] for name in made.input_pairs}
+    where = listing(
+        f"{name} = {q:.6g} rad ({np.degrees(q):.6g} deg)" for name, q in inputs.items()
+    )
+    model = MujocoModel(made, values)
+    write_text(target, model.text)
+    return Exported(target, f"a MuJoCo model at {where}", model.notes)

@@ -1,0 +1,74 @@
+"""A mechanism as a page for browsers."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from spherekit.api.export import Exported
+from spherekit.argument_validation import checked
+from spherekit.conventions import AnyPath
+from spherekit.display.pages.page import PageMaker
+from spherekit.errors import OutputError
+from spherekit.files.mechanism_reader import AnyMechanism
+from spherekit.files.study import Crossings
+from spherekit.storage.atomic_write import write_text
+from spherekit.wording import counted
+
+
+@checked(OutputError)
+def page(
+    mechanism: AnyMechanism,
+    path: AnyPath,
+    *,
+    vary: Sequence[str] | None = None,
+    quantities: Sequence[str] | None = None,
+    input_pair: str | Sequence[str] | None = None,
+    crossings: Crossings = "end",
+) -> Exported:
+    """Write a mechanism as one HTML file that any browser opens and moves.
+
+    It needs no network and no installation: the page computes all assembly modes by the
+    exported formulas while its reader turns the sphere, drags the inputs and changes sizes.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, the name of a shipped one, or the path of a file.
+    path
+        The file, ``*.html``.
+    vary
+        Keys of the file, such as ``"links.2.arc"``, that have sliders; by default all arcs
+        and angles of links, or the axes of a reference pose.
+    quantities
+        Names of `spherekit.velocities.row_quantities`, or patterns of such, that have
+        curves; by default velocity coefficients of outputs, transmission angles and, where
+        links have masses, driving torques.
+    input_pair
+        The driven pairs, by default the inputs of the mechanism.
+    crossings
+        Whether modes keep the signs of their dyads where curves cross (``"end"``), or
+        follow the smooth curves through the range of the only input (``"pass"``), as in
+        `evaluate`. The page finds the crossings for the sizes that its reader chooses.
+
+    Raises
+    ------
+    OutputError
+        If the file has another ending or cannot be written.
+    EngineError, DesignError, SolveError, PlanError
+        If the mechanism has no such formulas, or no assembly mode.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> made = sk.page("four_bar", "four_bar.html", vary=["links.2.arc"])
+    """
+    target = Path(path)
+    if target.suffix not in (".html", ".htm"):
+        raise OutputError(f"{target}: pages are named *.html; give it this ending")
+    maker = PageMaker(mechanism, vary, quantities, input_pair, crossings)
+    text, curves, modes = maker.page()
+    write_text(target, text)
+    holds = (
+        f"a page with {counted(curves, 'curve')} of {counted(modes, 'assembly mode')} and "
+        f"{counted(len(maker.keys), 'slider')}, {len(text.encode()) / 1000:.0f} kB"
+    )
+    return Exported(target, holds, tuple(dict.fromkeys(maker.notes)))

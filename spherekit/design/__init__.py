@@ -1,1 +1,0 @@
-"""Many designs of one topology: sizes varied, figures of merit, sensitivity, synthesis."""

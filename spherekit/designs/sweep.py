@@ -1,0 +1,606 @@
+"""Sweeps: figures of merit and tables of many designs of one mechanism.
+
+A *design* is the mechanism file with other numbers. A `DesignSpace` says which designs
+there are (a grid, or a set that fills a space evenly) and numbers them from 0. A `Sweep`
+computes the figures of merit of every design in each of its assembly modes.
+
+A sweep is divided into *parts*: groups of successive designs, numbered from 0. The files of
+a part are a Parquet file with the table of designs, and one Parquet file for each table of
+their runs. A part counts as present only if all its files are there.
+`spherekit.designs.sweep_parts` runs the parts.
+"""
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.conventions import AnyPath, Facts, Names
+from spherekit.designs.design_evaluation import Evaluator
+from spherekit.designs.design_runs import ASSEMBLY, DesignRuns
+from spherekit.designs.design_space import Columns, Condition, DesignSpace, condition
+from spherekit.designs.design_variables import (
+    OK,
+    DesignVariable,
+    check_variables,
+    design_variable,
+)
+from spherekit.designs.figures_of_merit import NEVER_CLOSES, DesignSamples, Evaluated
+from spherekit.errors import DesignError, OutputError
+from spherekit.files.study import Study
+from spherekit.files.toml_document import Document
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.processor import processor_identity
+from spherekit.runs.contract import AbstractAnalysis
+from spherekit.runs.figure_of_merit import FigureOfMerit
+from spherekit.runs.run_folder import code_identity
+from spherekit.runs.run_state import identities_of
+from spherekit.storage.atomic_write import make_folder, refused
+from spherekit.storage.json_data import as_json
+from spherekit.tables.table import Table, TableArrays, Units
+from spherekit.tables.table_files import notes_of, part_tables, write_columns
+from spherekit.velocities.row_quantities import row_quantities
+from spherekit.wording import listing
+
+GENERAL_COLUMNS = (
+    "design",
+    "mode",
+    ASSEMBLY,
+    "status",
+    "reason",
+    "closes",
+    "claim",
+    "grashof",
+)
+"""Columns that a table of designs may have besides variables and figures of merit."""
+
+SAMPLING_FIELDS = (
+    "samples",
+    "grid",
+    "path",
+    "assembly_mode",
+    "search",
+    "laws",
+    "duration",
+    "start",
+    "torque",
+    "tolerance",
+    "crossings",
+    "verify",
+)
+"""Fields of a study on which the numbers in the tables of its runs depend."""
+
+DESIGNS = "designs"
+TABLES = "tables"
+"""Folders of the files of parts.
+
+`DESIGNS` has the table of designs if there are also tables of runs; otherwise that table is
+in the folder of the sweep. `TABLES` has a folder for each table of runs, and is also the
+key of a note: the number of rows by table.
+"""
+
+SWEEP = "sweep"
+PART = "part"
+PROCESSOR = "processor"
+"""Keys of the notes (metadata) in the files of a part.
+
+They are the `Sweep.identity`, the number of the part, and in the table of designs the
+`processor_identity` of the process that computed it.
+"""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The task to compute figures of merit of many designs of one mechanism.
+
+    Attributes
+    ----------
+    mechanism, samples
+        The mechanism, and the samples of the inputs at which compiled kernels evaluate
+        figures of merit. `samples` is None if no figure is computed in this way.
+    document
+        The mechanism file whose numbers are varied.
+    space
+        The designs.
+    merits
+        The figures of merit.
+    where
+        Conditions on variables and figures, such as ``"links_2_arc < links_4_arc"``. Rows
+        that do not meet all of them are left out.
+    study, analyses
+        The study by which each design is run, and its analyses. `study` is None if no
+        design is run.
+    tables
+        Whether all tables of the runs are stored.
+    mode_labels
+        The possible labels, in the column ``mode``, of the only assembly mode that is
+        wanted. It is empty if all modes are wanted.
+
+    Raises
+    ------
+    DesignError
+        If there is nothing to compute, a variable or condition is invalid, or two columns
+        have the same name.
+    """
+
+    mechanism: Mechanism
+    samples: DesignSamples | None
+    document: Document
+    space: DesignSpace
+    merits: tuple[FigureOfMerit, ...]
+    where: Names = ()
+    study: Study | None = None
+    analyses: tuple[AbstractAnalysis, ...] = ()
+    tables: bool = False
+    mode_labels: Names = ()
+
+    def __post_init__(self) -> None:
+        if not self.merits and not self.tables:
+            raise DesignError(
+                f"{self.mechanism.name}: no figure of merit is asked for: give --reduce, "
+                "or an analysis with figures of its own; quantities of a row: "
+                f"{listing(row_quantities(self.mechanism), 40)}"
+            )
+        check_variables(self.document, self.variables)
+        names = [*GENERAL_COLUMNS, *self.names]
+        repeated = [name for k, name in enumerate(names) if name in names[:k]]
+        if repeated:
+            raise DesignError(
+                f'{self.mechanism.name}: two columns would be called "{repeated[0]}"; give '
+                "the figure of merit another name: NAME=REDUCTION(EXPRESSION)"
+            )
+        _ = self.conditions
+
+    def __getstate__(self) -> Facts:
+        """Return the state to pickle, without what another process computes itself."""
+        remaining = {**self.__dict__}
+        remaining.pop("evaluator", None)  # compiled kernels stay in their process
+        remaining.pop("identity", None)  # another process may have other versions
+        return remaining
+
+    @cached_property
+    def variables(self) -> tuple[DesignVariable, ...]:
+        """The numbers of the file that are varied, in the order of the design arrays."""
+        return tuple(design_variable(self.document, v.key) for v in self.space.variations)
+
+    @property
+    def names(self) -> list[str]:
+        """Column names of the variables, followed by those of the figures of merit."""
+        return [x.name for x in self.variables] + [merit.name for merit in self.merits]
+
+    @cached_property
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions of `where`.
+
+        Raises
+        ------
+        DesignError
+            If a condition is no comparison, or uses an unknown name.
+        """
+        names = ["closes", *self.names]
+        return tuple(condition(text, names) for text in self.where)
+
+    @cached_property
+    def evaluator(self) -> Evaluator | DesignRuns:
+        """The object that computes the figures of merit; compiled once in a process.
+
+        It is an `Evaluator` if no design is run, and otherwise a `DesignRuns`.
+        """
+        kernel_evaluator = None
+        if self.samples is not None:
+            merits = [merit for merit in self.merits if not merit.table]
+            kernel_evaluator = Evaluator(
+                self.document, self.mechanism, self.variables, merits, self.samples
+            )
+        if self.study is None:
+            assert kernel_evaluator is not None
+            return kernel_evaluator
+        return DesignRuns(
+            self.document,
+            self.study,
+            self.variables,
+            [merit for merit in self.merits if merit.table],
+            self.analyses,
+            self.tables,
+            kernel_evaluator,
+        )
+
+    @property
+    def angle(self) -> str:
+        """Unit of angles in the file and the table of designs, ``"deg"`` or ``"rad"``."""
+        return str(self.document.data["angle_unit"])
+
+    @cached_property
+    def part_size(self) -> int:
+        """Number of designs in a part; the last part may have fewer."""
+        return self.evaluator.part(self.space.count)
+
+    @property
+    def parts(self) -> int:
+        """Number of parts."""
+        # -(-a // b) is a / b rounded up.
+        return -(-self.space.count // self.part_size)
+
+    def definition(self) -> Facts:
+        """Return everything on which the results depend, by name.
+
+        It is stored in the folder of the sweep. A folder whose definition differs has parts
+        of another sweep. It includes the versions of the software.
+        """
+        text = json.dumps(as_json(self.document.data), sort_keys=True)
+        return code_identity() | {
+            "mechanism": self.mechanism.name,
+            "file": hashlib.sha256(text.encode()).hexdigest(),
+            "input": ", ".join(self.mechanism.input_pairs),
+            "samples": hashlib.sha256(self._sampling_bytes).hexdigest(),
+            "angle_unit": self.angle,
+            "vary": [asdict(variation) for variation in self.space.variations],
+            "scheme": self.space.scheme,
+            "designs": self.space.count,
+            "seed": self.space.seed,
+            "merits": [asdict(merit) for merit in self.merits],
+            "where": self.where,
+            "mode_labels": self.mode_labels,
+            "part": self.part_size,
+            "columns": GENERAL_COLUMNS,
+            "analyses": identities_of(self.analyses),
+            "tables": self.tables,
+            "degrees": self.degrees,
+        }
+
+    @cached_property
+    def identity(self) -> str:
+        """SHA-256 checksum of `definition`, as a hexadecimal text.
+
+        Each file of a part carries it as a note, so a file of another sweep is recognized.
+        """
+        text = json.dumps(as_json(self.definition()), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def part_notes(self, number: int) -> Facts:
+        """Return the notes that identify a file as part `number` of this sweep."""
+        return {SWEEP: self.identity, PART: number}
+
+    @property
+    def degrees(self) -> bool:
+        """Whether the tables of runs have angles in degrees."""
+        return self.study is not None and self.study.degrees
+
+    @property
+    def _sampling_bytes(self) -> bytes:
+        """All samples and settings of the runs, as bytes for a checksum."""
+        sampling_bytes = b"" if self.samples is None else self.samples.rows.tobytes()
+        study = self.study
+        if study is None:
+            return sampling_bytes
+        sampling_settings = [
+            study.mechanism.inputs,
+            *(getattr(study, name) for name in SAMPLING_FIELDS),
+        ]
+        # NumPy must print all elements of an array with all their digits.
+        with np.printoptions(threshold=2**62, floatmode="unique"):
+            return sampling_bytes + repr(sampling_settings).encode()
+
+    def _unit(self, merit: FigureOfMerit) -> str:
+        """Return the unit of a figure of merit as it is computed (rad and SI)."""
+        evaluator = self.evaluator
+        if merit.table:
+            assert isinstance(evaluator, DesignRuns)
+            return merit.unit(evaluator.units[merit.name])
+        return merit.unit(row_quantities(self.mechanism))
+
+    def units(self) -> Units:
+        """Return the unit of each column that has one; angles are in the file's unit."""
+        made = {
+            variable.name: self.angle for variable in self.variables if variable.is_angle
+        }
+        made |= {merit.name: self._unit(merit) for merit in self.merits}
+        return {name: self.angle if unit == "rad" else unit for name, unit in made.items()}
+
+    def part(
+        self,
+        number: int,
+        take: Callable[[int, str, Table, TableArrays], None] | None = None,
+    ) -> Columns:
+        """Compute the table of designs of one part.
+
+        Parameters
+        ----------
+        number
+            Number of the part, counted from 0.
+        take
+            Function that stores the tables of a run; `part_tables` returns one. It is
+            called with the number of the design, the name of the table, its description and
+            its columns, for each design that has a row in the table of designs. By default
+            the tables are not stored.
+
+        Returns
+        -------
+        The columns by name. Each row is one design in one assembly mode, ordered by design.
+        Designs and rows that do not meet the conditions are left out.
+        """
+        start = number * self.part_size
+        designs = self.space.designs(start, start + self.part_size)
+        # Conditions on variables alone are checked before anything is computed.
+        rows = np.flatnonzero(
+            self._meet_conditions(self._variable_columns(designs), designs.shape[1])
+        )
+        designs = designs[:, rows]
+        rows = start + rows
+        evaluator = self.evaluator
+        if not isinstance(evaluator, DesignRuns):
+            return self._select_rows(self.rows(designs, rows))
+        # The first entry has no rows. It gives the columns if no design has a row.
+        columns_by_design = [
+            self._as_columns(designs, rows, Evaluated.of([], evaluator.names))
+        ]
+        for evaluated, of_run in evaluator.runs_of(designs, self._worth_running):
+            made = self._select_rows(self._as_columns(designs, rows, evaluated))
+            columns_by_design.append(made)
+            if take is not None and len(made["design"]):
+                for stem, table, data in of_run:
+                    take(int(made["design"][0]), stem, table, data)
+        return {
+            name: np.concatenate([p[name] for p in columns_by_design])
+            for name in columns_by_design[0]
+        }
+
+    def _variable_columns(self, designs: Floats) -> Columns:
+        """Return the variables of designs (variables, n) as columns (n,) by name."""
+        return dict(zip([v.name for v in self.variables], designs, strict=True))
+
+    def _select_rows(self, made: Columns) -> Columns:
+        """Return the rows of a table, given as columns, that meet all conditions."""
+        holds = self._meet_conditions(made, len(made["design"]))
+        return {name: values[holds] for name, values in made.items()}
+
+    def rows(self, designs: Floats, numbers: Indices) -> Columns:
+        """Compute the table of some designs, in all wanted modes, regardless of `where`.
+
+        Parameters
+        ----------
+        designs
+            (variables, n) values of the variables, in the units of the file.
+        numbers
+            (n,) number of each design.
+
+        Returns
+        -------
+        The columns by name; each row is one design in one assembly mode.
+        """
+        return self._as_columns(designs, numbers, self.evaluator.at(designs))
+
+    def _as_columns(
+        self, designs: Floats, numbers: Indices, evaluated: Evaluated
+    ) -> Columns:
+        """Return computed figures as the columns of the table of designs.
+
+        Parameters
+        ----------
+        designs
+            (variables, n) values of the variables, in the units of the file.
+        numbers
+            (n,) number of each design in the design space.
+        evaluated
+            Rows of these designs; ``evaluated.design`` is an index from 0 to n - 1.
+
+        Returns
+        -------
+        The columns by name, with angles in the unit of the file. If `mode_labels` is given,
+        only rows of that mode are included.
+        """
+        if self.mode_labels:
+            evaluated = self._rows_of_wanted_mode(evaluated)
+        design = evaluated.design
+        classes = self.evaluator.classes(designs[:, design])
+        made = {"design": numbers[design], **self._variable_columns(designs[:, design])}
+        made["mode"] = evaluated.mode
+        if self.tables:
+            made[ASSEMBLY] = evaluated.merits[ASSEMBLY]
+        made |= {
+            "status": evaluated.status,
+            "closes": evaluated.closes,
+            "claim": evaluated.claim,
+        }
+        if classes is not None:
+            has_class = np.isin(evaluated.status, [OK, NEVER_CLOSES])
+            made["grashof"] = np.where(has_class, classes, "").astype(object)
+        return made | self._in_file_units(evaluated) | {"reason": evaluated.reason}
+
+    def _rows_of_wanted_mode(self, evaluated: Evaluated) -> Evaluated:
+        """Return the rows of the only assembly mode that is wanted.
+
+        A design that closes, but not in this mode, gets one row with the status
+        `NEVER_CLOSES`, the reason, and NaN for all figures of merit.
+        """
+        # A row with an empty mode belongs to a design that fails in all modes.
+        remaining = evaluated.rows(np.isin(evaluated.mode, ["", *self.mode_labels]))
+        missing = Evaluated.of(
+            np.setdiff1d(evaluated.design, remaining.design),
+            list(evaluated.merits),
+            self.mode_labels[0],
+            status=NEVER_CLOSES,
+            reason="does not close in this assembly mode at any sample",
+        )
+        return Evaluated.in_order([remaining, missing], list(evaluated.merits))
+
+    def _in_file_units(self, evaluated: Evaluated) -> Columns:
+        """Return the figures of merit that were computed, as columns (rows,) by name.
+
+        A figure whose unit is rad is converted to the unit of the file. Compound units such
+        as rad/s are not converted.
+        """
+        made: Columns = {}
+        for merit in self.merits:
+            if merit.name in evaluated.merits:
+                values = evaluated.merits[merit.name]
+                is_angle = self.angle == "deg" and self._unit(merit) == "rad"
+                made[merit.name] = np.degrees(values) if is_angle else values
+        return made
+
+    def _meet_conditions(self, columns: Columns, n: int) -> Bools:
+        """Return which of n rows meet the conditions, as an array (n,).
+
+        Conditions that use a column that is not among `columns` are not checked.
+        """
+        applicable = [item for item in self.conditions if item.names <= columns.keys()]
+        results = [np.broadcast_to(item.holds(columns), n) for item in applicable]
+        return np.all([np.ones(n, bool), *results], axis=0)
+
+    def path_of(self, folder: AnyPath, number: int) -> Path:
+        """Return the path of the file with the table of designs of a part."""
+        return (
+            Path(folder) / (DESIGNS if self.tables else "") / f"part-{number:06d}.parquet"
+        )
+
+    def files_of(self, folder: AnyPath, number: int) -> list[Path]:
+        """Return the paths of all files of a part, or an empty list if one is missing.
+
+        Parameters
+        ----------
+        folder
+            Folder of the parts.
+        number
+            Number of the part.
+
+        Returns
+        -------
+        The path of the table of designs, followed by those of the tables of runs. The file
+        of the table of designs is written last, and its notes name the tables of runs.
+
+        Raises
+        ------
+        FileError
+            If the file of the table of designs cannot be read.
+        OutputError
+            If that file belongs to another sweep, or to another part.
+        """
+        path = self.path_of(folder, number)
+        if not path.exists():
+            return []
+        stems = self.notes_of_part(folder, number)[TABLES]
+        paths = [path, *(Path(folder) / TABLES / stem / path.name for stem in stems)]
+        return paths if all(made.exists() for made in paths) else []
+
+    def notes_of_part(self, folder: AnyPath, number: int) -> Facts:
+        """Read the notes (metadata) in the file with the table of designs of a part.
+
+        Parameters
+        ----------
+        folder
+            Folder of the parts.
+        number
+            Number of the part, whose file must exist.
+
+        Returns
+        -------
+        The notes by key: ``"units"`` of the columns; `TABLES`, the number of rows by table
+        of runs; `PROCESSOR`, the `processor_identity` of the process that computed the
+        part; `SWEEP` and `PART`, which identify the part (see `part_notes`).
+
+        Raises
+        ------
+        FileError
+            If the file cannot be read, or is damaged.
+        OutputError
+            If the file belongs to another sweep, or to another part of this one.
+        """
+        path = self.path_of(folder, number)
+        notes = notes_of(path)
+        # All notes that identify the part must be among those of the file.
+        if not self.part_notes(number).items() <= notes.items():
+            raise OutputError(
+                f"{path}: is not part {number} of this sweep: another program or another "
+                "sweep has written it; move it away, and the same command makes the part"
+            )
+        return notes
+
+    def _worth_running(self, design: Floats, rows: Evaluated) -> bool:
+        """Return whether a design may have a row, so that it has to be run.
+
+        Parameters
+        ----------
+        design
+            (variables,) values of the variables, in the units of the file.
+        rows
+            The figures of merit of the design that kernels have computed.
+
+        Returns
+        -------
+        True if at least one row meets all conditions that use only variables and these
+        figures.
+        """
+        columns = self._variable_columns(design) | self._in_file_units(rows)
+        return bool(np.any(self._meet_conditions(columns, len(rows.design))))
+
+    def write(self, folder: str, number: int) -> int:
+        """Compute a part, write its files to a folder, and return its number.
+
+        Parameters
+        ----------
+        folder
+            Path of the folder. Missing folders are created.
+        number
+            Number of the part, counted from 0.
+
+        Raises
+        ------
+        OutputError
+            If a file cannot be written.
+        """
+        path = self.path_of(folder, number)
+        make_folder(path.parent)
+        rows = Counter[str]()
+        place = Path(folder) / TABLES
+        identification = self.part_notes(number)
+        with part_tables(place, path.name, self.degrees, rows, identification) as take:
+            columns = self.part(number, take)
+        # The table of designs is written last: if it exists, the part is complete. `rows`
+        # now has the number of rows of each table of runs.
+        notes = {"units": self.units(), TABLES: rows, PROCESSOR: processor_identity()}
+        write_columns(path, columns, notes | identification)
+        return number
+
+    def settle(self, made: str, folder: Path, number: int) -> int:
+        """Move the files of a part from the working folder to the folder of the sweep.
+
+        Parameters
+        ----------
+        made
+            Path of the working folder, in which the part was written.
+        folder
+            Folder of the sweep, to which the files are moved.
+        number
+            Number of the part.
+
+        Returns
+        -------
+        Size of all files of the part together (bytes).
+
+        Raises
+        ------
+        OutputError
+            If a file of the part is not in the working folder, or cannot be moved.
+        """
+        paths = self.files_of(made, number)
+        if not paths:
+            raise OutputError(
+                f"{folder}: part {number} was computed, and is not in {made}: something "
+                "has removed it; the same command makes it again"
+            )
+        # The table of designs is moved last, because its presence shows that the part is
+        # complete.
+        for path in reversed(paths):
+            target = folder / path.relative_to(made)
+            make_folder(target.parent)
+            try:
+                path.replace(target)
+            except OSError as error:
+                raise refused(target, "written", error) from None
+        return sum(path.stat().st_size for path in self.files_of(folder, number))

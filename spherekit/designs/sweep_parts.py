@@ -1,0 +1,450 @@
+"""Runs a sweep part by part, and reads the results from the files of the parts.
+
+A sweep computes figures of merit (and tables) of many designs of one mechanism. It is
+divided into parts: a part is a group of successive designs, which are computed together and
+written to Parquet files. Parts are numbered from 0. This process computes them, or worker
+processes (`worker_processes`), or a cluster (`dask_cluster`). A sweep that was interrupted
+is continued with the parts that are missing in its folder.
+"""
+
+import bisect
+import shutil
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING, Any
+from weakref import finalize
+
+from spherekit.argument_validation import checked
+from spherekit.conventions import AnyPath, Names
+from spherekit.designs.sweep import DESIGNS, PROCESSOR, TABLES, Sweep
+from spherekit.designs.sweep_identity import working_folder
+from spherekit.designs.worker_processes import compute_in_processes
+from spherekit.errors import DesignError, OutputError
+from spherekit.progress import ProgressReporter
+from spherekit.runs.run_folder import need_disk
+from spherekit.storage.atomic_write import make_folder
+from spherekit.storage.file_lock import locked
+from spherekit.storage.json_data import as_json
+from spherekit.tables.table_files import frame_of_parts
+from spherekit.wording import counted, listing, nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+LOCK = ".sweep.lock"
+"""Name of the file in the folder of a sweep that only one program at a time can lock."""
+
+TEMPORARY_PREFIX = "spherekit-sweep-"
+"""Beginning of the names of temporary folders, which are deleted with their result."""
+
+DISK_FULL_ADVICE = (
+    "what is written stays; choose another folder, or fewer designs or samples"
+)
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """The result of a sweep: designs, their figures of merit, and tables of their runs.
+
+    The rows are in the files of the parts, and are read when a method asks for them.
+
+    Attributes
+    ----------
+    sweep
+        The sweep that was run.
+    folder
+        The folder with the parts that the user named. None if the parts are in a temporary
+        folder, which is deleted when this object is deleted.
+    computed
+        Number of parts that this command computed. The other parts were in the folder
+        before.
+    processors
+        For each kind of processor, the sorted numbers of the parts that it has computed, by
+        this command or earlier ones. The key is a text made from
+        `spherekit.processor.processor_identity`, or ``"an unknown one"``.
+    """
+
+    sweep: Sweep
+    folder: Path | None
+    computed: int
+    processors: dict[str, list[int]]
+    _store: Path = field(repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state to pickle.
+
+        If the parts are in a temporary folder, the state contains the bytes of the files by
+        relative path instead of the folder, because the folder may not outlive this
+        process.
+        """
+        state = dict(vars(self))
+        if self.folder is None:
+            files = (path for path in self._store.rglob("*") if path.is_file())
+            state["_store"] = {
+                path.relative_to(self._store).as_posix(): path.read_bytes()
+                for path in files
+            }
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a pickled result.
+
+        If the state contains files, they are written to a new temporary folder, which is
+        deleted together with the result.
+        """
+        if has_file_contents := isinstance(state["_store"], dict):
+            parts_folder = Path(mkdtemp(prefix=TEMPORARY_PREFIX))
+            for name, content in state["_store"].items():
+                make_folder((parts_folder / name).parent)
+                (parts_folder / name).write_bytes(content)
+            state = {**state, "_store": parts_folder}
+        vars(self).update(state)
+        if has_file_contents:
+            finalize(self, shutil.rmtree, self._store, ignore_errors=True)
+
+    @property
+    def remarks(self) -> Names:
+        """Sentences about the accuracy of the results.
+
+        There is one if several kinds of processors have computed the parts, and otherwise
+        none.
+        """
+        if len(self.processors) < 2:
+            return ()
+        kinds = [
+            f"{counted(len(parts), 'part')} by {kind}"
+            for kind, parts in self.processors.items()
+        ]
+        return (
+            f"several kinds of processors have computed the parts ({'; '.join(kinds)}): "
+            "their numbers agree to rounding, not bit by bit",
+        )
+
+    def frame(self) -> "pd.DataFrame":
+        """Return the table of designs of all parts as one pandas frame.
+
+        Each row is one design in one assembly mode. ``attrs["units"]`` has the unit of each
+        column that has one.
+
+        Raises
+        ------
+        FileError
+            If the file of a part is damaged, or does not belong to this sweep.
+        """
+        numbers = range(self.sweep.parts)
+        frame = frame_of_parts(
+            [self.sweep.path_of(self._store, number) for number in numbers],
+            [self.sweep.part_notes(number) for number in numbers],
+        )
+        frame.attrs = {"units": self.sweep.units()}
+        return frame
+
+    @property
+    def table_names(self) -> Names:
+        """Names of the tables of all runs, such as ``"motion"`` and ``"poles"``.
+
+        A run of a single mechanism gives its files the same names.
+        """
+        return tuple(self._tables())
+
+    @property
+    def data_sets(self) -> tuple[Path, ...]:
+        """The folders whose Parquet files together are one table each.
+
+        The first is that of the table of designs. The others are the tables of the runs, in
+        the order of `table_names`. It is empty if the parts are in a temporary folder.
+        """
+        if self.folder is None:
+            return ()
+        if not self.sweep.tables:
+            return (self.folder,)
+        tables = (self.folder / TABLES / name for name in self.table_names)
+        return (self.folder / DESIGNS, *tables)
+
+    @checked(DesignError)
+    def table(self, name: str) -> "pd.DataFrame":
+        """Return one table of the runs, with the rows of all designs, as a pandas frame.
+
+        The column ``design`` has the number of the design. ``attrs["units"]`` has the unit
+        of each column that has one.
+
+        Parameters
+        ----------
+        name
+            Name of the table, such as ``"motion"``, ``"poles"`` or
+            ``"singularities_relation"``; see `table_names`.
+
+        Raises
+        ------
+        DesignError
+            If there is no such table.
+        FileError
+            If the file of a part is damaged, or does not belong to this sweep.
+        """
+        tables = self._tables()
+        if name not in tables:
+            advice = f"tables: {listing(tables)}" if tables else "ask for tables=True"
+            raise DesignError(
+                f'{self.sweep.mechanism.name}: there is no table "{name}" of designs'
+                f"{nearest(name, tables) or ';'} {advice}"
+            )
+        paths = tables[name].values()
+        notes = [self.sweep.part_notes(number) for number in tables[name]]
+        frame = frame_of_parts([*paths], notes)
+        # The other notes (sweep, part number) are those of a single part.
+        frame.attrs = {"units": frame.attrs["units"]}
+        return frame
+
+    def _tables(self) -> dict[str, dict[int, Path]]:
+        """Return the files of the tables: table name -> part number -> path.
+
+        A part has no file of a table in which none of its designs has a row.
+        """
+        tables: dict[str, dict[int, Path]] = {}
+        for number in range(self.sweep.parts):
+            # The first file is that of the table of designs.
+            for path in self.sweep.files_of(self._store, number)[1:]:
+                tables.setdefault(path.parent.name, {})[number] = path
+        return tables
+
+    def __repr__(self) -> str:
+        folder_text = f", in {self.folder}" if self.folder else ""
+        return (
+            f"SweepResult({self.sweep.mechanism.name}, "
+            f"{counted(self.sweep.space.count, 'design')}{folder_text})"
+        )
+
+
+Workers = Callable[[Sweep, str, Sequence[int]], Generator[int, None, None]]
+"""A function that computes parts of a sweep on other machines.
+
+It takes the sweep, the absolute path of a folder and the numbers of the parts. It yields
+the number of each part when the files of the part are in that folder.
+"""
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: AnyPath | None = None,
+    workers: int = 1,
+    elsewhere: Workers | None = None,
+) -> SweepResult:
+    """Compute all parts of a sweep.
+
+    Parameters
+    ----------
+    sweep
+        The sweep.
+    folder
+        Folder in which the parts are written. Parts of this sweep that it has already are
+        not computed again. By default a temporary folder is used, which is deleted with the
+        result.
+    workers
+        Number of processes that compute parts at the same time. With 1, or if only one part
+        is missing, no other process is started.
+    elsewhere
+        A function that computes parts on other machines, such as
+        `cluster.compute_on_cluster` with its address. If given, `workers` is not used.
+
+    Returns
+    -------
+    The result, which reads the files of the parts on demand.
+
+    Raises
+    ------
+    DesignError
+        If worker processes or the cluster fail; see `part_processes.compute_in_processes`
+        and `cluster.compute_on_cluster`.
+    OutputError
+        If the folder has parts of another sweep, is used by another program, or cannot be
+        written, if the disk is too small, or if a part is missing at the end.
+    """
+    user_folder = None if folder is None else make_folder(folder)
+    # Worker processes may have other current folders, so the path must be absolute.
+    parts_folder = (
+        Path(mkdtemp(prefix=TEMPORARY_PREFIX))
+        if user_folder is None
+        else user_folder.absolute()
+    )
+    # If an error occurs, the temporary folder is deleted when the block is left. Otherwise
+    # `pop_all` moves this task to the finalizer, which runs when the result is deleted.
+    with ExitStack() as cleanup:
+        if user_folder is None:
+            cleanup.callback(shutil.rmtree, parts_folder, ignore_errors=True)
+        progress = _Progress(sweep, parts_folder)
+        progress.compute(workers, elsewhere)
+        result = SweepResult(
+            sweep, user_folder, progress.computed, progress.processors, parts_folder
+        )
+        finalize(result, cleanup.pop_all().close)
+    return result
+
+
+@contextmanager
+def _lock_folder(parts_folder: Path) -> Iterator[None]:
+    """Lock a folder of parts within a ``with`` block, against other programs.
+
+    The lock is released explicitly at the end of the block. An exception keeps the local
+    variables of the block alive, so the lock must not depend on their deletion.
+
+    Raises
+    ------
+    OutputError
+        If another program has locked the folder.
+    """
+    lock = locked(parts_folder / LOCK)
+    if isinstance(lock, str):
+        raise OutputError(f"{parts_folder}: another sweep is at work in it ({lock})")
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+class _Progress:
+    """Computes the missing parts of a sweep, and keeps account of the finished ones.
+
+    Attributes
+    ----------
+    sweep
+        The sweep.
+    parts_folder
+        Absolute path of the folder with the finished parts.
+    computed
+        Number of parts that this command has computed so far.
+    processors
+        For each kind of processor, as a text, the sorted numbers of the finished parts that
+        it has computed; see `SweepResult`.
+    """
+
+    def __init__(self, sweep: Sweep, parts_folder: Path) -> None:
+        self.sweep = sweep
+        self.parts_folder = parts_folder
+        self.computed = 0
+        self.processors: dict[str, list[int]] = {}
+        self._stored_bytes = 0
+        self._done_parts: set[int] = set()
+
+    def compute(self, workers: int, elsewhere: Workers | None) -> None:
+        """Compute the parts that are missing in the folder.
+
+        Parts are written to a working folder. This function moves each finished part to
+        `parts_folder`, so that it is there with all its files or not at all. It also checks
+        after each part whether the disk has room for the others.
+
+        Parameters
+        ----------
+        workers
+            Number of worker processes. With 1, or if only one part is missing, this process
+            computes the parts itself.
+        elsewhere
+            A function that computes parts on other machines, or None.
+
+        Raises
+        ------
+        DesignError
+            If worker processes or the cluster fail.
+        OutputError
+            If the folder has parts of another sweep, is locked or cannot be written, if the
+            disk is too small, or if a part is missing at the end.
+        KeyboardInterrupt
+            If the user stops the command. A note says how many parts are finished.
+        """
+        sweep = self.sweep
+        reporter = ProgressReporter(f"{sweep.mechanism.name}: sweep")
+        definition = as_json(sweep.definition())
+        with (
+            _lock_folder(self.parts_folder),
+            working_folder(self.parts_folder, definition) as work_folder,
+        ):
+            for number in range(sweep.parts):
+                paths = sweep.files_of(self.parts_folder, number)
+                if paths:
+                    self._count(number, sum(path.stat().st_size for path in paths))
+            missing = [
+                part_number
+                for part_number in range(sweep.parts)
+                if part_number not in self._done_parts
+            ]
+            # The generator `parts` yields the number of each part when it has been written
+            # to `work_folder`. (`sweep.parts` is the number of all parts.)
+            parts: Generator[int, None, None] = (
+                sweep.write(work_folder, part_number) for part_number in missing
+            )
+            if elsewhere is not None and missing:
+                parts = elsewhere(sweep, work_folder, missing)
+            elif workers > 1 and len(missing) > 1:
+                parts = compute_in_processes(sweep, work_folder, missing, workers)
+            try:
+                for number in parts:
+                    self._count(
+                        number, sweep.settle(work_folder, self.parts_folder, number)
+                    )
+                    self.computed += 1
+                    self._need_disk()
+                    reporter.tell(self._describe_progress)
+            except KeyboardInterrupt as interrupt:
+                interrupt.add_note(
+                    f"{len(self._done_parts)} of {counted(sweep.parts, 'part')} are in "
+                    f"{self.parts_folder}, and the same command goes on from there"
+                )
+                raise
+            finally:
+                parts.close()  # ends the worker processes, or disconnects from the cluster
+        # A generator that ended without an error may have skipped parts.
+        absent = [number for number in missing if number not in self._done_parts]
+        if absent:
+            raise OutputError(
+                f"{self.parts_folder}: {counted(len(absent), 'part')} of {sweep.parts} are "
+                f"missing in the end ({listing(map(str, absent), 8)}); the same command "
+                "makes them"
+            )
+
+    def _count(self, number: int, size: int) -> None:
+        """Record that a part is in `parts_folder`, and which processor has computed it.
+
+        Parameters
+        ----------
+        number
+            Number of the part.
+        size
+            Size of its files together (bytes).
+
+        Raises
+        ------
+        OutputError
+            If the file of the part does not belong to this sweep.
+        """
+        self._stored_bytes += size
+        self._done_parts.add(number)
+        processor = self.sweep.notes_of_part(self.parts_folder, number).get(PROCESSOR, {})
+        processor_text = ", ".join(f"{key} {value}" for key, value in processor.items())
+        bisect.insort(
+            self.processors.setdefault(processor_text or "an unknown one", []), number
+        )
+
+    def _need_disk(self) -> None:
+        """Raise `OutputError` if the disk has too little room for the missing parts.
+
+        Only a sweep with tables of runs is checked. The size of a missing part is estimated
+        by the mean size of the finished ones.
+        """
+        if self.sweep.tables:
+            expected_bytes = self._stored_bytes * self.sweep.parts / len(self._done_parts)
+            stored_data = f"the tables of {counted(self.sweep.space.count, 'design')}"
+            need_disk(
+                self.parts_folder,
+                self._stored_bytes,
+                expected_bytes,
+                stored_data,
+                DISK_FULL_ADVICE,
+            )
+
+    def _describe_progress(self) -> str:
+        """Return how many designs are finished, such as ``"512 of 1000 designs"``."""
+        space = self.sweep.space
+        designs = min(len(self._done_parts) * self.sweep.part_size, space.count)
+        return f"{designs} of {counted(space.count, 'design')}"

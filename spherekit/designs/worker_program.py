@@ -1,0 +1,142 @@
+"""The program of a worker process, which computes parts of a sweep.
+
+A part is a group of successive designs of the sweep. The parent process
+(`worker_processes`) sends the numbers of the parts through the standard input of the
+worker, and the worker reports each part through its standard output. All messages are
+pickled objects.
+"""
+
+import os
+import pickle
+import queue
+import signal
+import sys
+import threading
+import traceback
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from spherekit.errors import DesignError, SpherekitError
+from spherekit.library_warnings import warnings_as_sentences
+
+if TYPE_CHECKING:
+    from spherekit.designs.sweep import Sweep
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """The first answer of a worker: it has loaded the sweep, or cannot load it.
+
+    `fault` is the error message, empty if the sweep is loaded.
+    """
+
+    fault: str = ""
+
+
+@dataclass(frozen=True)
+class Computed:
+    """The answer of a worker to the number of a part: the part is written, or failed.
+
+    `number` is the number of the part. `error` is the exception that computing it raised,
+    None if the part is written.
+    """
+
+    number: int
+    error: BaseException | None = None
+
+
+def work() -> None:
+    """Compute parts until the parent process closes the standard input of this process.
+
+    The first message on standard input is a tuple: the pickled sweep, and the path of the
+    folder in which parts are written. The answer is `Loaded`, and if that has a `fault`,
+    the function returns. Each further message is the number of a part, and its answer is
+    `Computed`. The answers are written to the standard output of this process, and
+    everything that other code prints is redirected to standard error.
+    """
+    # Ctrl-C may be sent to all processes of a terminal. The parent process handles it and
+    # then ends this process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = _take_standard_output()
+    messages = sys.stdin.buffer
+    pickled_sweep, folder = pickle.load(messages)
+    try:
+        sweep: Sweep = pickle.loads(pickled_sweep)
+    except Exception as fault:
+        _send(answers, Loaded(f"{type(fault).__name__}: {fault}"))
+        return
+    _send(answers, Loaded())
+    waiting_numbers: queue.SimpleQueue[int] = queue.SimpleQueue()
+    # The thread ends this process as soon as standard input is closed, also during a part.
+    threading.Thread(
+        target=_receive_numbers, args=(messages, waiting_numbers), daemon=True
+    ).start()
+    with warnings_as_sentences(_report_warning, shows_source=False):
+        while True:
+            number = waiting_numbers.get()
+            try:
+                sweep.write(folder, number)
+            except Exception as fault:
+                _send(answers, Computed(number, _picklable_error(fault)))
+            else:
+                _send(answers, Computed(number))
+
+
+def _report_warning(text: str) -> None:
+    """Print a warning to standard error, which this process shares with its parent."""
+    print(f"spherekit: {text}", file=sys.stderr, flush=True)
+
+
+def _take_standard_output() -> BinaryIO:
+    """Reserve standard output for answers, and return it as a stream.
+
+    File descriptor 1 is redirected to standard error, also for compiled libraries, so that
+    printed text cannot get between the pickled answers.
+    """
+    answers = os.fdopen(os.dup(1), "wb")
+    try:
+        os.dup2(2, 1)
+    except OSError:  # there is no standard error: printed text is dropped
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return answers
+
+
+def _receive_numbers(messages: BinaryIO, waiting_numbers: "queue.SimpleQueue[int]") -> None:
+    """Put the numbers of parts from standard input into a queue, in a thread of its own.
+
+    When standard input is closed, the parent has ended or needs no more parts. The function
+    then ends this process at once, even if a part is being computed.
+    """
+    while True:
+        try:
+            waiting_numbers.put(pickle.load(messages))
+        except (EOFError, OSError, pickle.UnpicklingError):
+            os._exit(0)
+
+
+def _send(answers: BinaryIO, message: Loaded | Computed) -> None:
+    """Write an answer; end this process if the parent no longer reads the answers."""
+    try:
+        pickle.dump(message, answers)
+        answers.flush()
+    except BrokenPipeError:
+        os._exit(0)
+
+
+def _picklable_error(fault: Exception) -> BaseException:
+    """Return an exception that the parent process can unpickle and raise.
+
+    This must be called in the ``except`` block of `fault`. The result is a copy of `fault`,
+    or a `DesignError` with its type and message if `fault` cannot be pickled. Errors that
+    are not a `SpherekitError` are bugs, so the traceback is added to them as a note.
+    """
+    # Unpickling is tried too: an exception whose constructor has other arguments can be
+    # pickled, but not unpickled.
+    traceback_text = traceback.format_exc()
+    try:
+        error: Any = pickle.loads(pickle.dumps(fault))
+    except Exception:
+        error = DesignError(f"{type(fault).__name__}: {fault}")
+    if not isinstance(fault, SpherekitError):
+        error.add_note(f"in a worker process of the sweep:\n{traceback_text}")
+    return error

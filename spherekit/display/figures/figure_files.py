@@ -1,0 +1,44 @@
+"""Figures as files."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal, get_args
+
+from spherekit.display.figures.matplotlib_sdk import Figure
+from spherekit.errors import OutputError
+from spherekit.storage.atomic_write import MARK, check_own, make_folder
+
+FigureFormat = Literal["png", "pdf", "svg"]
+FORMATS: tuple[FigureFormat, ...] = get_args(FigureFormat)
+
+
+def write_figures(
+    figures: Mapping[str, Figure], folder: Path, kind: FigureFormat = "png"
+) -> list[Path]:
+    """Write every figure into a folder, named by analysis and subject; return the paths.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    make_folder(folder)
+    paths = []
+    for name in figures:
+        path = folder / f"{stem(name)}.{kind}"
+        check_own(path, MARK.encode())
+        try:
+            figures[name].savefig(path, metadata={"Creator": MARK})
+        except OSError as error:
+            raise OutputError(
+                f"cannot write {path}: {error.strerror}; choose a folder you may write to, "
+                "on a disk with room"
+            ) from error
+        paths.append(path)
+    return paths
+
+
+def stem(name: str) -> str:
+    """Return what the file of a figure is called, without its ending."""
+    return re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")

@@ -1,0 +1,177 @@
+"""Ranges of the sliders on an interactive page.
+
+A slider changes one number of the mechanism file. The page can save the file with the new
+numbers, so a slider must not reach a number with which the file cannot be read.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.conventions import Facts
+from spherekit.designs.design_variables import DesignVariable, designed
+from spherekit.errors import SpherekitError
+from spherekit.files.toml_document import Document
+from spherekit.mechanism.elements import SizeGeometry
+from spherekit.mechanism.mechanism import Mechanism
+
+SLIDER_REACH_DEG = 30.0
+"""Half the range of the slider of an angle (deg): it reaches so far to both sides."""
+TYPED_TO_SLIDER_RATIO = 12.0
+"""Half the range of typed numbers, divided by half the range of the slider.
+
+With 12 times 30 degrees, a typed angle may differ by one revolution from that of the file.
+"""
+BISECTION_STEPS = 7
+"""Number of bisection steps in the search for the last number that the format accepts.
+
+The limit is located to 1/128 of the interval. The result is always an accepted number.
+"""
+
+
+@dataclass(frozen=True)
+class SliderRange:
+    """The ranges of a slider and of its text field, in the unit of the file.
+
+    Attributes
+    ----------
+    low, high
+        The ends of the slider.
+    least, most
+        The smallest and the largest number that may be typed in the text field.
+    step
+        The change of the number when an arrow key is pressed.
+    """
+
+    low: float
+    high: float
+    least: float
+    most: float
+    step: float
+
+    def facts(self) -> Facts:
+        """Return the ranges by name, as the JavaScript code of the page reads them."""
+        return {
+            "low": float(self.low),
+            "high": float(self.high),
+            "least": float(self.least),
+            "most": float(self.most),
+            "step": float(self.step),
+        }
+
+
+def slider_range(
+    document: Document, mechanism: Mechanism, variable: DesignVariable
+) -> SliderRange:
+    """Compute the range of a slider, so that the file can be read with its numbers.
+
+    Parameters
+    ----------
+    document
+        The mechanism file.
+    mechanism
+        The mechanism of that file.
+    variable
+        The number of the file that the slider changes.
+
+    Returns
+    -------
+    The ranges of the slider and of its text field. Both include the number of the file. An
+    angle ranges over `SLIDER_REACH_DEG` to both sides; any other number over its own
+    magnitude, or 1 if it is zero.
+    """
+    value = variable.value
+    degrees_to_file_unit = np.radians(1.0) if document.data["angle_unit"] == "rad" else 1.0
+    half_range = (
+        SLIDER_REACH_DEG * degrees_to_file_unit if variable.is_angle else abs(value) or 1.0
+    )
+    # A power of ten that divides the range of the slider into 100 steps or more.
+    step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
+    least, most = (
+        value - TYPED_TO_SLIDER_RATIO * half_range,
+        value + TYPED_TO_SLIDER_RATIO * half_range,
+    )
+    limits = _find_format_limits(mechanism, variable)
+    if limits is not None:
+        least = max(least, limits[0] * degrees_to_file_unit)
+        most = min(most, limits[1] * degrees_to_file_unit)
+    # Other tables may allow less than the format does: a mass along an arc needs one that
+    # is neither 0 nor 180 degrees.
+    least = _find_last_accepted(document, variable, [max(value - half_range, least), least])
+    most = _find_last_accepted(document, variable, [min(value + half_range, most), most])
+    # At the limit of an arc or a latitude two axes lie on one line. The slider ends one
+    # step before, but still includes the number of the file.
+    low = max(value - half_range, min(least + step, value))
+    high = min(value + half_range, max(most - step, value))
+    return SliderRange(low, high, least, most, step)
+
+
+def _find_format_limits(
+    mechanism: Mechanism, variable: DesignVariable
+) -> tuple[float, float] | None:
+    """Return the limits (deg) that the file format sets for an angle.
+
+    Returns
+    -------
+    The smallest and the largest angle (deg), infinite if there is no limit. None if the
+    limits are not known beforehand, so that numbers have to be tried: if the variable is
+    not a size of an R pair or an output, or the mechanism has contacts, which may not exist
+    for all angles.
+    """
+    if variable.slot is None or mechanism.has_contacts:
+        return None
+    size_kind, size_owner = variable.slot
+    if size_kind == "latitudes" or (variable.path[0] == "outputs" and size_owner[1] == 1):
+        return -90.0, 90.0
+    geometry = mechanism.geometry
+    if isinstance(geometry, SizeGeometry) and size_kind == "arcs":
+        return (-np.inf, np.inf) if geometry.links[size_owner[0]].signed else (0.0, 180.0)
+    return -np.inf, np.inf
+
+
+def _find_last_accepted(
+    document: Document, variable: DesignVariable, values: list[float]
+) -> float:
+    """Search the number farthest from that of the file with which the file can be read.
+
+    The values are tried in their order until the file cannot be read with one. The limit
+    between that value and the last accepted one is then searched by bisection. Numbers
+    between those tried are assumed to be accepted.
+
+    Parameters
+    ----------
+    document
+        The mechanism file.
+    variable
+        The number of the file that is changed.
+    values
+        Numbers to try, all on one side of that of the file, the nearest first.
+
+    Returns
+    -------
+    The farthest accepted number: the last of `values` if all are accepted, the number of
+    the file if none and no step of the bisection is.
+    """
+    last_accepted = variable.value
+    for value in values:
+        if _is_accepted(document, variable, value):
+            last_accepted = value
+            continue
+        first_refused = value
+        for _ in range(BISECTION_STEPS):
+            midpoint = 0.5 * (last_accepted + first_refused)
+            if _is_accepted(document, variable, midpoint):
+                last_accepted = midpoint
+            else:
+                first_refused = midpoint
+        break
+    return last_accepted
+
+
+def _is_accepted(document: Document, variable: DesignVariable, value: float) -> bool:
+    """Return whether the file can be read if the number of `variable` is `value`."""
+    try:
+        designed(document, [variable], [value])
+    except SpherekitError:
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""Recordings for the rerun viewer, and pictures taken of them."""

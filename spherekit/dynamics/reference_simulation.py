@@ -1,0 +1,116 @@
+"""A simulation once more in numbers wider than float64, to know what others are off by."""
+
+import numpy as np
+
+from spherekit.argument_validation import checked
+from spherekit.arrays import Floats
+from spherekit.dynamics.forward_dynamics import LEAST, simulate
+from spherekit.dynamics.simulation import Simulation
+from spherekit.errors import EngineError, SolveError
+from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
+from spherekit.files.study import Start, StartGiven
+from spherekit.mechanism.friction import need_no_rubbing
+from spherekit.proof.balls import FEWEST, Digits
+from spherekit.proof.reference_motion import ExactSimulation
+from spherekit.wording import listing
+
+ENDS = ("time", "joint_limit", "sticking")
+"""The ends of simulations that a reference finds for itself."""
+
+
+@checked(SolveError)
+def reference_simulation(
+    mechanism: AnyMechanism,
+    start: StartGiven,
+    until: float,
+    *,
+    torque: str | None = None,
+    input_pair: str | None = None,
+    assembly_mode: int = 0,
+    arithmetic: Digits | None = None,
+) -> ExactSimulation:
+    """Return the motion of a single-DOF mechanism under its loads in many digits.
+
+    Parameters
+    ----------
+    mechanism, start, until, torque, input_pair, assembly mode
+        See `spherekit.dynamics.forward_dynamics.simulate`.
+    arithmetic
+        By default of 20 digits; `Digits(n)` for n digits.
+
+    Raises
+    ------
+    ModelError, SolveError
+        For what is missing or impossible.
+    EngineError
+        If the motion ends at a singularity, or changes too fast.
+    """
+    mechanism = mechanism_of(mechanism)
+    start = Start.of(start)
+    simulation = simulate(
+        mechanism,
+        start,
+        until,
+        torque=torque,
+        input_pair=input_pair,
+        assembly_mode=assembly_mode,
+        tolerance=LEAST["numpy"],
+    )
+    return refined(simulation, start, until, arithmetic)
+
+
+def refined(
+    simulation: Simulation, start: Start, until: float, arithmetic: Digits | None = None
+) -> ExactSimulation:
+    """Return a simulation in many digits: the same start, loads and joint limits.
+
+    Parameters
+    ----------
+    simulation
+        As good as float64 allows; the iteration starts from it.
+    start, until
+        Those it was made with. Both numbers of the start are taken as exact.
+    arithmetic
+        See `reference_simulation`.
+
+    Raises
+    ------
+    EngineError
+        If the simulation ended in a way that depends on tolerances, or no step of the
+        reference is short enough.
+    """
+    mechanism = simulation.mechanism
+    end = simulation.end
+    if end.kind not in ENDS:
+        raise EngineError(
+            f"{mechanism.name}: the simulation ended at {end.t:.6g} s ({end.message}); a "
+            f"reference is made for ends by {listing(ENDS)}: ask for a shorter time"
+        )
+    if len(mechanism.inputs) > 1:
+        raise EngineError(
+            f"{mechanism.name}: a reference in wide numbers is of one input, not of "
+            f"{len(mechanism.inputs)}"
+        )
+    need_no_rubbing(mechanism, "a reference in wide numbers does not solve for")
+    (q,), (dq,) = start.each(mechanism.input_pairs)
+
+    def near(t: Floats) -> tuple[Floats, Floats]:
+        traced = simulation.path.at(np.clip(t, 0.0, end.t))
+        rates = traced.rates[:, : simulation.equation.variables]
+        return traced.values + rates * np.maximum(t - end.t, 0.0)[:, None], rates
+
+    reference = ExactSimulation(
+        arithmetic or Digits(FEWEST),
+        mechanism,
+        simulation.driven[0],
+        float(q),
+        float(dq),
+        until,
+        near,
+    )
+    if reference.kind != end.kind:
+        raise EngineError(
+            f"{mechanism.name}: the reference ends by {reference.kind} at "
+            f"{float(reference.end):.6g} s, the simulation by {end.kind} at {end.t:.6g} s"
+        )
+    return reference

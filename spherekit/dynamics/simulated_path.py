@@ -1,0 +1,276 @@
+"""Where a simulation went: its states at any time, whichever engine found them.
+
+The steps of NumPy's engine are those of Gauss collocation, the implicit Runge-Kutta method
+of highest order, 2 N at the ends of steps with N nodes (Hairer, Norsett and Wanner 1993,
+II.7): within a step the solution is a polynomial of degree N. What happens within a step
+are zeros of functions known at its nodes or as polynomials.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from spherekit.arrays import Floats, Indices
+from spherekit.conventions import TURN
+from spherekit.dynamics.compiled_equation import CompiledEquation
+from spherekit.dynamics.coordinates import inertia
+from spherekit.dynamics.equation_of_motion import EquationOfMotion, Roots
+from spherekit.dynamics.several_freedoms import mass_size
+from spherekit.dynamics.simulation_start import variable_of
+from spherekit.dynamics.taylor_integration import CROSSED, Run, Stretch
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.array_rows import ArrayRows
+from spherekit.numerics.zeros import Function, zeros
+from spherekit.positions.loop_closure import Closure
+
+NODES = 24
+"""Measured: fewest evaluations on linkages at tolerances of 1e-7 to 1e-11."""
+
+GAUSS, _WEIGHTS = legendre.leggauss(NODES)
+"""The nodes (N,) of a step in [-1, 1]."""
+
+TO_SERIES = (
+    (np.arange(NODES)[:, None] + 0.5) * _WEIGHTS * legendre.legvander(GAUSS, NODES - 1).T
+)
+"""(N, N) turns values at the nodes into Legendre coefficients."""
+
+INTEGRAL = legendre.legvander(GAUSS, NODES) @ legendre.legint(TO_SERIES, lbnd=-1)
+"""(N, N) gives the integrals from -1 to each node, from values at all."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step: start, length, state at the start, and the series (N, states) of its rate.
+
+    `frames` (k, m, variables) are those of its momenta, evenly along it: of one freedom the
+    unit tangents of the curve at the nodes, of several one frame for all of it.
+    """
+
+    start: float
+    length: float
+    state: Floats
+    series: Floats
+    frames: Floats
+
+    @property
+    def stop(self) -> float:
+        """Time at the end."""
+        return self.start + self.length
+
+    @property
+    def end(self) -> Floats:
+        """The state (states,) at the end, to the order 2 N."""
+        return self.state + self.length * self.series[0]
+
+    @cached_property
+    def swept(self) -> Floats:
+        """(N + 1, states) the series of what the state has changed by since the start."""
+        return np.asarray(0.5 * self.length * legendre.legint(self.series, lbnd=-1))
+
+    def summed(self, series: Floats, t: Floats) -> Floats:
+        """Return a Legendre series (k, states) over the step at times (n,)."""
+        x = 2.0 * (t - self.start) / self.length - 1.0
+        return legendre.legvander(x, len(series) - 1) @ series
+
+    def at(self, t: Floats) -> Floats:
+        """Return the state (n, states) at times (n,) within the step."""
+        return self.state + self.summed(self.swept, t)
+
+    def rate(self, t: Floats) -> Floats:
+        """Return the state's rate (n, states) at times (n,) within the step."""
+        return self.summed(self.series, t)
+
+    @cached_property
+    def times(self) -> Floats:
+        """(N + 2,) times of the nodes and both ends."""
+        return self.start + 0.5 * self.length * (np.array([-1.0, *GAUSS, 1.0]) + 1.0)
+
+    def column(self, number: int, level: float = 0.0) -> Floats:
+        """Return the series (N + 1,) of a state over a level."""
+        series = self.swept[:, number].copy()
+        series[0] += self.state[number] - level
+        return series
+
+    def _function(self, series: Floats) -> Function:
+        """Return what a Legendre series (k,) over the step says, with its slope."""
+        slope = legendre.legder(series) * 2.0 / self.length
+        both = np.stack([series, np.append(slope, 0.0)], axis=1)
+        return lambda t: tuple(self.summed(both, t).T)
+
+    def passed(self, series: Floats) -> list[float]:
+        """Return the times after the start at which a series (k,) changes its sign."""
+        crossed = zeros(self._function(series), self.times)
+        return crossed.places[(crossed.places > self.start) & ~crossed.double].tolist()
+
+    def stopped(self, mechanism: Mechanism, whole: Floats) -> Iterator[tuple[float, str]]:
+        """Yield times at which pairs are first beyond a joint limit, and their names.
+
+        `whole` (variables,) rad are turns by which the states are less than stops.
+        """
+        for stop in mechanism.joint_limits:
+            number = variable_of(mechanism, stop.pair)
+            for limit, sense in ((stop.low, -1.0), (stop.high, 1.0)):
+                beyond = self._function(self.column(number, limit - whole[number]))
+                t = zeros(beyond, self.times).places
+                outward = t[sense * beyond(t)[1] > 0.0]
+                if len(outward) or sense * beyond(self.times[-1:])[0][0] > 0.0:
+                    yield float([*outward, self.start][0]), stop.pair
+
+    def orientation(self, closure: Closure, rates: Floats) -> Floats:
+        """Return (N,) the determinant of the closure equations bordered by the rates.
+
+        On one smooth curve it keeps its sign; where curves cross it passes through zero.
+        Ones, if constraints are redundant.
+        """
+        values = self.at(self.times[1:-1])[:, : rates.shape[2]]
+        bordered = np.concatenate([closure.at(values).jacobian, rates], axis=1)
+        if bordered.shape[1] != bordered.shape[2]:
+            return np.ones(len(values))
+        return np.linalg.det(bordered)
+
+    def crossing(self, orientation: Floats, largest: float) -> float | None:
+        """Return the time at which the orientation (N,) vanishes, if it does.
+
+        `largest` is the largest seen so far, with the sign it had at the last node;
+        orientations smaller than the part `CROSSED` of it are zero.
+        """
+        small = orientation * np.sign(largest) < CROSSED * abs(largest)
+        if not np.any(small):
+            return None
+        passed = self.passed(TO_SERIES @ orientation)
+        return min([*passed, float(self.times[1 + np.argmax(small)])])
+
+
+@dataclass(frozen=True)
+class Traced(ArrayRows):
+    """States and their rates (n, states) at n times; see `dynamics.equation_of_motion`.
+
+    The variables in them are less `turns` (n, variables) whole turns. `frames`
+    (n, m, variables) are those of the momenta: of one freedom a vector to the side of the
+    curve on which momentum is positive.
+    """
+
+    states: Floats
+    rates: Floats
+    frames: Floats
+    turns: Floats
+
+    @property
+    def values(self) -> Floats:
+        """(n, variables) rad with all their turns."""
+        return self.states[:, : self.turns.shape[1]] + TURN * self.turns
+
+
+CHECKED = 2000
+"""Most steps at which balances are formed, evenly chosen."""
+
+BLOCK = 1024
+"""Times at which states are evaluated together."""
+
+
+@dataclass(frozen=True)
+class StatePath:
+    """The states of a simulation over time, whichever engine found them.
+
+    `parts` give them at times (n,), each from its time among `firsts` (s) on; `starts`,
+    `lengths` (steps,) s are those of the steps, `drift` is the largest closure residual
+    (rad) that was taken out.
+    """
+
+    firsts: Floats
+    parts: tuple[Callable[[Floats], Traced], ...]
+    starts: Floats
+    lengths: Floats
+    drift: float
+
+    @property
+    def chosen(self) -> Indices:
+        """The numbers of `CHECKED` steps at most, evenly chosen."""
+        count = len(self.starts)
+        return np.linspace(0, count - 1, min(CHECKED, count)).astype(np.intp)
+
+    def at(self, t: Floats) -> Traced:
+        """Return the states at times (n,) within the path."""
+        owner = np.searchsorted(self.firsts[1:], t, side="right")
+        order = np.argsort(owner, kind="stable")
+        cuts = np.flatnonzero(np.diff(owner[order], prepend=-1))[1:]
+        rows = [
+            block
+            for some in np.split(order, cuts)
+            for block in np.split(some, range(BLOCK, len(some), BLOCK))
+        ]
+        parts = [self.parts[owner[some[0]] if len(some) else 0](t[some]) for some in rows]
+        return Traced.joined(parts).rows(np.argsort(order))
+
+
+def through_steps(steps: Sequence[Step], turns: Floats, drift: float) -> StatePath:
+    """Return the path of steps whose states are polynomials, in order of time.
+
+    The variables in them are less `turns` (variables,) whole turns.
+    """
+    starts, lengths = np.array([(step.start, step.length) for step in steps]).T
+    parts = tuple(partial(_in_step, step, turns) for step in steps)
+    return StatePath(starts, parts, starts, lengths, drift)
+
+
+def _in_step(step: Step, turns: Floats, t: Floats) -> Traced:
+    place = (t - step.start) / step.length * len(step.frames)
+    frames = np.take(step.frames, place.astype(int), axis=0, mode="clip")
+    return Traced(step.at(t), step.rate(t), frames, np.tile(turns, (len(t), 1)))
+
+
+Frames = Callable[[Floats, Floats], Floats]
+"""Sets the momenta of a run's states and rates (n, states), returns their frames."""
+
+
+def on_curve(equation: CompiledEquation, sense: float) -> Frames:
+    """Return the frames of one freedom: homogeneous rates, in the sense of a tangent."""
+    count = equation.layout.variables
+
+    def framed(states: Floats, changes: Floats) -> Floats:
+        for array in (states, changes):
+            array[:, count] *= sense
+        return sense * equation.rates(states[:, :count])
+
+    return framed
+
+
+def in_coordinates(equation: EquationOfMotion, frame: Floats) -> Frames:
+    """Return those of several freedoms: a frame (m, variables), momenta from rates."""
+    root = np.sqrt(mass_size(equation.mechanism))
+    momenta = equation.momenta
+
+    def framed(states: Floats, changes: Floats) -> Floats:
+        u = states[:, momenta] / root
+        change = changes[:, momenta] / root
+        motion = equation.motion(states[:, : equation.variables], frame, order=2)
+        masses = inertia(equation.mechanism, motion)
+        roots = Roots.of(masses.M)
+        states[:, momenta] = roots.times(u)
+        changes[:, momenta] = roots.changing(masses.dM, u) + roots.times(change)
+        return np.broadcast_to(frame, (len(states), *frame.shape))
+
+    return framed
+
+
+def through_runs(runs: Sequence[Run], framed: Sequence[Frames]) -> StatePath:
+    """Return the path of compiled runs, one after the other, with their frames."""
+    every = [
+        (x, frames) for run, frames in zip(runs, framed, strict=True) for x in run.stretches
+    ]
+    return StatePath(
+        np.array([stretch.starts[0] for stretch, _ in every]),
+        tuple(partial(_in_stretch, stretch, frames) for stretch, frames in every),
+        np.concatenate([stretch.starts for stretch, _ in every]),
+        np.concatenate([stretch.lengths for stretch, _ in every]),
+        max(run.drift for run in runs),
+    )
+
+
+def _in_stretch(stretch: Stretch, framed: Frames, t: Floats) -> Traced:
+    states, rates = stretch.at(t)
+    whole = np.broadcast_to(stretch.turns, (len(t), len(stretch.turns)))
+    return Traced(states, rates, framed(states, rates), whole)

@@ -1,0 +1,215 @@
+"""A coupling table as a C header: static arrays, and C99 that interpolates between them."""
+
+import json
+import re
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherekit.arrays import Array
+from spherekit.escaping import c_comment
+from spherekit.exchange import identifiers
+from spherekit.exchange.coupling_table import CouplingTable
+from spherekit.exchange.identifiers import unique_names
+
+TEXT = """\
+/* Coupling table of the mechanism {mechanism}, made by spherekit {made_by}.
+   SHA-256 of the mechanism: {sha256}
+
+   Inputs (rad): {inputs}
+   Passive variables: {variables}
+   Angular velocities, in ground axes: {poles}
+   Largest error, measured between the nodes: {table.angle_error:.2g} rad of an angle,
+   {table.coefficient_error:.2g} of a coefficient.
+
+   C99, no library but <math.h>. Angles go on without a jump through a cell; cells that a
+   jump, a change of assembly mode or the end of one could lie in are not read. */
+#ifndef {guard}_COUPLING_H
+#define {guard}_COUPLING_H
+
+#include <math.h>
+
+enum {{
+    {guard}_INPUTS = {m},
+    {guard}_VARIABLES = {k},
+    {guard}_POLES = {p},
+    {guard}_MODES = {table.error.shape[0]},
+    {guard}_NODES = {table.angles.shape[1]},
+    {guard}_CELLS = {table.error.shape[1]}
+}};
+
+/* What {name}_at returns. */
+enum {{ {guard}_OK = 0, {guard}_NO_MODE = 1, {guard}_OUTSIDE = 2, {guard}_NOT_SURE = 3 }};
+
+/* Places of the variables in the results. */
+enum {{{enums}
+}};
+
+static const int {name}_mode[] = {{{mode_numbers}}};
+static const double {name}_start[] = {{{start}}};
+static const double {name}_step[] = {{{step}}};
+static const int {name}_count[] = {{{count}}};
+static const int {name}_periodic[] = {{{periodic}}};
+{arrays}
+
+/* Read the table at inputs q (rad).
+
+   mode         number of the assembly mode
+   angle        passive variables (rad)
+   coefficient  their rates per unit rate of each input
+   derivative   of the coefficients by each input (1/rad)
+   turning      angular velocities per unit rate of each input
+   Any of the results may be a null pointer. */
+static int {name}_at(int mode, const double q[{m}], double angle[{k}],
+                     double coefficient[{k}][{m}], double derivative[{k}][{m}][{m}],
+                     double turning[{p1}][{m}][3])
+{{
+    int cell[{m}], number = -1, index = 0;
+    double at[{m}], turns[{m}];
+    for (int k = 0; k < {guard}_MODES; ++k)
+        if ({name}_mode[k] == mode)
+            number = k;
+    if (number < 0)
+        return {guard}_NO_MODE;
+    for (int i = 0; i < {m}; ++i) {{
+        const int last = {name}_count[i] - 1;
+        double along = (q[i] - {name}_start[i]) / {name}_step[i];
+        turns[i] = {name}_periodic[i] ? floor(along / last) : 0.0;
+        along -= turns[i] * last;
+        if (!(along >= -1e-9 && along <= last + 1e-9))
+            return {guard}_OUTSIDE;
+        cell[i] = (int)floor(along);
+        if (cell[i] < 0)
+            cell[i] = 0;
+        if (cell[i] > last - 1)
+            cell[i] = last - 1;
+        at[i] = along - cell[i];
+        index = index * last + cell[i];
+    }}
+    if (!{name}_sure[number][index])
+        return {guard}_NOT_SURE;
+    for (int v = 0; v < {k}; ++v) {{
+        double f = 0.0, g[{m}] = {{0.0}}, h[{m}][{m}] = {{{{0.0}}}};
+        for (int i = 0; i < {m}; ++i)
+            f += turns[i] * {name}_rise[number][i][v];
+        for (int corner = 0; corner < (1 << {m}); ++corner) {{
+            double weight = 1.0, d[{m}], grown = 0.0;
+            int node = 0;
+            for (int i = 0; i < {m}; ++i) {{
+                const int up = (corner >> i) & 1;
+                weight *= up ? at[i] : 1.0 - at[i];
+                d[i] = (at[i] - up) * {name}_step[i];
+                node = node * {name}_count[i] + cell[i] + up;
+            }}
+            for (int i = 0; i < {m}; ++i) {{
+                double bent = 0.0;
+                for (int j = 0; j < {m}; ++j) {{
+                    bent += {name}_derivative[number][node][v][i][j] * d[j];
+                    h[i][j] += weight * {name}_derivative[number][node][v][i][j];
+                }}
+                const double slope = {name}_coefficient[number][node][v][i];
+                grown += (2.0 / 3.0 * slope + bent / 6.0) * d[i];
+                g[i] += weight * (slope + 0.5 * bent);
+            }}
+            f += weight * ({name}_angle[number][node][v] + grown);
+        }}
+        if (angle)
+            angle[v] = f;
+        for (int i = 0; i < {m}; ++i) {{
+            if (coefficient)
+                coefficient[v][i] = g[i];
+            for (int j = 0; derivative && j < {m}; ++j)
+                derivative[v][i][j] = h[i][j];
+        }}
+    }}
+{turning_code}    return {guard}_OK;
+}}
+
+#endif
+"""
+
+
+TURNING = """\
+    for (int p = 0; turning && p < {p}; ++p)
+        for (int i = 0; i < {m}; ++i)
+            for (int x = 0; x < 3; ++x) {{
+                double w = 0.0;
+                for (int corner = 0; corner < (1 << {m}); ++corner) {{
+                    double weight = 1.0, grown = 0.0;
+                    int node = 0;
+                    for (int j = 0; j < {m}; ++j) {{
+                        const int up = (corner >> j) & 1;
+                        weight *= up ? at[j] : 1.0 - at[j];
+                        node = node * {name}_count[j] + cell[j] + up;
+                    }}
+                    for (int j = 0; j < {m}; ++j) {{
+                        const double d = (at[j] - ((corner >> j) & 1)) * {name}_step[j];
+                        grown += d * {name}_turning_derivative[number][node][p][i][j][x];
+                    }}
+                    w += weight * ({name}_turning[number][node][p][i][x] + 0.5 * grown);
+                }}
+                turning[p][i][x] = w;
+            }}
+"""
+
+
+def header(table: CouplingTable) -> str:
+    """Return the text of a C header with a table and the function that reads it."""
+    name = identifiers.C.identifier(table.mechanism)
+    # POSIX defines X_OK and others as macros.
+    if identifiers.C.is_taken(f"{name.upper()}_OK"):
+        name = f"m_{name}"
+    variables = [re.sub(r"\W", "_", word, flags=re.ASCII) for word in table.variables]
+    m, k, p = len(table.inputs), len(table.variables), len(table.poles)
+    sizes = {"m": m, "k": k, "p": p, "name": name}
+    arrays = {
+        "double {}_rise": table.rise,
+        "unsigned char {}_sure": table.sure.astype(int),
+        "double {}_angle": table.angles,
+        "double {}_coefficient": table.coefficients,
+        "double {}_derivative": table.derivatives,
+    }
+    if p:
+        arrays["double {}_turning"] = table.turning
+        arrays["double {}_turning_derivative"] = table.turning_derivatives
+    return TEXT.format(
+        **sizes,
+        table=table,
+        mechanism=c_comment(table.mechanism),
+        made_by=c_comment(table.made_by),
+        sha256=c_comment(table.mechanism_sha256),
+        inputs=c_comment(", ".join(table.inputs)),
+        variables=c_comment(", ".join(table.variables)),
+        poles=c_comment(", ".join(table.poles) or "none"),
+        guard=name.upper(),
+        p1=max(p, 1),
+        enums=",".join(
+            f"\n    {name}_{word} = {k}" for k, word in enumerate(unique_names(variables))
+        ),
+        mode_numbers=_row(table.modes),
+        start=_row(table.start),
+        step=_row(table.step),
+        count=_row(table.count),
+        periodic=_row(table.periodic.astype(int)),
+        arrays="\n".join(
+            _array(head.format(name), values) for head, values in arrays.items()
+        ),
+        turning_code=TURNING.format(**sizes) if p else "    (void)turning;\n",
+    )
+
+
+def _array(head: str, values: Array) -> str:
+    """Return an array of C, a line for each node of each mode."""
+    shape = "".join(f"[{size}]" for size in values.shape)
+    modes = (",\n".join(f"    {_braced(node)}" for node in mode) for mode in values)
+    lines = "".join(f"  {{\n{nodes}\n  }},\n" for nodes in modes)
+    return f"static const {head}{shape} = {{\n{lines}}};"
+
+
+def _braced(values: ArrayLike) -> str:
+    """Return numbers of C; places without a mode are never read, and zero."""
+    return json.dumps(np.nan_to_num(values).tolist()).replace("[", "{").replace("]", "}")
+
+
+def _row(values: ArrayLike) -> str:
+    return _braced(values)[1:-1]

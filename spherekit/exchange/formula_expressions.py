@@ -1,0 +1,327 @@
+"""Data classes for the explicit formulas of a mechanism.
+
+`spherekit.exchange.formula_maker` creates them. `source_printer`, `c_source` and
+`script_source` print them as source code in a programming language.
+
+A *term* is a symbol or an operation in an expression graph. The formulas have three groups
+of arguments:
+
+- the *motion*: inputs (rad), and rates, accelerations, loads if results depend on them;
+- the *places*: values that select the assembly mode. In closed form they are the sign (+1
+  or -1) of each dyad. Otherwise they are approximate variables (rad) of all pairs, which
+  Newton's method improves;
+- the *sizes*: numbers of the mechanism file that the user has chosen as arguments.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.conventions import Names
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.chebyshev import PiecewiseChebyshev
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    ExpressionNode,
+    array_function,
+    in_order,
+)
+
+FormulaFunction = Callable[[Floats, Floats, Floats], Floats]
+"""A function of the arrays motion, places and sizes; see `Formulas.numpy_function`."""
+
+
+class Argument(NamedTuple):
+    """An argument of the formulas: an element of the motion or of the sizes.
+
+    Attributes
+    ----------
+    name
+        Name of the argument in the source code.
+    unit
+        Unit of the argument, ``"as in the file"`` for sizes that are not angles.
+    value
+        Value of a size in the mechanism file, in `unit`. It is 0 for the motion.
+    key
+        Key of a size in the mechanism file, such as ``"links.2.arc"``. It is empty for the
+        motion.
+    """
+
+    name: str
+    unit: str
+    value: float = 0.0
+    key: str = ""
+
+
+class Mode(NamedTuple):
+    """An assembly mode that the source code names.
+
+    Attributes
+    ----------
+    number, name
+        Number and title of the mode in the mechanism.
+    at
+        Inputs (rad) of one configuration of the mode.
+    values
+        The places of that configuration: in closed form the signs of the dyads, otherwise
+        the variables (rad) of all pairs. Signs are the same everywhere in the mode, unless
+        it follows its smooth curve through crossings (`SmoothModes`).
+    """
+
+    number: int
+    name: str
+    at: tuple[float, ...]
+    values: tuple[float, ...]
+
+
+class SmoothModes(NamedTuple):
+    """The places of assembly modes that follow smooth curves through crossings.
+
+    The intervals divide all values of the only input. In the short intervals around a
+    crossing the places are NaN for each mode whose signs change there, because rounding
+    decides on which side of the crossing such an input is.
+
+    Attributes
+    ----------
+    low, high
+        Ends of the range of the input (rad).
+    period
+        Growth of the input (rad) after which all configurations return, infinite if they
+        never do. An input outside of the range is moved by whole periods into it, or as
+        near to it as they lead.
+    crossings
+        Inputs (rad) in the range at which curves are known to cross.
+    are_all_known
+        Whether curves cross nowhere else in the range. Crossings are not looked for in
+        groups whose modes are searched, such as those with contacts.
+    starts
+        (intervals,) the input (rad) at which each interval begins; the first is -inf.
+    places
+        (intervals, modes, places) the places of each mode in each interval. They are NaN
+        if no configuration of the mode is known there.
+    inputs
+        (intervals, modes) inputs (rad) of the configurations that have these places, NaN
+        if none is known.
+    """
+
+    low: float
+    high: float
+    period: float
+    crossings: tuple[float, ...]
+    are_all_known: bool
+    starts: tuple[float, ...]
+    places: Floats
+    inputs: Floats
+
+    def pieces(self, mode: int) -> list[tuple[float, float, Floats]]:
+        """Return where the places of a mode change.
+
+        Parameters
+        ----------
+        mode
+            Position of the mode in the table.
+
+        Returns
+        -------
+        For each change the start of the interval (rad), an input (rad) at which the new
+        places are known, and the places. Intervals in which no configuration of the mode is
+        known are left out.
+        """
+        pieces: list[tuple[float, float, Floats]] = []
+        for start, known_input, values in zip(
+            self.starts, self.inputs[:, mode], self.places[:, mode], strict=True
+        ):
+            if np.isnan(known_input) or np.any(np.isnan(values)):
+                continue
+            if not pieces or not np.array_equal(pieces[-1][2], values):
+                pieces.append((max(start, self.low), float(known_input), values))
+        return pieces
+
+
+class ModeTable(NamedTuple):
+    """The assembly modes that the source code names, and how they were checked.
+
+    `spherekit.exchange.mode_table` compares the formulas with the mechanism in each mode.
+
+    Attributes
+    ----------
+    modes
+        The modes that are written to the source code.
+    left_out
+        A text for each other assembly mode, with its number and the reason.
+    compared
+        Number of inputs at which each mode was compared. If it differs between modes, it is
+        the smallest. It is 0 if no mode was compared.
+    largest_difference
+        Largest difference (rad) of a pair variable between the formulas and the mechanism.
+    smooth
+        The places of the modes along their smooth curves, in the order of `modes`. It is
+        None if each mode keeps its places where curves cross.
+    """
+
+    modes: tuple[Mode, ...]
+    left_out: Names = ()
+    compared: int = 0
+    largest_difference: float = 0.0
+    smooth: SmoothModes | None = None
+
+
+class SeriesTable(NamedTuple):
+    """Functions of one variable that are stored as piecewise Chebyshev series.
+
+    Examples are the coordinates of a contact profile as functions of its arc length.
+
+    Attributes
+    ----------
+    terms
+        The symbol in the formulas that stands for each function.
+    of
+        The symbol of the variable, which is an argument of the formulas.
+    start
+        Offset of the series: they are functions of variable + `start`.
+    series
+        The series of all functions, on common cells.
+    length
+        Period of the functions if `closed` is true, in the unit of the variable.
+    closed
+        Whether the functions are periodic, as on a closed curve. If not, they are NaN
+        outside of the cells.
+    """
+
+    terms: tuple[ExpressionNode, ...]
+    of: ExpressionNode
+    start: float
+    series: PiecewiseChebyshev
+    length: float
+    closed: bool
+
+    def at(self, variable: Floats) -> Floats:
+        """Evaluate the functions.
+
+        Parameters
+        ----------
+        variable
+            (n,) values of the variable.
+
+        Returns
+        -------
+        (terms, n) values of the functions, NaN outside of the cells.
+        """
+        edges = self.series.edges
+        position = variable + self.start
+        if self.closed:
+            position = edges[0] + np.mod(position - edges[0], self.length)
+        # (n, terms): a row for each value of the variable
+        series_rows = self.series.at(position)
+        # Written as "not inside", so that a position that is NaN gives NaN too.
+        series_rows[~((position >= edges[0]) & (position <= edges[-1]))] = np.nan
+        return np.asarray(series_rows.T)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Formulas:
+    """Explicit formulas of some quantities of a mechanism.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism, with its driven pairs.
+    motion
+        The inputs (rad). If a result depends on them, also rates and accelerations of the
+        inputs, the time, whole turns (rad) of passive pairs, and torques given by tables.
+    places
+        Names of the values that select the assembly mode: the signs of the dyads in closed
+        form, otherwise the variables of all pairs.
+    sizes
+        The numbers of the mechanism file that are arguments.
+    mode_table
+        The assembly modes.
+    results
+        The unit of each result, by the name of the result.
+    outputs
+        The results as terms, in the order of `results`.
+    step
+        One step of Newton's method, as terms: the variables of all pairs after the step,
+        followed by the closure residual (rad) before it. Empty in closed form.
+    variables
+        Three tuples: the symbols of the motion, of the places and of the sizes.
+    tables
+        Stored series of functions that results or the step contain, such as profiles.
+    title
+        A short description of the formulas.
+    """
+
+    mechanism: Mechanism
+    motion: tuple[Argument, ...]
+    places: Names
+    sizes: tuple[Argument, ...]
+    mode_table: ModeTable
+    results: dict[str, str]
+    outputs: tuple[Expr, ...]
+    step: tuple[Expr, ...]
+    variables: tuple[tuple[ExpressionNode, ...], ...]
+    tables: tuple[SeriesTable, ...]
+    title: str = "explicit formulas"
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The assembly modes that are written to the source code."""
+        return self.mode_table.modes
+
+    @property
+    def operations(self) -> int:
+        """Number of operations that computing all results takes."""
+        return sum(term.operation != "variable" for term in in_order(self.outputs))
+
+    def numpy_function(self, expressions: Sequence[Expr]) -> FormulaFunction:
+        """Compile terms of these formulas to a function of arrays.
+
+        Parameters
+        ----------
+        expressions
+            The terms to evaluate, such as `outputs` or `step`.
+
+        Returns
+        -------
+        A function of three arrays: values of `motion`, of `places` and of `sizes`, with one
+        row for each argument. Each array has n columns, one for each configuration, or one
+        column that applies to all configurations. The function returns the values
+        (expressions, n), in the units of the results.
+        """
+        # The compiled function takes one array. Its rows are the three groups of arguments
+        # in turn, and then the values of the stored series.
+        terms = [term for symbol_group in self.variables for term in symbol_group]
+        # For each table, the row of that array with the variable of the series.
+        series_rows = [terms.index(table.of) for table in self.tables]
+        terms += [term for table in self.tables for term in table.terms]
+        function = array_function(expressions, terms)
+
+        def evaluate(motion: Floats, places: Floats, sizes: Floats) -> Floats:
+            """Return the expressions (expressions, n); see `numpy_function`."""
+            arguments = (motion, places, sizes)
+            count = max(argument.shape[1] for argument in arguments)
+            argument_rows = np.concatenate(
+                [
+                    np.broadcast_to(argument, (len(argument), count))
+                    for argument in arguments
+                ]
+            )
+            series_values = [
+                table.at(argument_rows[series_row])
+                for table, series_row in zip(self.tables, series_rows, strict=True)
+            ]
+            return np.asarray(function(np.concatenate([argument_rows, *series_values])))
+
+        return evaluate
+
+    @property
+    def size_values(self) -> Floats:
+        """(sizes, 1) values of `sizes` in the mechanism file; a new array at each access.
+
+        With the unit ``"as in the file"`` the value is that of the file, and angles are in
+        rad.
+        """
+        return np.array([size.value for size in self.sizes]).reshape(-1, 1)

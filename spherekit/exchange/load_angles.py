@@ -1,0 +1,67 @@
+"""Angles of passive pairs that loads see, in formulas without an argument for whole turns.
+
+A load such as a spring follows the angle of its pair over any number of turns. Formulas in
+closed form give that angle in (-pi, pi] only, so in general whole turns are an argument. A
+pair that swings over less than one turn in every assembly mode needs none: its angle is the
+one nearest to the middle of its swing.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from spherekit.conventions import TURN
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import PositionAnalysis, continued
+from spherekit.positions.motion_cache import bare
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
+
+SWING_SAMPLES = 721
+"""Inputs over one turn at which the swing of a pair is read."""
+
+LEAST_GAP_RAD = 0.05
+"""Part of a turn that a pair has to leave out, so that its swing is known between samples
+too. Larger: pairs that nearly turn fully keep their argument; smaller: an angle at one end
+of a swing, between samples, could be taken for one at the other end."""
+
+
+def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[str, float]:
+    """Return the middle (rad) of the swing of pairs that cannot turn fully, by name.
+
+    The swing is that of all assembly modes together, over a whole turn of the input.
+    Angles are those that loads see. There are no swings with several inputs, whose loads
+    see angles that depend on the path, nor with contacts, whose wheels may return after
+    several turns only.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, driven at its inputs.
+    pairs
+        Names of passive R pairs.
+    """
+    inputs = mechanism.input_pairs
+    if len(inputs) != 1 or mechanism.has_contacts or not pairs:
+        return {}
+    one_turn = mechanism.with_inputs(
+        *inputs, ranges={inputs[0]: (0.0, TURN)}, angle_unit="rad"
+    )
+    position_analysis = PositionAnalysis(bare(one_turn), samples=SWING_SAMPLES)
+    motion = position_analysis.motion()
+    angles = continued(motion, pairs, position_analysis.solver, {})
+    middles: dict[str, float] = {}
+    for pair in pairs:
+        low, high = np.nanmin(angles[pair]), np.nanmax(angles[pair])
+        if high - low < TURN - LEAST_GAP_RAD:
+            middles[pair] = float(0.5 * (low + high))
+    return middles
+
+
+def turns_about(angle: Expr, middle: float) -> ExpressionNode:
+    """Return what is added to an angle (rad) to make it the one nearest to a middle (rad).
+
+    The angle may be given less any whole turns.
+    """
+    difference = angle - middle
+    nearest = function("atan2", function("sin", difference), function("cos", difference))
+    return nearest + (middle - angle)

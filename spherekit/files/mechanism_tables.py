@@ -1,0 +1,178 @@
+"""A mechanism from data in a program: the tables of a file, read as a file is."""
+
+import numbers
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from spherekit.argument_validation import checked
+from spherekit.errors import ModelError
+from spherekit.files.mechanism_reader import read
+from spherekit.files.schema import FORMAT
+from spherekit.files.toml_document import Document, spelt
+from spherekit.files.toml_lines import KeyPath
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.sizes import AngleUnit
+from spherekit.wording import counted
+
+Tables = Mapping[Any, Any]
+"""Tables by name; what is wrong with them is told with the path of the key."""
+Named = Tables | Sequence[str]
+"""Tables by name, or names alone."""
+
+
+@checked(ModelError)
+def build(
+    name: str,
+    *,
+    angle_unit: AngleUnit,
+    ground: str,
+    links: Named,
+    pairs: Tables,
+    inputs: Named | str = (),
+    outputs: Tables | None = None,
+    mass: Tables | None = None,
+    loads: Tables | None = None,
+    joint_limits: Tables | None = None,
+    modes: Tables | None = None,
+    source: Tables | None = None,
+    user: Tables | None = None,
+) -> Mechanism:
+    """Return a mechanism stated in code, in the tables and keys of mechanism files.
+
+    Parameters
+    ----------
+    name
+        Its name: letters, digits and underscores, as all names.
+    angle_unit
+        Unit of every angle given, ``"deg"`` or ``"rad"``.
+    ground
+        Name of the link that does not move.
+    links
+        By name, the sizes of each link: ``{"axes": [R pairs on it], "arcs": [from the
+        first axis to each other], "angles": [...]}``. Where pairs have their axes
+        instead, the names are enough.
+    pairs
+        By name. An R pair is its two links, ``["base", "crank"]``, or a table with
+        ``"links"`` and ``"zero"``, or ``"xyz"`` or ``"lonlat"`` where axes are given in a
+        reference pose; its variable turns the second link against the first. A contact
+        has ``"type": "Cr"`` or ``"Cs"`` and its profiles, cones or gears.
+    inputs
+        Driven pairs: their names, or by name the first and the last value of the
+        variable. By default the first R pair, through one turn.
+    outputs, mass, loads, joint_limits, modes, source, user
+        Tables by name, as in files.
+
+    Raises
+    ------
+    ModelError
+        With one line for each fault, which names the key.
+
+    Notes
+    -----
+    All keys are in docs/reference.md. `dump` writes the mechanism to a file.
+
+    Examples
+    --------
+    >>> import spherekit as sk
+    >>> crank_rocker = sk.build(
+    ...     "crank_rocker",
+    ...     angle_unit="deg",
+    ...     ground="base",
+    ...     links={
+    ...         "base": {"axes": ["drive", "hinge"], "arcs": [60]},
+    ...         "crank": {"axes": ["drive", "tip"], "arcs": [20]},
+    ...         "coupler": {"axes": ["tip", "joint"], "arcs": [70]},
+    ...         "rocker": {"axes": ["hinge", "joint"], "arcs": [40]},
+    ...     },
+    ...     pairs={
+    ...         "drive": ["base", "crank"],
+    ...         "tip": ["crank", "coupler"],
+    ...         "joint": ["coupler", "rocker"],
+    ...         "hinge": ["base", "rocker"],
+    ...     },
+    ...     inputs={"drive": (0, 360)},
+    ...     mass={"rocker": {"mass": 2.0, "arc": ["hinge", "joint"], "radius": 0.1}},
+    ... )
+
+    The same by the axes of all pairs in one pose:
+
+    >>> posed = sk.build(
+    ...     "posed",
+    ...     angle_unit="deg",
+    ...     ground="base",
+    ...     links=["base", "crank", "coupler", "rocker"],
+    ...     pairs={
+    ...         "drive": {"links": ["base", "crank"], "xyz": [0, 0, 1]},
+    ...         "tip": {"links": ["crank", "coupler"], "lonlat": [90, 70]},
+    ...         "joint": {"links": ["coupler", "rocker"], "lonlat": [20, 15]},
+    ...         "hinge": {"links": ["base", "rocker"], "lonlat": [70, 30]},
+    ...     },
+    ...     inputs={"drive": (-30, 30)},
+    ... )
+    """
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "name": name,
+        "angle_unit": angle_unit,
+        "ground": ground,
+        "links": links if isinstance(links, Mapping) else {link: {} for link in links},
+        "pairs": {key: _pair(item) for key, item in pairs.items()},
+        "inputs": _inputs(name, inputs),
+        "outputs": outputs,
+        "mass": mass,
+        "loads": loads,
+        "joint_limits": joint_limits,
+        "modes": modes,
+        "source": source,
+        "user": user,
+    }
+    given = {key: table for key, table in data.items() if table is not None}
+    return read(Document(name, None, _plain(name, (), given)))
+
+
+def _pair(item: Any) -> Any:
+    """Return the table of a pair; one of no type, or its two links alone, is R."""
+    return {"type": "R", **(item if isinstance(item, Mapping) else {"links": item})}
+
+
+def _inputs(name: str, given: Named | str) -> Tables:
+    """Return the tables of inputs given by their names, tables, or ends of ranges."""
+    if not isinstance(given, Mapping):
+        return {pair: {} for pair in ([given] if isinstance(given, str) else given)}
+    tables = {}
+    for pair, item in given.items():
+        if isinstance(item, Sequence | np.ndarray):
+            if len(item) != 2:
+                raise ModelError(
+                    f"{name}: inputs.{pair}: has {counted(len(item), 'value')}, needs "
+                    "2: the first and the last of the variable"
+                )
+            item = {"from": item[0], "to": item[1]}
+        tables[pair] = item
+    return tables
+
+
+def _plain(name: str, path: KeyPath, value: Any) -> Any:
+    """Return data as a file has it: tables, lists, text and numbers of Python."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        for key in value:
+            if not isinstance(key, str):
+                raise ModelError(
+                    f"{name}: {spelt(path)}: the name {key!r} is "
+                    f'{type(key).__name__}; names are text: "{key}"'
+                )
+        return {key: _plain(name, (*path, key), item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(name, (*path, k), item) for k, item in enumerate(value)]
+    if isinstance(value, bool | int | float | str) or path[:1] == ("user",):
+        return value
+    if isinstance(value, numbers.Real):
+        return float(value)
+    raise ModelError(
+        f"{name}: {spelt(path)}: found {type(value).__name__}, needs text, a number, a "
+        "list or a mapping"
+    )

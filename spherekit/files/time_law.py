@@ -1,0 +1,176 @@
+"""Time laws of an input: its variable, rate and acceleration at any time."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherekit.argument_validation import checked_class
+from spherekit.arrays import Floats
+from spherekit.errors import ModelError
+from spherekit.mechanism.elements import need_rows
+from spherekit.mechanism.joint import Numbers
+from spherekit.mechanism.sizes import need_finite
+
+States = tuple[Floats, Floats, Floats]
+"""The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
+
+
+SPLINE_DEGREE = 5
+"""A quintic spline has a continuous fourth derivative, so a torque without kinks."""
+
+
+def _need_finite_fields(made: Any) -> None:
+    """Refuse a law or a start of which a number is not finite."""
+    for key, given in vars(made).items():
+        need_finite(key, given if isinstance(given, tuple) else [given])
+
+
+@checked_class(ModelError, "at")
+@dataclass(frozen=True)
+class ConstantSpeed:
+    """An input that turns at a constant speed (rad/s) from `start` (rad) at t = 0."""
+
+    speed: float
+    start: float = 0.0
+
+    def __post_init__(self) -> None:
+        _need_finite_fields(self)
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        return Polynomial((self.start, self.speed)).at(t)
+
+
+@checked_class(ModelError, "at")
+@dataclass(frozen=True)
+class Polynomial:
+    """The variable as a polynomial: the sum of ``coefficients[k] t**k`` (rad/s^k)."""
+
+    coefficients: Numbers
+
+    def __post_init__(self) -> None:
+        if not self.coefficients:
+            raise ModelError("coefficients: is empty; give at least [c0]")
+        _need_finite_fields(self)
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        law = np.polynomial.Polynomial(self.coefficients)
+        with np.errstate(over="ignore", invalid="ignore"):
+            q, dq, ddq = (law.deriv(order)(np.asarray(t, float)) for order in range(3))
+        return q, dq, ddq
+
+
+@checked_class(ModelError, "at")
+@dataclass(frozen=True)
+class Cycloidal:
+    """From rest at `start` to rest at `stop` (rad) in `duration` (s), with a cycloid.
+
+    The variable is ``start + (stop - start) (x - sin(2 pi x) / (2 pi))`` with
+    ``x = t / duration``; before t = 0 and after the duration it holds still.
+    """
+
+    start: float
+    stop: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        _need_finite_fields(self)
+        if not self.duration > 0:
+            raise ModelError(f"duration: found {self.duration:g} s, needs more than 0")
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape."""
+        x = np.clip(np.asarray(t, dtype=np.float64) / self.duration, 0.0, 1.0)
+        rise, turn = self.stop - self.start, 2 * math.pi
+        # A whole turn is none, so that the input holds exactly still at the end.
+        angle = turn * np.where(x < 1.0, x, 0.0)
+        return (
+            self.start + rise * (x - np.sin(angle) / turn),
+            rise / self.duration * (1 - np.cos(angle)),
+            rise / self.duration**2 * turn * np.sin(angle),
+        )
+
+
+@checked_class(ModelError, "at")
+@dataclass(frozen=True)
+class Tabulated:
+    """A quintic spline through angles (rad) at increasing times (s).
+
+    The spline has no knots at the two outermost inner points of either end (not-a-knot),
+    so that it is exact for polynomials up to the fifth degree. With `rest_at_ends` rate
+    and acceleration are zero at both ends instead (clamped).
+    """
+
+    times: Numbers
+    angles: Numbers
+    rest_at_ends: bool = False
+
+    def __post_init__(self) -> None:
+        _need_finite_fields(self)
+        least = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
+        more = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
+        need_rows("", "angles", self.times, self.angles, least, more)
+
+    def at(self, t: ArrayLike) -> States:
+        """Return variable, rate and acceleration at times (s) of any shape.
+
+        Raises
+        ------
+        ModelError
+            If a time is outside the table.
+        """
+        t = np.asarray(t, dtype=np.float64)
+        first, last = self.times[0], self.times[-1]
+        if not np.all((t >= first) & (t <= last)):
+            raise ModelError(
+                f"the table of the input has times from {first:.6g} to {last:.6g} s, but "
+                f"{np.min(t):.6g} to {np.max(t):.6g} s are asked for; add rows or shorten "
+                "the duration"
+            )
+        q, dq, ddq = (spline(t) for spline in self._splines)
+        return q, dq, ddq
+
+    @cached_property
+    def _splines(self) -> tuple[Any, Any, Any]:
+        # SciPy takes longer to import than a study file takes to read.
+        from scipy.interpolate import make_interp_spline
+
+        still = [(1, 0.0), (2, 0.0)]
+        ends: Any = (still, still) if self.rest_at_ends else None
+        spline = make_interp_spline(self.times, self.angles, SPLINE_DEGREE, bc_type=ends)
+        return spline, spline.derivative(1), spline.derivative(2)
+
+
+Law = ConstantSpeed | Polynomial | Cycloidal | Tabulated
+
+
+class TimeLaw(Protocol):
+    """Anything that gives an input's variable, rate and acceleration at any time."""
+
+    def at(self, t: ArrayLike) -> States:
+        """Return the input at times t (s)."""
+
+
+def _numbers(given: Any) -> float | Numbers:
+    """Return a number, or those of several inputs; a text joins them by ``+``."""
+    if not isinstance(given, str):
+        return tuple(map(float, given)) if np.ndim(given) else float(given)
+    try:
+        return float(given)
+    except ValueError:
+        return tuple(map(float, given.split("+")))
+
+
+KINDS: Mapping[str, type[Law]] = {
+    "constant_speed": ConstantSpeed,
+    "polynomial": Polynomial,
+    "cycloidal": Cycloidal,
+    "table": Tabulated,
+}
+"""The time laws by the names that they have in files."""

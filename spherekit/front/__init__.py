@@ -1,1 +1,0 @@
-"""What Python users call: thin functions over the other layers."""

@@ -1,0 +1,1 @@
+"""Geometry on the unit sphere: rotations, curves, and regions of directions."""

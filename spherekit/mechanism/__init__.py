@@ -1,0 +1,1 @@
+"""The description of a mechanism: links, pairs, joints, inertia, loads, limits."""

@@ -1,1 +1,0 @@
-"""The frozen description of a mechanism and what follows from it alone."""

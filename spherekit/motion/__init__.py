@@ -1,1 +1,0 @@
-"""Configurations of a mechanism over the range of its input."""

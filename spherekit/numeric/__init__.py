@@ -1,1 +1,0 @@
-"""Functions of one variable as numbers: interpolants with measured error, and zeros."""

@@ -1,1 +1,0 @@
-"""Kinematics of declared outputs: inverse, forward, rates and singularity measures."""

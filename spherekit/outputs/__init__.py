@@ -1,0 +1,1 @@
+"""Kinematics of output links: inverse, forward, workspaces, fixed-axis rotations."""

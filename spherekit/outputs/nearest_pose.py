@@ -1,0 +1,579 @@
+"""Finds the reachable pose that is nearest to a pose out of reach.
+
+A pose of the output is a direction or an orientation. A direction is a unit vector with
+three components, and an orientation is a unit quaternion with four. Poses are therefore
+points of a unit sphere. The angle of a rotation is twice the arc between the quaternions.
+
+The target pose is the one that is out of reach. Its surroundings are described by normal
+coordinates v: the point at v is reached from the target by an arc of length |v| in the
+tangent direction v. There are two coordinates for directions and three for orientations.
+A margin measures how much is left to a limit of the mechanism. A pose is reachable if no
+margin is negative. The nearest pose solves
+
+    minimise |v|^2 / 2  subject to  margins(v) >= 0.
+
+The problem has many local minima. Sequential quadratic programming (SQP) therefore improves
+several starts. Then the ball of radius |v| around the target is sampled, and samples that
+may lead to a nearer pose are the next starts. The search ends when there is no gain.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats
+from spherekit.geometry.rotation import unit_rows
+
+Margins = Callable[[Floats], Floats]
+"""A function that returns the margins (n, bounds) of poses (n, 3 or 4).
+
+There is one margin for each limit. It is negative if the limit is violated, and NaN if it
+has no value at a pose.
+"""
+
+START_COUNT = 12
+"""Number of starts in one round. With more, the search is slower but more thorough."""
+
+BALL_SAMPLE_COUNT = 4000
+"""Number of samples in the ball around the target.
+
+A reachable region in the ball is noticed if its size exceeds about 1/16 of the radius for
+orientations, and 1/60 for directions.
+"""
+
+MAX_ROUNDS = 6
+"""Largest number of rounds. Each round improves all starts and then samples the ball."""
+
+MAX_STEPS = 60
+"""Largest number of SQP steps from one start."""
+
+FIRST_STEPS = 8
+"""Number of SQP steps of all starts. After these, only the best are continued."""
+
+FINALIST_COUNT = 3
+"""Number of starts that are continued after `FIRST_STEPS`.
+
+With more, the search is slower. A local minimum that is dropped here can be met again when
+the ball is sampled.
+"""
+
+DIFFERENCE_STEP = 1e-6
+"""Step of the central differences of the margins, in coordinates v (rad)."""
+
+MIN_STEP_LENGTH = 1e-11
+"""SQP steps from a start end when a step is shorter, in coordinates v (rad)."""
+
+STEP_FRACTIONS = 0.5 ** np.arange(10)
+"""Fractions of an SQP step that are tried. The one with the least merit is used."""
+
+INWARD_STEPS = np.array([1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7])
+"""Lengths (rad) of steps from the border of the workspace to its inside.
+
+The border is computed up to rounding errors, so a point on it may be outside.
+"""
+
+RETURN_FRACTIONS = np.logspace(-10.0, 0.0, 41)
+"""Fractions of the path back to a start that are tried if no inward step leads inside.
+
+This happens at a corner of the border, or if a margin has no value beyond the border.
+"""
+
+MIN_GAIN = 1e-9
+"""The search ends if a round reduces the arc to the nearest pose by less (rad)."""
+
+
+@dataclass(frozen=True)
+class NormalCoordinates:
+    """Normal coordinates v (d,) around a point of the unit sphere in d + 1 dimensions.
+
+    The formula is ``pose = cos(|v|) centre + sin(|v|) (v / |v|) basis``.
+
+    Attributes
+    ----------
+    centre
+        (d + 1,) the point of the sphere at v = 0.
+    basis
+        (d, d + 1) orthonormal vectors that are orthogonal to `centre`, one in each row.
+    """
+
+    centre: Floats
+    basis: Floats
+
+    @classmethod
+    def around(cls, centre: Floats) -> "NormalCoordinates":
+        """Create coordinates around a direction (3,) or unit quaternion (4,)."""
+        # The first right singular vector is +-centre. The others are orthogonal to it.
+        _, _, rows = np.linalg.svd(centre[None])
+        return cls(centre, rows[1:])
+
+    @property
+    def dimension(self) -> int:
+        """The number d of coordinates: 2 for directions, 3 for orientations."""
+        return len(self.basis)
+
+    @property
+    def angle_per_arc(self) -> float:
+        """Angle between two poses, divided by the arc: 2 for orientations, otherwise 1."""
+        return 2.0 if self.dimension == 3 else 1.0
+
+    def poses(self, v: Floats) -> Floats:
+        """Return the points (..., d + 1) of the sphere at coordinates v (..., d) (rad)."""
+        length = np.linalg.norm(v, axis=-1, keepdims=True)
+        # np.sinc(x / pi) is sin(x) / x, and 1 at x = 0.
+        return np.cos(length) * self.centre + np.sinc(length / np.pi) * (v @ self.basis)
+
+    def coordinates(self, poses: Floats) -> Floats:
+        """Return the coordinates v (n, d) (rad) of points (n, d + 1) of the sphere.
+
+        |v| is the arc from the centre. For quaternions it is at most pi / 2.
+        """
+        cosine = poses @ self.centre
+        # A quaternion and its negative are one orientation. The nearer one is taken.
+        sign = np.where((cosine < 0.0) & (self.dimension == 3), -1.0, 1.0)
+        tangential = sign[:, None] * (poses @ self.basis.T)
+        sine = np.linalg.norm(tangential, axis=1)
+        arc = np.arctan2(sine, sign * cosine)
+        return tangential * (arc / np.where(sine > 0.0, sine, 1.0))[:, None]
+
+
+@dataclass(frozen=True)
+class NearestPoseSearch:
+    """Searches the reachable pose that is nearest to a given target pose.
+
+    Attributes
+    ----------
+    margins
+        Function that returns the margins of poses. It is smooth across the border of the
+        workspace, if it has a value there.
+    is_inside
+        Function that takes poses (n, 3 or 4) and returns which are reachable (n,). It is
+        the exact test of the result, whereas `margins` guides the search.
+    """
+
+    margins: Margins
+    is_inside: Callable[[Floats], Bools]
+
+    def find_nearest(
+        self, target_pose: Floats, reachable: Floats
+    ) -> tuple[Floats, float] | None:
+        """Find the reachable pose nearest to a target pose.
+
+        Parameters
+        ----------
+        target_pose
+            (3,) direction or (4,) unit quaternion that is out of reach.
+        reachable
+            (n, 3 or 4) reachable poses, from which the search starts. They should be spread
+            evenly over the workspace.
+
+        Returns
+        -------
+        The nearest pose (3 or 4,), for which `is_inside` is true, and the angle (rad)
+        between it and the target. The result is None if no reachable pose was found.
+        """
+        chart = NormalCoordinates.around(target_pose)
+        starts = _choose_spread_starts(chart.coordinates(reachable))
+        nearest: Floats | None = None
+        for _ in range(MAX_ROUNDS):
+            candidate = self._find_local_minimum(chart, starts)
+            if candidate is None:
+                break
+            gain = np.inf if nearest is None else _length(nearest) - _length(candidate)
+            if gain > 0.0:
+                nearest = candidate
+            if gain < MIN_GAIN:
+                break
+            starts = self._choose_starts_in_ball(chart, _length(candidate))
+        if nearest is None:
+            return None
+        return chart.poses(nearest), chart.angle_per_arc * _length(nearest)
+
+    def _choose_starts_in_ball(self, chart: NormalCoordinates, radius: float) -> Floats:
+        """Choose starts among the samples of a ball around the target pose.
+
+        Parameters
+        ----------
+        chart
+            Normal coordinates around the target pose.
+        radius
+            Radius of the ball (rad), in coordinates v.
+
+        Returns
+        -------
+        (`START_COUNT`, d) coordinates. First come the reachable samples that are nearest to
+        the target, and then the samples that violate the margins least.
+        """
+        v = radius * BALL_SAMPLES[chart.dimension]
+        with np.errstate(all="ignore"):
+            least_margin = np.min(self.margins(chart.poses(v)), axis=1)
+        # The samples are sorted by their distance from the centre.
+        inside = np.flatnonzero(least_margin >= 0.0)[:START_COUNT]
+        violation = np.where(least_margin < 0.0, -least_margin, np.inf)
+        outside = np.argsort(violation)[: START_COUNT - len(inside)]
+        return v[np.concatenate([inside, outside])]
+
+    def _find_local_minimum(
+        self, chart: NormalCoordinates, starts: Floats
+    ) -> Floats | None:
+        """Improve several starts by SQP, and return the best reachable result.
+
+        In each step, the margins of all active starts are linearised. The linearised
+        problem gives a step, and a line search with an exact penalty function decides how
+        much of it is used.
+
+        Parameters
+        ----------
+        chart
+            Normal coordinates around the target pose.
+        starts
+            (k, d) coordinates of the starts, reachable or not.
+
+        Returns
+        -------
+        (d,) coordinates of the nearest point that `_move_inside` makes of the improved
+        starts, or None if there is none.
+        """
+        v = starts.copy()
+        penalty = np.ones(len(v))
+        merit = np.full(len(v), np.inf)
+        # Indices of the starts that are still improved.
+        active_starts = np.arange(len(v))
+        for count in range(MAX_STEPS):
+            if count == FIRST_STEPS:
+                active_starts = active_starts[
+                    np.argsort(merit[active_starts])[:FINALIST_COUNT]
+                ]
+            if not len(active_starts):
+                break
+            values, gradients = self._linearise_margins(chart, v[active_starts])
+            steps = np.zeros((len(active_starts), chart.dimension))
+            for k, start in enumerate(active_starts):
+                steps[k], largest_multiplier = _compute_sqp_step(
+                    v[start], values[k], gradients[k]
+                )
+                # The minimum of the penalty function is that of the problem only if the
+                # penalty exceeds all multipliers. It never decreases.
+                penalty[start] = max(penalty[start], 2.0 * largest_multiplier)
+            # (active starts, fractions, d)
+            trial_points = v[active_starts, None] + STEP_FRACTIONS[:, None] * steps[:, None]
+            trial_merit = _merit(
+                trial_points,
+                self._evaluate_margins(chart, trial_points),
+                penalty[active_starts, None],
+            )
+            merit_before = _merit(v[active_starts], values, penalty[active_starts])
+            best_trial = np.argmin(trial_merit, axis=1)
+            active_index = np.arange(len(active_starts))
+            has_decreased = trial_merit[active_index, best_trial] < merit_before
+            best_points = trial_points[active_index, best_trial]
+            # A start whose merit does not decrease, or whose step is tiny, has converged.
+            length = np.linalg.norm(best_points - v[active_starts], axis=1)
+            v[active_starts[has_decreased]] = best_points[has_decreased]
+            merit[active_starts] = np.minimum(
+                trial_merit[active_index, best_trial], merit_before
+            )
+            active_starts = active_starts[has_decreased & (length > MIN_STEP_LENGTH)]
+        return self._move_inside(chart, v, starts)
+
+    def _linearise_margins(
+        self, chart: NormalCoordinates, v: Floats
+    ) -> tuple[Floats, Floats]:
+        """Compute margins and their gradients by central differences.
+
+        Parameters
+        ----------
+        chart
+            Normal coordinates around the target pose.
+        v
+            (k, d) coordinates of k points.
+
+        Returns
+        -------
+        margins
+            (k, bounds) margins at the points, NaN where a margin has no value.
+        gradients
+            (k, bounds, d) derivatives with respect to v, zero where they do not exist.
+        """
+        d = chart.dimension
+        offsets = DIFFERENCE_STEP * np.concatenate(
+            [np.zeros((1, d)), np.eye(d), -np.eye(d)]
+        )
+        values = self._evaluate_margins(chart, v[:, None] + offsets)
+        centre = values[:, :1]
+        ahead = values[:, 1 : 1 + d]
+        behind = values[:, 1 + d :]
+        gradients = (ahead - behind) / (2.0 * DIFFERENCE_STEP)
+        # A margin may be NaN beyond the border. Then a one-sided difference is used.
+        one_sided = (
+            np.where(np.isnan(ahead), centre - behind, ahead - centre) / DIFFERENCE_STEP
+        )
+        gradients = np.where(np.isnan(gradients), one_sided, gradients)
+        return centre[:, 0], np.swapaxes(np.nan_to_num(gradients), 1, 2)
+
+    def _evaluate_margins(self, chart: NormalCoordinates, v: Floats) -> Floats:
+        """Return the margins (k, m, bounds) at coordinates v (k, m, d)."""
+        poses = chart.poses(v).reshape(-1, chart.dimension + 1)
+        with np.errstate(all="ignore"):
+            values = self.margins(poses)
+        return values.reshape(*v.shape[:2], -1)
+
+    def _move_inside(
+        self, chart: NormalCoordinates, v: Floats, starts: Floats
+    ) -> Floats | None:
+        """Move points at the border inside the workspace, and return the nearest of them.
+
+        Each point is first moved by `INWARD_STEPS` away from the limits that it nearly
+        reaches, and then, if no such step leads inside, back towards its start.
+
+        Parameters
+        ----------
+        chart
+            Normal coordinates around the target pose.
+        v
+            (k, d) coordinates of the points.
+        starts
+            (k, d) coordinates of the starts from which the points were computed.
+
+        Returns
+        -------
+        (d,) coordinates of the moved point with the smallest |v|, for which `is_inside` is
+        true. None if no point can be moved inside.
+        """
+        nearest: Floats | None = None
+        distances = np.linalg.norm(v, axis=1)
+        for k in np.argsort(distances):
+            # The path back to a start can be long, so a point that was farther away before
+            # may be nearer afterwards. A step inside is so short that points that were
+            # farther than the nearest moved one do not become nearer than it.
+            if nearest is not None and distances[k] >= _length(nearest):
+                break
+            values, gradients = self._linearise_margins(chart, v[k][None])
+            lengths = np.linalg.norm(gradients[0], axis=1)
+            is_active = (values[0] < 1e3 * INWARD_STEPS[-1]) & (lengths > 0.0)
+            normals = unit_rows(gradients[0][is_active])
+            # The shortest vector whose component along the gradient of each active margin
+            # is at least 1. It is NaN if there is none.
+            inward_direction, _ = _solve_least_distance(normals, np.ones(len(normals)))
+            moved = self._find_first_inside(chart, v[k], inward_direction, INWARD_STEPS)
+            if moved is None:
+                moved = self._find_first_inside(
+                    chart, v[k], starts[k] - v[k], RETURN_FRACTIONS
+                )
+            if moved is None:
+                continue
+            if nearest is None or _length(moved) < _length(nearest):
+                nearest = moved
+        return nearest
+
+    def _find_first_inside(
+        self, chart: NormalCoordinates, point: Floats, direction: Floats, lengths: Floats
+    ) -> Floats | None:
+        """Return the first point on a straight path after which all others are inside.
+
+        The given points are tried first. Between the last of them that is outside and the
+        next ones, the path is then divided again until it is known to `MIN_GAIN`.
+
+        Parameters
+        ----------
+        chart
+            Normal coordinates around the target pose.
+        point, direction
+            (d,) the path is ``point + length direction``.
+        lengths
+            (m,) the lengths to try, rising.
+
+        Returns
+        -------
+        (d,) coordinates of the point, or None if the last point is outside.
+        """
+        while True:
+            is_inside = self.is_inside(chart.poses(point + np.outer(lengths, direction)))
+            # The index after the last point that is outside.
+            first = 1 + int(np.max(np.flatnonzero(~is_inside), initial=-1))
+            if first == len(lengths):
+                return None
+            # Because of rounding errors this point may be classified wrongly. Therefore the
+            # next one is used.
+            upper = lengths[min(first + 1, len(lengths) - 1)]
+            lower = lengths[first - 1] if first else 0.0
+            is_narrow = (upper - lower) * _length(direction) < MIN_GAIN
+            # Without a point outside, there is no border to be found more closely.
+            if is_narrow or not first:
+                inside: Floats = point + upper * direction
+                return inside
+            lengths = np.linspace(lower, upper, len(lengths))
+
+
+def _length(v: Floats) -> float:
+    """Return the Euclidean norm of a vector."""
+    return float(np.linalg.norm(v))
+
+
+def _choose_spread_starts(reachable: Floats) -> Floats:
+    """Choose starts among reachable poses: near ones, and some that are far apart.
+
+    Parameters
+    ----------
+    reachable
+        (n, d) coordinates of reachable poses.
+
+    Returns
+    -------
+    (up to `START_COUNT`, d) coordinates. Half of them are those nearest to the target.
+    Each further one is the pose that is farthest from all those chosen before, so that
+    separate regions of the workspace get starts too.
+    """
+    reachable = reachable[np.argsort(np.linalg.norm(reachable, axis=1))]
+    chosen = list(reachable[: START_COUNT // 2])
+    distance_to_chosen = np.full(len(reachable), np.inf)
+    for start in chosen:
+        distance_to_chosen = np.minimum(
+            distance_to_chosen, np.linalg.norm(reachable - start, axis=1)
+        )
+    while len(chosen) < min(START_COUNT, len(reachable)):
+        chosen.append(reachable[np.argmax(distance_to_chosen)])
+        distance_to_chosen = np.minimum(
+            distance_to_chosen, np.linalg.norm(reachable - chosen[-1], axis=1)
+        )
+    return np.reshape(chosen, (-1, reachable.shape[1]))
+
+
+def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:
+    """Return the exact penalty function, |v|^2 / 2 plus a penalty for violated margins.
+
+    Parameters
+    ----------
+    v
+        (..., d) coordinates.
+    values
+        (..., bounds) margins at v.
+    penalty
+        Factor of the sum of violations, in a shape that broadcasts to (...).
+
+    Returns
+    -------
+    (...) values of the function. They are infinite where a margin is NaN.
+    """
+    violation = np.sum(np.maximum(-values, 0.0), axis=-1)
+    violation[np.isnan(values).any(axis=-1)] = np.inf
+    return 0.5 * np.sum(v * v, axis=-1) + penalty * violation
+
+
+def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Floats, float]:
+    """Compute one SQP step from a point.
+
+    The step solves: minimise ``|v + step|^2 / 2`` subject to
+    ``values + gradients @ step >= 0``. If no step satisfies all linearised margins, the
+    step instead reduces the violated margins in the sense of least squares. Steps are
+    shortened to a length of at most 0.5 rad.
+
+    Parameters
+    ----------
+    v
+        (d,) coordinates of the point.
+    values
+        (bounds,) margins at the point. Margins that are NaN are ignored.
+    gradients
+        (bounds, d) derivatives of the margins. Margins whose gradient is zero are ignored.
+
+    Returns
+    -------
+    step
+        (d,) change of v.
+    largest_multiplier
+        Largest Lagrange multiplier of a linearised margin, 0 if none is active or no step
+        satisfies them. The penalty of violations has to exceed it.
+    """
+    has_slope = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
+    gradients = gradients[has_slope]
+    values = values[has_slope]
+    point, multipliers = _solve_least_distance(gradients, gradients @ v - values)
+    step = point - v
+    # `point` is NaN if no point satisfies all linearised margins.
+    if not np.isfinite(step).all():
+        violated = values < 0.0
+        step = np.linalg.pinv(gradients[violated]) @ -values[violated]
+    # Beyond a fraction of a right angle the linearisation is a poor approximation. 1e-300
+    # prevents a division by zero.
+    step *= min(1.0, 0.5 / max(_length(step), 1e-300))
+    return step, float(np.max(multipliers, initial=0.0))
+
+
+def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Floats]:
+    """Find the shortest vector x with ``normals @ x >= offsets``.
+
+    This problem of least distance is solved as a problem of non-negative least squares.
+
+    Parameters
+    ----------
+    normals
+        (m, d) rows of the inequalities, none of them zero.
+    offsets
+        (m,) right-hand sides of the inequalities.
+
+    Returns
+    -------
+    x
+        (d,) the shortest vector, NaN if no vector satisfies all inequalities.
+    multipliers
+        (m,) Lagrange multipliers, ``x = normals.T @ multipliers``; zero if x is NaN.
+
+    References
+    ----------
+    C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974, chapter 23.
+    """
+    # SciPy takes long to import.
+    from scipy.optimize import nnls
+
+    d = normals.shape[1]
+    if not np.any(offsets > 0.0):
+        return np.zeros(d), np.zeros(len(offsets))
+    # The rows are scaled to unit normals, so that the size of a normal has no influence.
+    scale = np.linalg.norm(normals, axis=1)
+    system = np.vstack([normals.T, offsets]) / scale
+    target = np.append(np.zeros(d), 1.0)
+    weights, _ = nnls(system, target)
+    residual = system @ weights - target
+    # A residual of zero means that the inequalities contradict each other. 1e-12 allows for
+    # rounding errors.
+    if -residual[d] < 1e-12:
+        return np.full(d, np.nan), np.zeros(len(offsets))
+    return -residual[:d] / residual[d], weights / scale / -residual[d]
+
+
+def _make_disc_samples(count: int) -> Floats:
+    """Return points (count, 2) spread evenly in the unit disc, the innermost first.
+
+    Successive points differ by the golden angle in azimuth, like the seeds of a sunflower.
+    The radii give every point the same area.
+    """
+    index = np.arange(count)
+    radius = np.sqrt((index + 0.5) / count)
+    azimuth = index * np.pi * (3.0 - np.sqrt(5.0))
+    return radius[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+
+
+def _make_ball_samples(count: int) -> Floats:
+    """Return points (count, 3) spread evenly in the unit ball, the innermost first.
+
+    The directions follow the additive recurrence of M. Roberts in two dimensions, whose
+    constant is the real root of x^3 = x + 1. The radii give every point the same volume.
+    """
+    root = 1.324717957244746
+    index = np.arange(count)
+    radius = np.cbrt((index + 0.5) / count)
+    height = 2.0 * ((0.5 + index / root) % 1.0) - 1.0
+    azimuth = 2.0 * np.pi * ((0.5 + index / root**2) % 1.0)
+    parallel_radius = np.sqrt(1.0 - height**2)
+    directions = np.column_stack(
+        [parallel_radius * np.cos(azimuth), parallel_radius * np.sin(azimuth), height]
+    )
+    return radius[:, None] * directions
+
+
+BALL_SAMPLES = {
+    2: _make_disc_samples(BALL_SAMPLE_COUNT),
+    3: _make_ball_samples(BALL_SAMPLE_COUNT),
+}
+"""Samples of the unit ball by its dimension d, (`BALL_SAMPLE_COUNT`, d)."""

@@ -1,0 +1,1 @@
+"""Configurations of a mechanism: assembly modes, their curves, and its motion."""

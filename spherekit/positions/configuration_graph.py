@@ -1,0 +1,565 @@
+"""A graph of configurations at samples of several inputs, divided into assembly modes.
+
+Each node of the graph is one configuration at one sample of an `InputGrid`. An edge joins
+two nodes at neighbouring samples if a verified path leads from one to the other. The inputs
+move on a straight line from sample to sample along such a path, and each step of it is
+verified (`spherekit.positions.path_continuation`). A verified path passes no singular
+configuration. It can therefore be followed in both directions, and each start has at most
+one end.
+
+A connected component of the graph can have several configurations at one sample. This
+occurs if a loop of paths around inputs at which modes meet leads from one of them to
+another. Such a component is divided into assembly modes with at most one configuration per
+sample:
+
+1. A piece is a set of nodes with at most one node per sample. Each node begins as a piece
+   of its own. An edge unites the two pieces of its ends, unless they share a sample.
+2. Pieces of one component that share no sample are put into one mode, the largest first.
+
+The order of these steps depends only on the nodes, so the modes are the same in every run.
+Each configuration belongs to exactly one mode.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.rotation import max_abs
+from spherekit.numerics.angles import wrap
+from spherekit.positions.assembly_mode import Solver
+from spherekit.positions.input_grid import InputGrid
+from spherekit.positions.input_revolutions import whole_laps
+from spherekit.positions.path_continuation import determinant_sign, flat, follow_inputs
+from spherekit.progress import ProgressReporter
+from spherekit.status import Status
+
+SAME_CONFIGURATION_RAD = 1e-6
+"""Configurations of one sample whose angles all differ by less are one node. Larger:
+different modes near a meeting are taken for one; smaller: one configuration can become two
+nodes."""
+SINGULAR_RATIO = 1e-8
+"""A configuration is singular if its smallest singular value, relative to the largest, is
+smaller. These are of the closure Jacobian without the inputs. No path starts from a
+singular node. Larger: more nodes remain alone; smaller: signs of determinants can be
+rounding."""
+SMALLEST_STEP_RAD = 1e-7
+"""A path between two samples that needs a smaller step of the inputs fails. It passes so
+near to a singular configuration that smaller steps cost time and join hardly any more
+nodes."""
+PATHS_AT_ONCE = 4096
+"""Number of paths that are followed together. More need more memory; fewer take longer."""
+PORTION_GROWTH = 2
+"""Growth, from round to round, of the number of paths that are tried for each piece. Away
+from inputs at which modes meet, one path joins two pieces; near them, many have to be
+tried."""
+
+
+class ConfigurationGraph:
+    """Configurations at the n samples of an input grid, and the paths that join them.
+
+    Nodes are numbered 0 to k - 1 in the order in which they are added. A direction is a row
+    of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and 2 a + 1 to the
+    previous one, so ``direction ^ 1`` is the opposite direction.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, ready to be evaluated.
+    input_grid
+        The n samples of its inputs.
+
+    Attributes
+    ----------
+    sample
+        (k,) index of the sample of each node.
+    values
+        (k, variables) configuration of each node (rad).
+    is_complete
+        (n,) whether all configurations of a sample are nodes already; False until the
+        caller sets it. Only paths to samples that are not complete can lead to new nodes.
+    """
+
+    def __init__(self, solver: Solver, input_grid: InputGrid) -> None:
+        self.solver = solver
+        self.input_grid = input_grid
+        variables = len(solver.mechanism.variable_owners)
+        self.sample = np.empty(0, dtype=np.intp)
+        self.values = np.empty((0, variables))
+        self.is_complete = np.zeros(len(input_grid), dtype=bool)
+        self._driven = list(solver.driven)
+        self._angles = solver.angles
+        self._determinant_sign = np.empty(0)
+        self._is_regular = np.empty(0, dtype=bool)
+        # (n, largest number of nodes of a sample): row s lists the nodes of sample s,
+        # padded by -1.
+        self._nodes_of_sample = np.full((len(input_grid), 0), -1, dtype=np.intp)
+        self._neighbours = input_grid.neighbours()
+        # (directions, k): whether a path from the node in the direction was tried, and the
+        # node to which a verified path led, or -1.
+        self._is_tried = np.empty((len(self._neighbours), 0), dtype=bool)
+        self._partner = np.empty((len(self._neighbours), 0), dtype=np.intp)
+        # (k,) identifier of the piece of each node, and the nodes of each piece.
+        self._piece = np.empty(0, dtype=np.intp)
+        self._nodes_of_piece: dict[int, list[Indices]] = {}
+        self._edges: list[tuple[Indices, Indices]] = []
+        self._progress = ProgressReporter(
+            "joining the configurations of neighbouring samples"
+        )
+
+    def add(self, sample: Indices, values: Floats) -> Indices:
+        """Add configurations as nodes, and return the node of each.
+
+        Parameters
+        ----------
+        sample
+            (m,) index of the sample of each configuration.
+        values
+            (m, variables) closed configurations (rad). A configuration that is a node
+            already is not added again. Configurations that are equal to each other become
+            one node.
+
+        Returns
+        -------
+        (m,) node of each configuration, new or already present. Each new node is a piece of
+        its own.
+        """
+        nodes = self.find(sample, values)
+        (missing,) = np.nonzero(nodes < 0)
+        if not len(missing):
+            return nodes
+        at = self.solver.closure.at(values[missing])
+        square = np.delete(at.jacobian, self._driven, axis=2)
+        signs = determinant_sign(square)
+        is_regular = ~flat(at, self._driven, SINGULAR_RATIO)
+        representative = self._find_equal(
+            sample[missing], values[missing], np.where(is_regular, signs, 0.0)
+        )
+        is_new = representative == np.arange(len(missing))
+        new = missing[is_new]
+        first = len(self.sample)
+        nodes[new] = np.arange(first, first + len(new))
+        nodes[missing] = nodes[missing[representative]]
+        self._determinant_sign = np.append(self._determinant_sign, signs[is_new])
+        self._is_regular = np.append(self._is_regular, is_regular[is_new])
+        self.sample = np.append(self.sample, sample[new])
+        self.values = np.concatenate([self.values, values[new]])
+        directions = len(self._neighbours)
+        is_tried = np.zeros((directions, len(new)), dtype=bool)
+        self._is_tried = np.concatenate([self._is_tried, is_tried], axis=1)
+        partner = np.full((directions, len(new)), -1, dtype=np.intp)
+        self._partner = np.concatenate([self._partner, partner], axis=1)
+        self._piece = np.append(self._piece, nodes[new])
+        self._nodes_of_piece |= {node: [np.array([node])] for node in nodes[new].tolist()}
+        self._list_nodes()
+        return nodes
+
+    def _find_equal(self, sample: Indices, values: Floats, signs: Floats) -> Indices:
+        """Return for each configuration the first one that is equal to it.
+
+        Parameters
+        ----------
+        sample
+            (m,) index of the sample of each configuration.
+        values
+            (m, variables) configurations (rad).
+        signs
+            (m,) signs of the determinants of their closure Jacobians, 0 at singular
+            configurations. Configurations with opposite signs differ, however near they
+            are, because a singular configuration separates them.
+
+        Returns
+        -------
+        (m,) index of the first configuration that has the same sample, no opposite sign,
+        and the same angles up to `SAME_CONFIGURATION_RAD`. It is the index of the
+        configuration itself if no earlier one is equal.
+        """
+        representative = np.arange(len(sample))
+        order = np.argsort(sample, kind="stable")
+        # Configurations of one sample follow each other in `order`. Each is compared with
+        # the one that is `offset` positions before. The largest offset comes last, so the
+        # first equal configuration is the one that remains.
+        for offset in range(1, np.max(np.bincount(sample), initial=1)):
+            earlier = order[:-offset]
+            later = order[offset:]
+            is_pair = sample[earlier] == sample[later]
+            is_pair &= signs[earlier] * signs[later] >= 0.0
+            earlier = earlier[is_pair]
+            later = later[is_pair]
+            differences = wrap(values[earlier] - values[later])[:, self._angles]
+            is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
+            representative[later[is_same]] = earlier[is_same]
+        # Equal to an equal one: follow the indices down to a configuration that stands for
+        # itself.
+        while np.any(representative != representative[representative]):
+            representative = representative[representative]
+        return representative
+
+    def find(self, sample: Indices, values: Floats) -> Indices:
+        """Return the nodes of configurations.
+
+        Parameters
+        ----------
+        sample
+            (m,) index of the sample of each configuration.
+        values
+            (m, variables) configurations (rad).
+
+        Returns
+        -------
+        (m,) node of the same sample whose angles differ by less than
+        `SAME_CONFIGURATION_RAD`, or -1 if there is none.
+        """
+        nodes = np.full(len(sample), -1, dtype=np.intp)
+        if not self._nodes_of_sample.shape[1]:
+            return nodes
+        for first in range(0, len(sample), PATHS_AT_ONCE):
+            chunk = slice(first, first + PATHS_AT_ONCE)
+            candidates = self._nodes_of_sample[sample[chunk]]
+            differences = wrap(self.values[candidates] - values[chunk, None])[
+                ..., self._angles
+            ]
+            distance = np.where(candidates < 0, np.inf, max_abs(differences, axis=2))
+            best = np.argmin(distance, axis=1)[:, None]
+            is_same = np.take_along_axis(distance, best, axis=1) < SAME_CONFIGURATION_RAD
+            best_nodes = np.take_along_axis(candidates, best, axis=1)
+            nodes[chunk] = np.where(is_same, best_nodes, -1)[:, 0]
+        return nodes
+
+    def _list_nodes(self) -> None:
+        """Rebuild the table `_nodes_of_sample` from the samples of all nodes."""
+        order = np.argsort(self.sample, kind="stable")
+        counts = np.bincount(self.sample, minlength=len(self.input_grid))
+        # The i-th node of a sample is in column i of the row of the sample.
+        column = np.arange(len(order)) - np.repeat(np.cumsum(counts) - counts, counts)
+        self._nodes_of_sample = np.full(
+            (len(counts), np.max(counts, initial=0)), -1, dtype=np.intp
+        )
+        self._nodes_of_sample[self.sample[order], column] = order
+
+    def add_sheet(self, values: Floats) -> None:
+        """Add the configurations of a sheet as nodes, join them, and unite their pieces.
+
+        A sheet is the set of configurations that verified paths over the grid reach from
+        one start, at most one per sample
+        (`spherekit.positions.mode_predictor.sheets_through`).
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad) of the sheet at all samples of the grid. The
+            row of a sample that the sheet does not reach is NaN.
+        """
+        (sample,) = np.nonzero(np.all(np.isfinite(values), axis=1))
+        first = len(self.sample)
+        nodes = self.add(sample, values[sample])
+        # A chain of edges, in the order of samples, puts the whole sheet into one
+        # component.
+        self._edges.append((nodes[:-1], nodes[1:]))
+        # The new nodes are united first. Pieces that have other nodes of the sheet follow,
+        # and are not united if they share a sample with the new piece.
+        new = nodes[nodes >= first]
+        order = np.concatenate([new, nodes[nodes < first]])
+        for node in order[1:].tolist():
+            self._unite_pieces(int(order[0]), node)
+
+    def find_unbalanced(self) -> Bools:
+        """Return at which samples a configuration must be missing.
+
+        The signs of the determinants of the closure Jacobian (without the inputs) of all
+        configurations of a sample add up to the degree of the map from passive angles to
+        loop rotations. The degree depends neither on the inputs nor on the arcs. It is
+        zero, because there are arcs with which the loops close nowhere. A sum that is not
+        zero therefore shows that a configuration is missing.
+
+        Returns
+        -------
+        (n,) whether the signs of the nodes of a sample add up to another number than zero.
+        False for samples with a singular node, which has no sign.
+        """
+        count = len(self.input_grid)
+        sums = np.bincount(
+            self.sample, np.where(self._is_regular, self._determinant_sign, 0.0), count
+        )
+        singular = np.bincount(self.sample, ~self._is_regular, count)
+        return (sums != 0.0) & (singular == 0)
+
+    def join(self) -> None:
+        """Join nodes at neighbouring samples, as far as the division into modes needs it.
+
+        Along the last axis, all paths that can join two pieces are followed. They make
+        pieces that run along this axis. Along the other axes, paths are followed only as
+        long as they can join two pieces, because one path is enough for two pieces that run
+        side by side. Paths to samples that are not complete can also add nodes.
+        """
+        last_direction = len(self._neighbours) - 1
+        self._join_along_paths(
+            np.flatnonzero(self._may_join_pieces(last_direction)), last_direction
+        )
+        # The odd directions, to previous samples, come first. The last call repeats them
+        # with the opposite directions, because nodes can have been added meanwhile.
+        for direction in range(last_direction - 2, -1, -2):
+            self._join_in_directions([direction])
+        self._join_in_directions(range(len(self._neighbours)))
+
+    def _join_in_directions(self, directions: Sequence[int]) -> None:
+        """Follow paths in some directions until no untried path can join two pieces.
+
+        In each round, at most `paths_per_piece` paths are followed for each piece. This
+        number grows from round to round by the factor `PORTION_GROWTH`.
+        """
+        paths_per_piece = 1
+        while True:
+            count = 0
+            for direction in directions:
+                nodes = self._select_starts(direction, paths_per_piece)
+                count += len(nodes)
+                self._join_along_paths(nodes, direction)
+            if not count:
+                return
+            paths_per_piece *= PORTION_GROWTH
+
+    def _may_join_pieces(self, direction: int) -> Bools:
+        """Return (k,) whether an untried path from each node may join two pieces.
+
+        The node must be regular, and its piece must have no node at the target, which is
+        the neighbouring sample in the direction. At a target that is complete, there must
+        also be a regular node with the same sign of the determinant to which no path leads
+        yet. A verified path cannot change this sign.
+        """
+        target = self._neighbours[direction][self.sample]
+        is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
+        for first in range(0, len(target), PATHS_AT_ONCE):
+            rows = first + np.flatnonzero(is_candidate[first : first + PATHS_AT_ONCE])
+            ends = self._nodes_of_sample[target[rows]]
+            is_node = ends >= 0
+            is_open = is_node & self._is_regular[ends]
+            is_open &= self._determinant_sign[ends] == self._determinant_sign[rows, None]
+            is_open &= self._partner[direction ^ 1][ends] < 0
+            is_in_piece = is_node & (self._piece[ends] == self._piece[rows, None])
+            has_possible_end = np.any(is_open, axis=1) | ~self.is_complete[target[rows]]
+            is_candidate[rows] = has_possible_end & ~np.any(is_in_piece, axis=1)
+        return is_candidate
+
+    def _select_starts(self, direction: int, paths_per_piece: int) -> Indices:
+        """Return the nodes from which paths in a direction are followed next.
+
+        Parameters
+        ----------
+        direction
+            Row of `InputGrid.neighbours`.
+        paths_per_piece
+            Largest number of nodes to select for each piece and block of targets.
+
+        Returns
+        -------
+        (m,) nodes in rising order. A block is the set of samples that have the same indices
+        along all axes up to and including that of the direction.
+        """
+        (nodes,) = np.nonzero(self._may_join_pieces(direction))
+        axis = direction // 2
+        stride = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
+        block = self._neighbours[direction][self.sample[nodes]] // stride
+        order = np.lexsort((nodes, block, self._piece[nodes]))
+        keys = np.stack([self._piece[nodes], block], axis=1)[order]
+        is_first_of_group = np.any(np.diff(keys, axis=0, prepend=-1) != 0, axis=1)
+        starts = np.flatnonzero(is_first_of_group)
+        # Position of a node within its group of equal piece and block.
+        rank = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
+        return np.sort(nodes[order[rank < paths_per_piece]])
+
+    def _join_along_paths(self, nodes: Indices, direction: int) -> None:
+        """Follow paths in a direction from nodes (m,), and join the ends of each path.
+
+        Ends that are not nodes yet are added. Edges, partners and pieces are updated.
+        """
+        self._is_tried[direction, nodes] = True
+        node_count = len(self.sample)
+        starts_of_chunks = [np.empty(0, dtype=np.intp)]
+        ends_of_chunks = [np.empty(0, dtype=np.intp)]
+        for first in range(0, len(nodes), PATHS_AT_ONCE):
+            chunk = nodes[first : first + PATHS_AT_ONCE]
+            self._progress.tell(lambda: f"{len(self._nodes_of_piece)} pieces")
+            sample = self._neighbours[direction][self.sample[chunk]]
+            arrived, values = self._follow_paths(chunk, sample)
+            starts_of_chunks.append(chunk[arrived])
+            ends_of_chunks.append(self.add(sample[arrived], values[arrived]))
+        starts = np.concatenate(starts_of_chunks)
+        ends = np.concatenate(ends_of_chunks)
+        # Verified paths are reversible, so two of them cannot end at one node. If they do,
+        # a step has changed the mode unnoticed. None of the paths that were followed
+        # together is used then, nor a path of a later call. All chunks are followed before
+        # this is judged, so the result does not depend on their size. A path that changes
+        # the sign of the determinant is not used either.
+        paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
+        is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
+        is_sound &= (ends >= node_count) | (
+            self._determinant_sign[ends] == self._determinant_sign[starts]
+        )
+        starts = starts[is_sound]
+        ends = ends[is_sound]
+        self._partner[direction, starts] = ends
+        self._partner[direction ^ 1, ends] = starts
+        self._is_tried[direction ^ 1, ends] = True
+        self._edges.append((starts, ends))
+        for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+            self._unite_pieces(start, end)
+
+    def _follow_paths(self, nodes: Indices, sample: Indices) -> tuple[Bools, Floats]:
+        """Follow straight paths of the inputs from nodes to samples.
+
+        Each input takes the shorter of the two routes around its period, if it has one.
+
+        Parameters
+        ----------
+        nodes
+            (m,) nodes at which the paths start.
+        sample
+            (m,) index of the sample to which each path leads.
+
+        Returns
+        -------
+        is_verified
+            (m,) whether all steps of the path passed their tests.
+        values
+            (m, variables) configurations (rad) at the samples. They are valid only where
+            `is_verified`.
+        """
+        starts = self.values[nodes]
+        goals = self.input_grid.q[sample]
+        goals = goals - whole_laps(goals - starts[:, self._driven], self.solver.periods)
+        reached, status, _ = follow_inputs(
+            self.solver.closure,
+            self._driven,
+            starts,
+            goals,
+            smallest_step=SMALLEST_STEP_RAD,
+        )
+        values = self.solver.moved(reached.values, self.input_grid.q[sample])
+        return status == Status.OK, values
+
+    def _unite_pieces(self, node: int, other: int) -> None:
+        """Unite the pieces of two nodes, unless these pieces share a sample."""
+        large, small = int(self._piece[node]), int(self._piece[other])
+        if large == small:
+            return
+        # The smaller piece is relabelled, which is cheaper.
+        sizes = [sum(map(len, self._nodes_of_piece[piece])) for piece in (large, small)]
+        if sizes[0] < sizes[1]:
+            large, small = small, large
+        moved = np.concatenate(self._nodes_of_piece[small])
+        nodes_of_same_samples = self._nodes_of_sample[self.sample[moved]]
+        if np.any(
+            (nodes_of_same_samples >= 0) & (self._piece[nodes_of_same_samples] == large)
+        ):
+            return
+        self._piece[moved] = large
+        self._nodes_of_piece[large].append(moved)
+        del self._nodes_of_piece[small]
+
+    def modes(self) -> list[Indices]:
+        """Return the assembly modes, by their nodes at the samples.
+
+        Returns
+        -------
+        list of (n,) arrays, one for each mode: its node at each sample, or -1. The mode
+        with the most nodes comes first. Modes with equally many are sorted by `first_node`.
+        """
+        count = len(self.sample)
+        starts = np.concatenate(
+            [np.empty(0, np.intp), *(start for start, _ in self._edges)]
+        )
+        ends = np.concatenate([np.empty(0, np.intp), *(end for _, end in self._edges)])
+        edges = coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count))
+        component = connected_components(edges, directed=False)[1]
+        modes_of_components: dict[int, list[Indices]] = {}
+        for nodes in self._pieces():
+            modes = modes_of_components.setdefault(int(component[nodes[0]]), [])
+            _put_into_first_mode(modes, nodes, self.sample[nodes], len(self.input_grid))
+        all_modes = [mode for modes in modes_of_components.values() for mode in modes]
+
+        def size_and_start(mode: Indices) -> tuple[int, tuple[int, int]]:
+            return -int(np.sum(mode >= 0)), self.first_node(mode)
+
+        return sorted(all_modes, key=size_and_start)
+
+    def first_node(self, mode: Indices) -> tuple[int, int]:
+        """Return the first sample at which a mode has a node, and this node.
+
+        `mode` (n,) lists the node at each sample, or -1, as `modes` returns it.
+        """
+        # argmax of booleans is the position of the first True.
+        sample = int(np.argmax(mode >= 0))
+        return sample, int(mode[sample])
+
+    def _pieces(self) -> Iterator[Indices]:
+        """Yield the nodes (m,) of each piece in rising order, the largest piece first."""
+        pieces = [np.sort(np.concatenate(nodes)) for nodes in self._nodes_of_piece.values()]
+        yield from sorted(pieces, key=lambda nodes: (-len(nodes), int(nodes[0])))
+
+    def regular_node(self, mode: Indices) -> int:
+        """Return the first regular node of a mode, or its first node if all are singular.
+
+        `mode` (n,) lists the node at each sample, or -1, as `modes` returns it.
+        """
+        nodes = mode[mode >= 0]
+        # argmax is the position of the first True, and 0 if there is none.
+        return int(nodes[np.argmax(self._is_regular[nodes])])
+
+
+def _put_into_first_mode(
+    modes: list[Indices], nodes: Indices, sample: Indices, count: int
+) -> None:
+    """Put the nodes of a piece into the first mode that has no node at their samples.
+
+    Parameters
+    ----------
+    modes
+        Node (count,) of each mode at each sample, or -1. One of these arrays is changed, or
+        a new mode is appended if every mode has a node at one of the samples.
+    nodes, sample
+        (m,) the nodes of the piece, and the sample of each.
+    count
+        Number of samples of the grid.
+    """
+    for mode in modes:
+        if np.all(mode[sample] < 0):
+            mode[sample] = nodes
+            return
+    modes.append(np.full(count, -1, dtype=np.intp))
+    modes[-1][sample] = nodes
+
+
+def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
+    """Unite modes that occur on separate parts of a path of samples.
+
+    Parameters
+    ----------
+    modes
+        Node (n,) of each mode at each sample of the path, or -1, as
+        `ConfigurationGraph.modes` returns them.
+
+    Returns
+    -------
+    The united modes, as arrays of the same kind. Each mode is put into the first united
+    mode that has no node at its samples, or next to them. The order of `modes` decides,
+    therefore.
+    """
+    shared: list[Indices] = []
+    for mode in modes:
+        is_occupied = mode >= 0
+        # A gap of at least one sample must remain between two modes that are united.
+        is_occupied = (
+            is_occupied
+            | np.append(is_occupied[1:], False)
+            | np.append(False, is_occupied[:-1])
+        )
+        for other in shared:
+            if np.all(other[is_occupied] < 0):
+                other[mode >= 0] = mode[mode >= 0]
+                break
+        else:
+            shared.append(mode.copy())
+    return shared

@@ -1,0 +1,268 @@
+"""Bounds the errors of configurations, in float64, also at and near folds.
+
+At a fold, two configurations of the mechanism meet at one input, and the closure Jacobian J
+without the inputs has one singular value s near zero. With v and u its right and left
+singular vectors, loops that are moved by x along v are open along u by
+
+    f(x) = e + s x + h x^2 / 2,    h = u . D^2 F [v, v],
+
+up to terms of third order, where F is the closure residual. The other loop equations
+determine the other variables. If e is known to g only, a simple root is known to g / s, and
+both roots near a fold to about the root of 2 g / |h|. The residual is evaluated at the
+bound, to see whether f describes it up to there. If two singular values are near zero,
+nothing is known.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.rotation import all_finite, cross, max_abs
+from spherekit.positions.linearisation import Linearisation
+from spherekit.positions.loop_closure import Closure
+from spherekit.tolerances import EPS
+
+INPUT_ROUNDING = 2.0 * EPS
+"""Rounding error of an input, relative to the input or to 1 rad, whichever is larger. An
+input that is nearer to a dead centre is taken to be at it. The float64 number can stand for
+a decimal number of degrees, as that of pi for 180 degrees."""
+LARGEST_MODEL_ERROR = 0.25
+"""The quadratic model f is used if it differs from the closure residual by at most this
+part of s x, or of h x^2 / 2 near a fold, at the bound. Larger: more configurations have a
+bound; smaller: bounds are safer."""
+LEAST_SECOND_SINGULAR_VALUE = 1e-4
+"""At a fold, the second smallest singular value of J must be larger than this part of the
+largest. Smaller: a second fold nearby can be missed."""
+SAFETY_FACTOR = 1.5
+"""Bounds of the quadratic model are enlarged by this factor, for higher orders."""
+LARGEST_REACH_RAD = 1e-4
+"""The quadratic model is not tried farther from a configuration."""
+LARGEST_STEP_RAD = 1e-3
+"""A step to the root of the quadratic model is not taken if it is larger."""
+MAX_STEPS = 4
+"""Steps to the root of the quadratic model. Each gains as many digits as there are."""
+
+
+def bound_by_newton(sensitivity: Floats, gap: Floats, curvature: Floats) -> Floats:
+    """Return bounds (n,) in rad of the errors of variables by Kantorovich's theorem.
+
+    The first step of Newton's method is at most `sensitivity` times `gap`, and the path to
+    the solution is at most twice as long. The bound is infinite if the theorem does not
+    apply.
+
+    Parameters
+    ----------
+    sensitivity
+        (n,) Frobenius norm of the inverse of J, rad of a variable per rad of a loop.
+    gap
+        (n,) bound (rad) of each component by which loops are open.
+    curvature
+        (n,) bound of the change of J per radian of all variables.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        bend = curvature * sensitivity**2 * gap
+        root = np.sqrt(np.maximum(1.0 - 2.0 * bend, 0.0))
+        step = sensitivity * gap * 2.0 / (1.0 + root)
+        return np.where(bend <= 0.5, 2.0 * EPS + step, np.inf)
+
+
+def curvature_bound(linearisation: Linearisation) -> Floats:
+    """Return bounds (n,) of the change of J when all variables move by one radian."""
+    vectors = linearisation.vectors
+    apart = np.max(np.linalg.norm(cross(vectors[:, :1], vectors), axis=2), axis=1)
+    # Nearly parallel axes hardly turn each other.
+    turn = np.minimum(2.0 * apart, np.max(np.sum(vectors**2, axis=2), axis=1))
+    return linearisation.tree.longest_loop * turn
+
+
+def rounding_of_loops(linearisation: Linearisation) -> float:
+    """Return by how much rounding alone opens loops, in each component (rad).
+
+    It is two roundings of the closure residual itself, and one for each variable of a loop:
+    for its geometry, and for the numbers of the file, which float64 rounds.
+    """
+    return EPS * (2.0 + linearisation.tree.longest_loop)
+
+
+@dataclass(frozen=True)
+class FoldPlacement:
+    """Configurations at n rows that are at a fold or near one.
+
+    Attributes
+    ----------
+    values
+        (n, variables) rad, at the nearest root of the quadratic model, or at its extreme
+        value if it has no root.
+    error
+        (n,) bounds (rad) of the errors of the variables; infinite if they are not known.
+    is_out_of_reach
+        (n,) whether loops close for no input within the rounding of the input.
+    """
+
+    values: Floats
+    error: Floats
+    is_out_of_reach: Bools
+
+
+def place_at_folds(
+    closure: Closure, driven: Sequence[int], q: Floats, values: Floats
+) -> FoldPlacement:
+    """Improve configurations at folds, and bound their errors.
+
+    Parameters
+    ----------
+    closure
+        The loops of a whole mechanism.
+    driven
+        Numbers of the variables of the inputs.
+    q
+        (n, inputs) rad, the values of the inputs.
+    values
+        (n, variables) rad, configurations near the fold, which are nearly closed.
+
+    Returns
+    -------
+    Configurations with bounds. The bounds contain the rounding of the sizes of the file to
+    float64, and at a fold that of the inputs.
+    """
+    driven = list(driven)
+    free = np.delete(np.arange(values.shape[1]), driven)
+    values = values.copy()
+    values[:, driven] = q
+    placement = FoldPlacement(
+        values, np.full(len(values), np.inf), np.zeros(len(values), dtype=bool)
+    )
+    rows = np.flatnonzero(all_finite(values, 1))
+    equations = 3 * len(closure.tree.chords)
+    if not len(rows) or not 0 < len(free) <= equations:
+        return placement
+    closure = closure.take(rows)
+    stepped = values[rows]
+    for _ in range(MAX_STEPS):
+        at = closure.at(stepped)
+        fold = _FoldModel(at, free)
+        step = fold.step_to_nearest_root()
+        is_small = max_abs(step, axis=1) < LARGEST_STEP_RAD
+        stepped[:, free] += np.where(is_small[:, None], step, 0.0)
+    at = closure.at(stepped)
+    fold = _FoldModel(at, free)
+    values[rows] = stepped
+
+    gap = at.gap + rounding_of_loops(at)
+    newton_error = bound_by_newton(fold.sensitivity, gap, curvature_bound(at))
+    input_rounding = INPUT_ROUNDING * np.maximum(1.0, max_abs(stepped[:, driven], axis=1))
+    input_gap = input_rounding * np.max(np.abs(at.jacobian[:, :, driven]), axis=(1, 2))
+    fold_error = fold.bound_errors(closure, gap + input_gap)
+    # A fold whose residual has the sign of its curvature, beyond all rounding, has no root.
+    lowest = fold.lowest_residual * np.sign(fold.curvature)
+    rounding = np.sqrt(equations) * (rounding_of_loops(at) + input_gap)
+    is_open = np.isfinite(fold_error) & (lowest > rounding)
+    has_bound = np.isfinite(newton_error)
+    placement.error[rows] = np.where(has_bound, newton_error, fold_error)
+    placement.is_out_of_reach[rows] = is_open & ~has_bound
+    return placement
+
+
+class _FoldModel:
+    """The closure residual at n configurations as a quadratic along v, see the module.
+
+    Attributes
+    ----------
+    sensitivity
+        (n,) Frobenius norm of the left inverse of J.
+    slope, residual, curvature
+        (n,) s, e and h of the module docstring, where `residual` is at the configurations.
+    lowest_residual
+        (n,) the extreme value of f, at x = -s / h.
+    """
+
+    def __init__(self, linearisation: Linearisation, free: Indices) -> None:
+        self._linearisation = linearisation
+        self._free = free
+        jacobian = linearisation.jacobian[:, :, free]
+        # The last column of left singular vectors belongs to the smallest singular value.
+        left, self._sizes, right = np.linalg.svd(jacobian, full_matrices=False)
+        self._left = left
+        self._right = np.swapaxes(right, 1, 2)
+        self.slope = self._sizes[:, -1]
+        self._direction = self._right[:, :, -1]
+        self._side = left[:, :, -1]
+        with np.errstate(divide="ignore"):
+            self.sensitivity = np.sqrt(np.sum(self._sizes**-2.0, axis=1))
+        rates = np.zeros_like(linearisation.values)
+        rates[:, free] = self._direction
+        self.curvature = np.vecdot(self._side, linearisation.bias(rates))
+        self.residual = np.vecdot(self._side, linearisation.residual)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self.lowest_residual = self.residual - 0.5 * self.slope**2 / self.curvature
+
+    def _close_other_equations(self, residual: Floats) -> Floats:
+        """Return the step (n, free) that closes the loops in all directions but u.
+
+        `residual` (n, equations) is that of the loops, in rad.
+        """
+        sizes = self._sizes[:, :-1]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            parts = np.vecdot(np.swapaxes(self._left[:, :, :-1], 1, 2), residual[:, None])
+            return -np.matvec(self._right[:, :, :-1], parts / sizes)
+
+    def step_to_nearest_root(self) -> Floats:
+        """Return the step (n, free) to the nearer root of f, or to its extreme value."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            discriminant = self.slope**2 - 2.0 * self.curvature * self.residual
+            root = -2.0 * self.residual / (self.slope + np.sqrt(discriminant))
+            along = np.where(discriminant > 0.0, root, -self.slope / self.curvature)
+        others = self._close_other_equations(self._linearisation.residual)
+        return along[:, None] * self._direction + others
+
+    def bound_errors(self, closure: Closure, gap: Floats) -> Floats:
+        """Return bounds (n,) in rad of the distance of both roots from the configurations.
+
+        Parameters
+        ----------
+        closure
+            The loops, to evaluate the residual at the bound.
+        gap
+            (n,) bound (rad) of each component by which loops may be open.
+
+        Returns
+        -------
+        Bounds, infinite where f does not describe the residual up to the bound. Near a fold
+        they contain both roots, else the simple root.
+        """
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            # The components of the gap along one direction add up.
+            gap = gap * np.sqrt(self._left.shape[1])
+            size = np.abs(self.curvature)
+            simple_root = SAFETY_FACTOR * 2.0 * gap / self.slope
+            both_roots = SAFETY_FACTOR * (
+                2.0 * self.slope / size + np.sqrt(2.0 * gap / size)
+            )
+            # Up to the bound of a simple root, f is nearly straight.
+            is_simple = size * simple_root <= 0.5 * self.slope
+            reach = np.where(is_simple, simple_root, both_roots)
+            reach = np.minimum(reach, LARGEST_REACH_RAD)
+            rise = np.where(is_simple, self.slope * reach, 0.5 * size * reach**2)
+            others = np.zeros_like(gap)
+            is_bound = np.ones(len(gap), dtype=bool)
+            for side in (1.0, -1.0):
+                x = side * reach
+                moved = self._linearisation.values.copy()
+                moved[:, self._free] += x[:, None] * self._direction
+                step = self._close_other_equations(closure.at(moved).residual)
+                moved[:, self._free] += step
+                residual = np.vecdot(self._side, closure.at(moved).residual)
+                expected = self.residual + self.slope * x + 0.5 * self.curvature * x**2
+                is_bound &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
+                # At the bound, f is larger than what rounding can hide.
+                sign = np.where(is_simple, side, np.sign(self.curvature))
+                is_bound &= residual * sign > gap
+                others = np.maximum(others, max_abs(step, axis=1))
+            if self._sizes.shape[1] > 1:
+                second = self._sizes[:, -2]
+                is_bound &= second > LEAST_SECOND_SINGULAR_VALUE * self._sizes[:, 0]
+                others = 2.0 * others + gap / second
+            error = 2.0 * EPS + reach + others
+            return np.where(is_bound & (others <= reach), error, np.inf)

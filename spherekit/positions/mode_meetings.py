@@ -1,0 +1,421 @@
+"""Finds the inputs at which curves of assembly modes cross, and how modes continue there.
+
+The configurations of a mechanism with one input form curves in the space of its variables.
+Two curves cross at a change point of a four-bar, for example, or in the flat state of a
+fold. An assembly mode of dyads is defined by the sign of each dyad. The sine with this sign
+passes through zero along each smooth curve through a crossing. The same signs therefore
+belong to one smooth curve below the crossing and to another one above it. This module finds
+the mode in which each smooth curve continues.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats
+from spherekit.conventions import Facts
+from spherekit.geometry.rotation import max_abs
+from spherekit.numerics.angles import wrap
+from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_mode import AssemblyMode, Solver
+from spherekit.positions.curve_crossing import NEARLY_NULL, Crossing, crossing_near
+from spherekit.positions.mode_predictor import ModeCurve
+from spherekit.positions.path_continuation import Nodes, nodes_at
+from spherekit.tolerances import EPS
+from spherekit.wording import listing
+
+MAX_INTERVAL_RAD = 1e-2
+"""Wider intervals of the input are not searched for crossings. The search starts beside the
+interval, and it is local."""
+MIN_START_DISTANCE_RAD = 1e-5
+"""Least distance from the interval of the inputs at which the search for a crossing starts.
+The distance is that to the nearer end of the interval."""
+MAX_MISS_RAD = 64.0 * EPS
+"""Largest closure residual, and largest singular value that should be zero, of a crossing.
+Larger: modes that only come close to each other count as crossing, as in a kite whose arcs
+differ by 1e-12. Smaller: rounding errors hide crossings."""
+SAME_INPUT_RAD = 1e-7
+"""Crossings whose inputs differ by less are at the same input. The input of an isolated
+double zero is accurate only to about the square root of the rounding error."""
+COMPARISON_DISTANCE_RAD = 1e-3
+"""Distance from a crossing, on both sides, at which modes are compared. Larger:
+continuation by a Taylor polynomial is less accurate; smaller: modes differ less from each
+other."""
+MAX_COMPARISON_RATIO = 0.1
+"""Largest distance at which modes are compared, relative to the distance of the next
+crossing."""
+MAX_MISS_RATIO = 0.1
+"""Largest miss of the mode that continues a curve, relative to the miss of every other
+mode. Larger: doubtful continuations are accepted; smaller: more meetings are reported as
+unresolved."""
+PASSING_RATIO = 0.2
+"""A mode passes through a crossing if its continuation misses the crossing by less than
+this part of the distance that its fastest variable moves up to the crossing."""
+
+
+def degrees_text(angle: float) -> str:
+    """Return an angle (rad) as text in degrees, with six significant digits.
+
+    An angle below about 1e-9 deg is written as 0. Adding 0.0 avoids "-0".
+    """
+    return f"{round(float(np.degrees(angle)), 9) + 0.0:.6g}"
+
+
+def find_crossings(
+    solver: Solver, start: float, stop: float, low: float, high: float
+) -> list[Crossing]:
+    """Return the crossings of curves in a short interval of the only input.
+
+    The search starts from all configurations at one input below the interval and one above
+    it.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, which has one input.
+    start, stop
+        Ends of the interval (rad).
+    low, high
+        Ends of the range of the input (rad). A crossing may lie outside them, or outside
+        the interval, by `SAME_INPUT_RAD`.
+
+    Returns
+    -------
+    The crossings whose variables differ from each other. The list is empty if the interval
+    is wider than `MAX_INTERVAL_RAD`.
+    """
+    if stop - start > MAX_INTERVAL_RAD:
+        return []
+    distance = max(stop - start, MIN_START_DISTANCE_RAD)
+    crossings: list[Crossing] = []
+    for start_input in (start - distance, stop + distance):
+        for values in assemblies(solver, np.array([start_input])).values:
+            singular_values = np.linalg.svd(
+                solver.closure.at(values[None]).jacobian[0], compute_uv=False
+            )
+            # On a single curve only one singular value is zero. Near a crossing the next
+            # one is nearly zero, too. Configurations without such a value are skipped.
+            rank = len(values) - 1
+            if (
+                len(singular_values) < rank
+                or singular_values[rank - 1] > NEARLY_NULL * singular_values[0]
+            ):
+                continue
+            crossing = crossing_near(solver.closure, values)
+            if crossing is None or crossing.miss > MAX_MISS_RAD:
+                continue
+            q = crossing.values[solver.single]
+            is_inside = start - SAME_INPUT_RAD <= q <= stop + SAME_INPUT_RAD
+            is_inside &= low - SAME_INPUT_RAD <= q <= high + SAME_INPUT_RAD
+            is_new = all(
+                max_abs(wrap(crossing.values - other.values)) > SAME_INPUT_RAD
+                for other in crossings
+            )
+            if is_inside and is_new:
+                crossings.append(crossing)
+    return crossings
+
+
+@dataclass(frozen=True)
+class ModeMeeting:
+    """An input at which curves of assembly modes cross.
+
+    Attributes
+    ----------
+    input
+        Value of the only input (rad).
+    modes
+        One tuple for each configuration at which curves cross. It has the numbers of the
+        modes that meet there.
+    successors
+        Maps the number of a mode below the input to the number of the mode above it that
+        lies on the same smooth curve. A mode that is not a key continues under its own
+        number. Empty if the meeting is not resolved.
+    resolved
+        Whether the successor of every mode that meets was identified clearly.
+    """
+
+    input: float
+    modes: tuple[tuple[int, ...], ...]
+    successors: dict[int, int]
+    resolved: bool
+
+    @cached_property
+    def predecessors(self) -> dict[int, int]:
+        """The inverse of `successors`: maps modes above the input to modes below it."""
+        return {after: before for before, after in self.successors.items()}
+
+    @property
+    def facts(self) -> Facts:
+        """The entry for this meeting in `summary.json`."""
+        return {
+            "input_rad": self.input,
+            "modes": [list(numbers) for numbers in self.modes],
+            "continued_by": {str(k): mode for k, mode in self.successors.items()},
+            "resolved": self.resolved,
+        }
+
+    def describe(self, input_pair: str, passed: bool) -> str:
+        """Return a sentence about the meeting, for reports and error messages.
+
+        Parameters
+        ----------
+        input_pair
+            Name of the input pair.
+        passed
+            Whether modes follow their smooth curves through crossings (crossings "pass"),
+            and do not keep their signs (crossings "end").
+        """
+        groups = [
+            " and ".join(map(str, numbers))
+            for numbers in dict.fromkeys(self.modes)
+            if len(numbers) > 1
+        ]
+        words = f"modes {', '.join(groups)} meet" if groups else "curves cross"
+        words += f" at {input_pair} = {degrees_text(self.input)} deg"
+        if not self.resolved:
+            return f"{words}; which of them continue each other is not known"
+        if passed:
+            return f"{words}; each follows its smooth curve through it"
+        if not self.successors:
+            return f"{words}; each stays on its smooth curve"
+        changes = listing(f"{k} to {mode}" for k, mode in self.successors.items())
+        return (
+            f"{words}, where curves cross: smooth curves change from mode {changes} there "
+            '(crossings "pass" follows them)'
+        )
+
+
+def find_mode_meetings(
+    solver: Solver, assembly_modes: Sequence[AssemblyMode], crossings: Sequence[Crossing]
+) -> tuple[ModeMeeting, ...]:
+    """Return the inputs at which modes meet, with the modes that continue each other.
+
+    Crossings at the same input make one meeting.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, which has one input.
+    assembly_modes
+        All modes over the range of the input.
+    crossings
+        Configurations in this range at which curves cross, as `find_crossings` returns
+        them, in any order.
+
+    Returns
+    -------
+    One meeting for each input at which curves cross, at rising inputs. The result is empty
+    without crossings.
+    """
+    # One list for each input at which curves cross, with the crossings at this input.
+    inputs: list[list[Crossing]] = []
+    for crossing in sorted(crossings, key=lambda item: float(item.values[solver.single])):
+        q = crossing.values[solver.single]
+        if inputs and q - inputs[-1][0].values[solver.single] < SAME_INPUT_RAD:
+            inputs[-1].append(crossing)
+        else:
+            inputs.append([crossing])
+    group_inputs = np.array([group[0].values[solver.single] for group in inputs])
+    # Distances between neighbouring inputs; gaps[k] is below input k, gaps[k + 1] above it.
+    gaps = np.diff(group_inputs, prepend=-np.inf, append=np.inf)
+    meetings = []
+    for k, group in enumerate(inputs):
+        distance = min(
+            COMPARISON_DISTANCE_RAD, MAX_COMPARISON_RATIO * min(gaps[k], gaps[k + 1])
+        )
+        meetings.append(_compare_modes(solver, assembly_modes, group, distance))
+    return tuple(meetings)
+
+
+def _compare_modes(
+    solver: Solver,
+    assembly_modes: Sequence[AssemblyMode],
+    crossings: Sequence[Crossing],
+    distance: float,
+) -> ModeMeeting:
+    """Find which modes meet at one input, and which modes continue each other.
+
+    Each mode is evaluated on both sides of the input, and continued with its first two
+    derivatives. A mode passes through a crossing if its continuation comes near to it. A
+    mode below continues as the mode above that its continuation misses least, and vice
+    versa.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, which has one input.
+    assembly_modes
+        All modes over the range of the input.
+    crossings
+        The crossings at the input, one or more.
+    distance
+        Distance (rad) from the input at which modes are evaluated, below and above it.
+    """
+    q = float(np.mean([crossing.values[solver.single] for crossing in crossings]))
+    below = _evaluate_modes(solver, assembly_modes, q - distance)
+    above = _evaluate_modes(solver, assembly_modes, q + distance)
+    meeting: list[tuple[int, ...]] = []
+    for crossing in crossings:
+        is_passing = np.zeros(len(assembly_modes), dtype=bool)
+        for nodes, step in ((below, distance), (above, -distance)):
+            distances = _measure_misses(nodes, step, crossing.values[None])[:, 0]
+            speed = np.maximum(1.0, max_abs(nodes.slope, axis=1))
+            is_passing |= distances < PASSING_RATIO * distance * speed
+        meeting.append(
+            tuple(assembly_modes[k].number for k in np.flatnonzero(is_passing).tolist())
+        )
+    numbers = {number for crossing_modes in meeting for number in crossing_modes}
+    # Positions in `assembly_modes` of the modes that meet.
+    rows = [k for k, mode in enumerate(assembly_modes) if mode.number in numbers]
+    # (modes, modes): rows are modes below the input, columns are modes above it. The worse
+    # of the two directions counts. fmax ignores a NaN if the other direction has a value.
+    forward = _measure_misses(below, 2.0 * distance, above.values)
+    backward = _measure_misses(above, -2.0 * distance, below.values).T
+    misses = np.fmax(forward, backward)
+    coincides_below = _find_coincident_modes(below.values)
+    coincides_above = _find_coincident_modes(above.values)
+    successors: dict[int, int] = {}
+    resolved = True
+    for row in rows:
+        if not np.any(np.isfinite(misses[row])):
+            continue  # The mode ends at the crossing, or before it.
+        best = int(np.nanargmin(misses[row]))
+        if misses[row, row] <= misses[row, best] + COINCIDENT_RAD:
+            best = row  # Modes that coincide up to rounding keep their numbers.
+        # Modes that coincide with the best one above cannot be told apart and are left out.
+        other_misses = misses[row, ~coincides_above[best]]
+        is_clear = not np.any(misses[row, best] > MAX_MISS_RATIO * other_misses)
+        # The best mode above must in turn be continued, downwards, by this mode.
+        is_clear &= coincides_below[row, np.nanargmin(misses[:, best])]
+        resolved &= bool(is_clear)
+        if best != row:
+            successors[assembly_modes[row].number] = assembly_modes[best].number
+    return ModeMeeting(q, tuple(meeting), successors if resolved else {}, resolved)
+
+
+COINCIDENT_RAD = 1e-9
+"""Modes whose variables differ by less coincide at an input. Also the difference of two
+misses that counts as rounding."""
+
+
+def _evaluate_modes(
+    solver: Solver, assembly_modes: Sequence[AssemblyMode], q: float
+) -> Nodes:
+    """Evaluate all modes at input q (rad), with their derivatives with respect to it.
+
+    The result has one row per mode, which is NaN if the mode does not exist at the input.
+    """
+    values = np.concatenate(
+        [solver.evaluate(mode, np.array([[q]])).values for mode in assembly_modes]
+    )
+    with np.errstate(all="ignore"):
+        at = solver.closure.at(values)
+        return nodes_at(at, [solver.single], np.ones((len(values), 1)))
+
+
+def _find_coincident_modes(values: Floats) -> Bools:
+    """Return (modes, modes) whether two modes have the same configuration.
+
+    `values` (modes, variables) are their configurations (rad) at one input. A NaN row
+    coincides only with itself.
+    """
+    distance = max_abs(wrap(values[:, None] - values[None]), axis=2)
+    return (distance < COINCIDENT_RAD) | np.eye(len(values), dtype=bool)
+
+
+def _measure_misses(nodes: Nodes, step: float, values: Floats) -> Floats:
+    """Return by how much modes, continued to another input, miss configurations there.
+
+    Parameters
+    ----------
+    nodes
+        Configuration of each mode at one input, with first and second derivatives.
+    step
+        Step (rad) from this input to the other one, with its sign.
+    values
+        (k, variables) configurations (rad) at the other input.
+
+    Returns
+    -------
+    (modes, k) largest difference of any variable (rad); NaN if the mode or the
+    configuration does not exist.
+    """
+    # Taylor polynomial of second order.
+    continued_values = nodes.values + step * nodes.slope + 0.5 * step**2 * nodes.bend
+    return np.asarray(max_abs(wrap(continued_values[:, None] - values[None]), axis=2))
+
+
+def follow_smooth_curves(
+    assembly_modes: Sequence[AssemblyMode],
+    meetings: Sequence[ModeMeeting],
+    start: float,
+) -> tuple[AssemblyMode, ...]:
+    """Return assembly modes that follow smooth curves through all crossings.
+
+    Parameters
+    ----------
+    assembly_modes
+        All modes over the range of the input.
+    meetings
+        The meetings of these modes, at rising inputs, all resolved.
+    start
+        The input (rad) at which each smooth curve gets the number of the mode that lies on
+        it.
+
+    Returns
+    -------
+    Modes with the numbers and labels of `assembly_modes`. A mode that changes has `pieces`:
+    the mode that lies on its curve between each two meetings. A mode is left out if another
+    mode changes to its number, and if it has no configuration between the meetings around
+    `start`.
+    """
+    by_number = {mode.number: mode for mode in assembly_modes}
+    # The meetings divide the range into intervals, one more than there are meetings.
+    starts = [-np.inf, *(meeting.input for meeting in meetings)]
+    ends = [*starts[1:], np.inf]
+    # Position of the interval that contains `start`.
+    first = sum(meeting.input < start for meeting in meetings)
+    smooth = []
+    for mode in assembly_modes:
+        # Number of the mode on the curve in each interval, extended upwards, then
+        # downwards.
+        numbers = [mode.number]
+        is_claimed = False
+        for meeting in meetings[first:]:
+            is_claimed |= _is_claimed_by_another(numbers[-1], meeting.successors)
+            numbers.append(meeting.successors.get(numbers[-1], numbers[-1]))
+        for meeting in reversed(meetings[:first]):
+            is_claimed |= _is_claimed_by_another(numbers[0], meeting.predecessors)
+            numbers.insert(0, meeting.predecessors.get(numbers[0], numbers[0]))
+        if is_claimed and not _exists_between(mode, starts[first], ends[first]):
+            continue
+        pieces = tuple(
+            (interval_start, by_number[number])
+            for interval_start, number in zip(starts, numbers, strict=True)
+        )
+        changes = len(set(numbers)) > 1
+        smooth.append(mode._replace(pieces=pieces if changes else ()))
+    return tuple(smooth)
+
+
+def _is_claimed_by_another(number: int, successors: Mapping[int, int]) -> bool:
+    """Return whether another mode changes to this number at a meeting, but this one stays.
+
+    `successors` are those of the meeting. For falling inputs they are its `predecessors`.
+    """
+    return number not in successors and number in successors.values()
+
+
+def _exists_between(mode: AssemblyMode, low: float, high: float) -> bool:
+    """Return whether a mode has configurations at inputs between `low` and `high` (rad).
+
+    Only a mode with a `ModeCurve` can be limited to a part of the range. The result is True
+    for all others: modes of dyads continue each other one to one.
+    """
+    guide = mode.guide
+    if not isinstance(guide, ModeCurve):
+        return True
+    return bool(max(guide.inputs[0], low) + SAME_INPUT_RAD < min(guide.inputs[-1], high))

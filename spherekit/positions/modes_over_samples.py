@@ -1,0 +1,500 @@
+"""Finds the assembly modes of a mechanism over samples of several inputs.
+
+If each group is a dyad, a train of wheels, or has an elimination, all configurations at
+every sample are computed. Otherwise some configurations are found from random starts. A
+sheet is followed from each of them: the set of configurations that verified steps reach
+from a start, at most one at each sample. In both cases a `ConfigurationGraph` divides the
+configurations into assembly modes. Each configuration belongs to one mode.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import compress
+
+import numpy as np
+
+from spherekit.arrays import Floats, Indices, SmallIntegers
+from spherekit.completeness import Completeness, Guarantee
+from spherekit.geometry.rotation import nans
+from spherekit.positions.assembly_enumeration import (
+    MOST_ASSEMBLY_MODES,
+    RANGE_ROUNDS,
+    assemblies,
+    group_signs,
+    random_starts,
+)
+from spherekit.positions.assembly_mode import AssemblyMode, Solver
+from spherekit.positions.configuration_graph import ConfigurationGraph, share_numbers
+from spherekit.positions.group_solutions import (
+    CLOSED_FORM,
+    SEARCH,
+    Method,
+    least_complete,
+    orders_of,
+)
+from spherekit.positions.input_grid import InputGrid, spread_rows
+from spherekit.positions.input_revolutions import whole_laps
+from spherekit.positions.mode_predictor import ModeOverGrid, sheets_through
+from spherekit.positions.random_search import SearchStatistics
+from spherekit.positions.sample_configurations import (
+    can_enumerate,
+    enumerate_configurations,
+)
+from spherekit.progress import ProgressReporter
+from spherekit.status import Status
+from spherekit.wording import counted
+
+MOST_MODE_ROWS = 2**21
+"""Largest total number of rows (modes times samples) if more than `MOST_ASSEMBLY_MODES`
+modes are kept. Larger: more modes are kept over short paths and grids; smaller: less
+memory."""
+MAX_SEARCHED_SAMPLES = 5
+"""Largest number of samples that are chosen for a search from random starts, or for a test
+whether configurations can be computed. Larger: fewer missed configurations, more time."""
+REFERENCE_ONLY = Completeness(Guarantee.COMPONENT, "the mode of the reference pose")
+"""Statement of completeness if no other mode than that of the reference pose was looked
+for."""
+
+
+class SampledModes:
+    """The assembly modes of a mechanism with several inputs over an input grid.
+
+    The constructor runs the whole search.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, ready to be evaluated.
+    input_grid
+        The n samples of its inputs.
+    search
+        Whether to look for other modes than that of the reference pose. Modes are also
+        looked for if there is no reference pose, or if its mode reaches no sample.
+    shares_numbers
+        Whether modes that have the same signs and no neighbouring samples become one mode.
+        The grid must then be a path.
+
+    Attributes
+    ----------
+    assembly_modes
+        The mode of the reference pose comes first. The other modes are sorted by their
+        first sample, and at the same sample in the order of its configurations.
+    methods
+        How the configurations of each group were computed; None if nothing was computed.
+    claim
+        How complete the modes are.
+    probes
+        Number of samples at which configurations were computed, plus the number of random
+        starts.
+    mobilities
+        Number of degrees of freedom, by the rank of the velocity equations, at each start
+        of a sheet. It is computed only if a group has redundant equations.
+    """
+
+    def __init__(
+        self,
+        solver: Solver,
+        input_grid: InputGrid,
+        search: bool = True,
+        shares_numbers: bool = False,
+    ) -> None:
+        self.solver = solver
+        self.input_grid = input_grid
+        self.claim = REFERENCE_ONLY
+        self.groups = solver.assembly.groups
+        self.methods: list[Method | None] = [None] * len(self.groups)
+        self.probes = 0
+        self.mobilities: list[int] = []
+        self._graph = ConfigurationGraph(solver, input_grid)
+        # (nodes of the graph,) number of the sheet that reached each node first. Nodes that
+        # the enumeration found have numbers only after `_number_nodes`, which counts them
+        # as sheets in `_sheet_count`, and in `_numbered_count`.
+        self._sheet_of_node = np.empty(0, dtype=np.intp)
+        self._sheet_count = 0
+        self._numbered_count = 0
+        self._progress = ProgressReporter("searching the assembly modes")
+
+        reference_node = None
+        if not search:
+            reference_node = self._reach_reference(is_enumerated=False)
+        if search or reference_node is None:
+            is_enumerated = self._can_enumerate
+            if is_enumerated:
+                self._enumerate()
+            if search:
+                reference_node = self._reach_reference(is_enumerated)
+            if not is_enumerated:
+                self.claim = self._search_modes()
+        self.assembly_modes = self._collect_modes(reference_node, shares_numbers)
+
+    @property
+    def _can_enumerate(self) -> bool:
+        """Whether all configurations can be computed at one sample or more.
+
+        This is tested at up to `MAX_SEARCHED_SAMPLES` samples. It is False for mechanisms
+        with redundant equations, or with rolled lengths that do not follow from the inputs.
+        """
+        solver = self.solver
+        if (
+            not can_enumerate(solver)
+            or any(group.redundant for group in self.groups)
+            or (solver.meshes is not None and not solver.meshes.all_known)
+        ):
+            return False
+        # An elimination fails at every sample if a link has an arc of 0 or 180 deg.
+        rows = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
+        probes = enumerate_configurations(solver, self.input_grid.q[rows])
+        return bool(np.any(probes.is_complete))
+
+    def _enumerate(self) -> None:
+        """Compute all configurations at all samples, add them to the graph, and join them.
+
+        Sets `methods`, `claim` and `probes`. At some of the samples at which configurations
+        may be missing, random starts are tried as well.
+        """
+        q = self.input_grid.q
+        configurations = enumerate_configurations(self.solver, q)
+        self.probes = len(q)
+        self.methods = [
+            CLOSED_FORM
+            if group.is_dyad or number in self.solver.trains
+            else Method(f"elimination: all {orders_of(group)[0].roots} complex roots")
+            for number, group in enumerate(self.groups)
+        ]
+        self._graph.add(configurations.sample, configurations.values)
+        is_unbalanced = self._graph.find_unbalanced()
+        is_complete = configurations.is_complete & ~is_unbalanced
+        problem = configurations.problem or "the signs of their determinants do not cancel"
+        self._graph.is_complete = is_complete
+        self._graph.join()
+        incomplete = np.flatnonzero(~is_complete)
+        words = f"all configurations at {_count_samples(q, len(q) - len(incomplete))}"
+        if len(incomplete):
+            searched_samples = incomplete[
+                spread_rows(len(incomplete), MAX_SEARCHED_SAMPLES)
+            ]
+            self._number_nodes(searched_samples)
+            statistics = self._search(searched_samples)
+            words += (
+                f"; at the other {len(incomplete)} some may be missing ({problem}); "
+                f"at {len(searched_samples)} of these {statistics.words('configurations')}"
+            )
+            self._graph.join()
+        self.claim = Completeness(Guarantee.SAMPLED, words)
+
+    def _number_nodes(self, samples: Indices) -> None:
+        """Number the nodes of some samples, as if each were a sheet of its own.
+
+        The statistics of a search from random starts count how often each sheet was
+        reached. With these numbers they also count the configurations that were computed
+        before. Nodes at other samples have the number -1.
+        """
+        is_at_samples = np.isin(self._graph.sample, samples)
+        self._sheet_count = self._numbered_count = int(np.sum(is_at_samples))
+        self._sheet_of_node = np.full(len(is_at_samples), -1, dtype=np.intp)
+        self._sheet_of_node[is_at_samples] = np.arange(self._sheet_count)
+
+    def _reach_reference(self, is_enumerated: bool) -> int | None:
+        """Return a node of the graph that belongs to the mode of the reference pose.
+
+        Verified steps lead from the reference pose to the samples.
+
+        Parameters
+        ----------
+        is_enumerated
+            Whether the graph has the configurations of all samples already. If not, the
+            sheet of the reference pose is added to the graph.
+
+        Returns
+        -------
+        The node, or None: without a reference pose, if no sample is reached, if the pose
+        has another mobility than there are inputs, or if no configuration reached is a
+        node.
+        """
+        solver, q = self.solver, self.input_grid.q
+        reference = solver.reference
+        if reference is None:
+            return None
+        inputs = reference[list(solver.driven)]
+        # An input of the pose that is outside the range of the samples is moved by whole
+        # periods, as near to the middle of the range as they allow.
+        offset = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - inputs
+        is_outside = np.abs(offset) > 0.5 * np.ptp(q, axis=0)
+        input_shift = np.where(is_outside, whole_laps(offset, solver.periods), 0.0)
+        values = solver.moved(reference[None], inputs + input_shift)
+        sheet = self._follow_sheet(values)
+        if sheet is None:
+            return None
+        (sample,) = np.nonzero(sheet.status == Status.OK)
+        if is_enumerated:
+            nodes = self._graph.find(sample, sheet.values[sample])
+            # argmax is the position of the first True: the first sample with a node.
+            return int(nodes[np.argmax(nodes >= 0)]) if np.any(nodes >= 0) else None
+        self._add_sheet(sheet)
+        return int(self._graph.find(sample[:1], sheet.values[sample[:1]])[0])
+
+    def _follow_sheet(self, values: Floats) -> ModeOverGrid | None:
+        """Return the sheet that verified steps reach from a configuration.
+
+        Parameters
+        ----------
+        values
+            (1, variables) the configuration (rad). Its loops are closed first, with the
+            inputs kept.
+
+        Returns
+        -------
+        The configurations at the samples, or None if no sample is reached. It is also None
+        if a group has redundant equations and the mobility by rank is not the number of
+        inputs. The mobility is appended to `mobilities`.
+        """
+        driven = list(self.solver.driven)
+        closed = self.solver.closure.solve(values, driven).values
+        if any(group.redundant for group in self.groups):
+            self.mobilities.append(self.solver.freedoms(closed[0]))
+            if self.mobilities[-1] != len(driven):
+                return None
+        return sheets_through(self.solver.closure, driven, self.input_grid, closed)[0]
+
+    def _add_sheet(self, sheet: ModeOverGrid) -> None:
+        """Add a sheet to the graph, and give its new nodes the number of the sheet."""
+        self._graph.add_sheet(sheet.values)
+        new_count = len(self._graph.sample) - len(self._sheet_of_node)
+        sheet_numbers = np.full(new_count, self._sheet_count)
+        self._sheet_of_node = np.append(self._sheet_of_node, sheet_numbers)
+        self._sheet_count += 1
+        self._progress.tell(lambda: f"{self._sheet_count} followed")
+
+    def _add_sheets(self, values: Floats, samples: Indices) -> Indices:
+        """Follow and add the sheets of configurations that are not in the graph yet.
+
+        No further sheet is followed once there are `MOST_ASSEMBLY_MODES`.
+
+        Parameters
+        ----------
+        values
+            (m, variables) configurations (rad).
+        samples
+            (m,) index of the sample of each configuration.
+
+        Returns
+        -------
+        (m,) number of the sheet that has each configuration, or -1 if no sheet has it.
+        """
+        sheets = np.full(len(samples), -1, dtype=np.intp)
+        for row in range(len(samples)):
+            node = self._graph.find(samples[row : row + 1], values[row : row + 1])[0]
+            if node < 0 and not self._has_most_sheets:
+                sheet = self._follow_sheet(values[row : row + 1])
+                if sheet is None:
+                    continue
+                self._add_sheet(sheet)
+                node = self._graph.find(samples[row : row + 1], values[row : row + 1])[0]
+            if node >= 0:
+                sheets[row] = self._sheet_of_node[node]
+        return sheets
+
+    @property
+    def _has_most_sheets(self) -> bool:
+        """Whether so many sheets were followed that no further one is allowed."""
+        return self._sheet_count - self._numbered_count >= MOST_ASSEMBLY_MODES
+
+    @property
+    def _mode_limit(self) -> int:
+        """Largest number of assembly modes that are kept."""
+        return max(MOST_ASSEMBLY_MODES, MOST_MODE_ROWS // len(self.input_grid))
+
+    def _search_modes(self) -> Completeness:
+        """Search modes if the configurations at the samples were not enumerated.
+
+        Without rolling contacts, or if all rolled lengths follow from the inputs, random
+        starts are made at all samples. With rolling contacts, samples are probed before:
+        the first one, and if not all rolled lengths follow from the inputs, up to
+        `MAX_SEARCHED_SAMPLES` samples instead of random starts. This ends with the first
+        sheet, so nothing is probed if there is a sheet of the reference pose.
+
+        Returns
+        -------
+        How complete the modes are.
+        """
+        solver = self.solver
+        if solver.meshes is not None:
+            if not self._sheet_count:
+                self._probe(0)
+            if not solver.meshes.all_known:
+                for sample in spread_rows(
+                    len(self.input_grid), MAX_SEARCHED_SAMPLES
+                ).tolist():
+                    if not self._sheet_count:
+                        self._probe(sample)
+                words = f"modes found at {counted(self.probes, 'input')}"
+                as_assembled = "wheels put together otherwise were not looked for"
+                if not self.probes:
+                    return replace(
+                        REFERENCE_ONLY, reason=f"{REFERENCE_ONLY.reason}; {as_assembled}"
+                    )
+                return Completeness(Guarantee.SAMPLED, words)
+        self.methods = [CLOSED_FORM if group.is_dyad else SEARCH for group in self.groups]
+        statistics = self._search(np.arange(len(self.input_grid)))
+        if not self._sheet_count:
+            # Random starts skip configurations next to a dead centre, which a probe
+            # includes.
+            self._probe(len(self.input_grid) // 2)
+        words = statistics.words("modes")
+        if self._has_most_sheets:
+            words += f"; stopped at {self._sheet_count} modes, there may be more"
+        return Completeness(Guarantee.SAMPLED, words)
+
+    def _probe(self, sample: int) -> None:
+        """Search the configurations at one sample, and add their sheets.
+
+        The result need not be complete. `probes` and `methods` are updated.
+        """
+        sample_assemblies = assemblies(self.solver, self.input_grid.q[sample])
+        self.probes += 1
+        self.methods = list(map(least_complete, self.methods, sample_assemblies.methods))
+        self._add_sheets(
+            sample_assemblies.values, np.full(len(sample_assemblies.values), sample)
+        )
+
+    def _search(self, samples: Indices) -> SearchStatistics:
+        """Add the sheets of configurations that random starts lead to.
+
+        Parameters
+        ----------
+        samples
+            (m,) indices of the samples at which starts are made.
+
+        Returns
+        -------
+        Number of starts, and how often each sheet was reached. The search ends when these
+        numbers say so (`SearchStatistics.goes_on`), or when no further sheet is allowed.
+        """
+        q = self.input_grid.q
+        low = np.min(q, axis=0)
+        high = np.max(q, axis=0)
+        starts = random_starts(self.solver, low, high, q[samples])
+        variables = len(self.solver.mechanism.variable_owners)
+        statistics = SearchStatistics(variables, RANGE_ROUNDS)
+        while statistics.goes_on and not self._has_most_sheets:
+            start_count, values, rows = next(starts)
+            sheets = self._add_sheets(values, samples[rows])
+            statistics.add(start_count, sheets, self._sheet_count)
+            self.probes += start_count
+            self._progress.tell(lambda: statistics.words("modes"))
+        return statistics
+
+    def _collect_modes(
+        self, reference_node: int | None, shares_numbers: bool
+    ) -> list[AssemblyMode]:
+        """Return the assembly modes, from the modes of the graph.
+
+        If there are more modes than `_mode_limit`, those with the most samples are kept,
+        and `claim` is changed to state this.
+
+        Parameters
+        ----------
+        reference_node
+            A node of the mode of the reference pose, which becomes mode 0. None without
+            one.
+        shares_numbers
+            As for the constructor.
+        """
+        graph = self._graph
+        modes = graph.modes()
+        if shares_numbers:
+            modes = self._unite_separate_modes(modes)
+        most = self._mode_limit
+        if len(modes) > most:
+            words = (
+                f"{self.claim.reason}; the {most} assembly modes with most samples are kept"
+                f" of {len(modes)}"
+            )
+            self.claim = Completeness(Guarantee.SAMPLED, words)
+        kept_modes = sorted(modes[:most], key=graph.first_node)
+        if reference_node is not None:
+            is_reference = [bool(np.any(mode == reference_node)) for mode in kept_modes]
+            is_other = [not flag for flag in is_reference]
+            kept_modes = [
+                *compress(kept_modes, is_reference),
+                *compress(kept_modes, is_other),
+            ]
+        signs = self._signs_of_modes(kept_modes)
+        return [
+            self._make_mode(number, mode, signs[number])
+            for number, mode in enumerate(kept_modes)
+        ]
+
+    def _signs_of_modes(self, modes: Sequence[Indices]) -> SmallIntegers:
+        """Return the sign of each group in each mode.
+
+        Parameters
+        ----------
+        modes
+            Node (n,) of each mode at each sample, or -1.
+
+        Returns
+        -------
+        (modes, groups) signs of determinants, as `group_signs` describes, at a regular node
+        of each mode.
+        """
+        regular_nodes = [self._graph.regular_node(mode) for mode in modes]
+        return group_signs(self.solver, self._graph.values[regular_nodes], 0.0)
+
+    def _unite_separate_modes(self, modes: Sequence[Indices]) -> list[Indices]:
+        """Return the modes, with modes united that have equal signs and separate samples.
+
+        Parameters
+        ----------
+        modes
+            Node (n,) of each mode at each sample of a path, or -1.
+
+        Returns
+        -------
+        The united modes as arrays of the same kind. The mode with the most nodes comes
+        first.
+        """
+        modes_by_signs: dict[tuple[int, ...], list[Indices]] = {}
+        for mode, signs in zip(modes, self._signs_of_modes(modes).tolist(), strict=True):
+            modes_by_signs.setdefault(tuple(signs), []).append(mode)
+        united_modes = []
+        for modes_of_signs in modes_by_signs.values():
+            united_modes += share_numbers(
+                sorted(modes_of_signs, key=self._graph.first_node)
+            )
+        return sorted(united_modes, key=lambda mode: -int(np.sum(mode >= 0)))
+
+    def _make_mode(self, number: int, mode: Indices, signs: SmallIntegers) -> AssemblyMode:
+        """Return an assembly mode, from its nodes.
+
+        Parameters
+        ----------
+        number
+            Number that the mode gets.
+        mode
+            (n,) node at each sample, or -1. The values at samples without a node are NaN,
+            and their status is OUT_OF_REACH.
+        signs
+            (groups,) signs of determinants at a regular node of the mode.
+        """
+        has_node = mode >= 0
+        values = nans((len(mode), self._graph.values.shape[1]))
+        values[has_node] = self._graph.values[mode[has_node]]
+        status = np.where(has_node, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
+        dyad_signs = [
+            (1 if sign >= 0 else -1) if group.is_dyad else 0
+            for group, sign in zip(self.groups, signs.tolist(), strict=True)
+        ]
+        return AssemblyMode(
+            number, tuple(dyad_signs), ModeOverGrid(values, status), tuple(signs.tolist())
+        )
+
+
+def _count_samples(q: Floats, complete: int) -> str:
+    """Return a phrase for the number of samples at which all configurations were computed.
+
+    `q` (n, inputs) are all samples, and `complete` is the number of these.
+    """
+    if complete < len(q):
+        return f"{complete} of the {len(q)} samples"
+    return "the only sample" if len(q) == 1 else f"each of the {len(q)} samples"

@@ -1,0 +1,431 @@
+"""Computes all configurations of a mechanism at many samples of its inputs at once.
+
+The groups of the mechanism (dyads and irreducible groups, see
+`spherekit.planning.assembly_plan`) are placed one after another, in solving order. Each
+configuration of the earlier groups can lead to several of the next group. A dyad has two
+configurations in closed form. The equations of a triad, or of a group of seven bodies,
+state that its binary links have the given arcs. They are solved by elimination
+(`spherekit.positions.elimination`) for all samples together. A group without elimination
+needs a search from random starts, which this module does not contain.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.rotation import all_finite, cross, max_abs
+from spherekit.geometry.trigonometric_system import real_angles
+from spherekit.numerics.angles import wrap
+from spherekit.planning.assembly_plan import Group
+from spherekit.positions.assembly_mode import FLAT_DYAD, Solver
+from spherekit.positions.group_assembly import (
+    State,
+    group_closure,
+    group_variables,
+    place_dyad,
+)
+from spherekit.positions.group_solutions import (
+    MOVED,
+    POINTLIKE,
+    Frames,
+    Order,
+    bars_of,
+    distinct_by_elimination,
+    has_elimination,
+    orders_of,
+    sort_keys,
+)
+from spherekit.positions.linearisation import condition
+from spherekit.positions.loop_closure import Closure, least_change
+from spherekit.positions.random_search import POLISHING_STEPS
+from spherekit.tolerances import CLOSURE_TOLERANCE
+
+SAMPLES_AT_ONCE = 256
+"""Number of samples that are solved together. Larger: the arrays do not fit into the
+caches, and each sample takes longer; smaller: more calls."""
+REAL_BELOW_RAD = 1e-9
+"""Solutions with a smaller imaginary part are real. The error of a simple solution is far
+smaller. Samples with an imaginary part between this and `COMPLEX_ABOVE_RAD` are examined
+one by one."""
+COMPLEX_ABOVE_RAD = 1e-4
+"""Solutions with a larger imaginary part are complex. Rounding gives two solutions that
+coincide an imaginary part of about 1e-8."""
+MIN_SEPARATION_RAD = 1e-4
+"""Samples with two configurations that differ by less are examined one by one."""
+MAX_CONDITION_NUMBER = 1e5
+"""Samples with a configuration at which the Jacobian of the group has a larger condition
+number are examined one by one. Two configurations may coincide there up to rounding."""
+LARGEST_POLISHING_STEP_RAD = 1e-12
+"""Longer last Newton steps are skipped. The residual of a closed group is too small to
+cause them, except next to a singular configuration."""
+SAME_FRAME_TOLERANCE = 1e-13
+"""Pair frames whose components all differ by less have the same solutions."""
+MAX_EXAMINED_SAMPLES = 200
+"""Largest number of samples of one group that are examined one by one, at about 6 ms each.
+Further samples are reported as incomplete."""
+
+
+@dataclass(frozen=True)
+class SampleConfigurations:
+    """Configurations of a mechanism, or of one group, at n samples.
+
+    They are sorted by sample. The order within a sample is reproducible.
+
+    Attributes
+    ----------
+    sample
+        (k,) index of the sample of each configuration, rising.
+    values
+        (k, variables) variables (rad) of the mechanism, or of the pairs of the group.
+    is_complete
+        (n,) whether no real configuration of the sample can be missing.
+    problem
+        Why configurations may be missing at a sample that is not complete; empty if no
+        reason was recorded.
+    """
+
+    sample: Indices
+    values: Floats
+    is_complete: Bools
+    problem: str
+
+
+def can_enumerate(solver: Solver) -> bool:
+    """Return whether each group is a dyad, a train of wheels, or has an elimination."""
+    return all(
+        group.is_dyad or number in solver.trains or has_elimination(group)
+        for number, group in enumerate(solver.assembly.groups)
+    )
+
+
+def enumerate_configurations(solver: Solver, q: Floats) -> SampleConfigurations:
+    """Return all configurations of a mechanism at many samples of its inputs.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, for which `can_enumerate` must be True.
+    q
+        (n, inputs) values of the inputs (rad) at each sample.
+
+    Returns
+    -------
+    The configurations. The order within a sample is that of
+    `spherekit.positions.assembly_enumeration.assemblies`.
+    """
+    batches = []
+    for first in range(0, len(q), SAMPLES_AT_ONCE):
+        batch = _enumerate_batch(solver, q[first : first + SAMPLES_AT_ONCE])
+        batches.append((first, batch))
+    problems = [batch.problem for _, batch in batches if batch.problem]
+    values = _polish(solver, np.concatenate([batch.values for _, batch in batches]))
+    return SampleConfigurations(
+        sample=np.concatenate([first + batch.sample for first, batch in batches]),
+        values=values,
+        is_complete=np.concatenate([batch.is_complete for _, batch in batches]),
+        problem=problems[0] if problems else "",
+    )
+
+
+def _polish(solver: Solver, values: Floats) -> Floats:
+    """Return closed configurations after one more Newton step of all their loops.
+
+    A group counts as closed at a residual below 1e-15 rad. Multiplied by the inverse of the
+    Jacobian, this is an error of about 1e-14 rad in the variables. A tenth of it is
+    rounding; the step removes the rest.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, whose inputs are kept.
+    values
+        (k, variables) closed configurations (rad).
+
+    Returns
+    -------
+    (k, variables) corrected configurations (rad). A configuration is unchanged if its step
+    exceeds `LARGEST_POLISHING_STEP_RAD`.
+    """
+    at = solver.closure.at(values)
+    passive = np.delete(np.arange(values.shape[1]), solver.driven)
+    step = np.zeros_like(values)
+    step[:, passive] = least_change(at.jacobian[:, :, passive], -at.residual)
+    # Next to a singular configuration a step can be of any size.
+    is_small = max_abs(step, axis=1) < LARGEST_POLISHING_STEP_RAD
+    return np.where(is_small[:, None], values + step, values)
+
+
+def _enumerate_batch(solver: Solver, q: Floats) -> SampleConfigurations:
+    """Return all configurations at one batch of inputs q (n, inputs), in rad.
+
+    Only the groups are closed. `_polish` is not applied.
+    """
+    # One row of `state` and `sample` per partial configuration, in which the groups up to
+    # the current one are placed. `parent` is the row before the group was placed.
+    is_complete = np.ones(len(q), dtype=bool)
+    sample = np.arange(len(q))
+    problem = ""
+    with np.errstate(all="ignore"):
+        state = solver.start(q)
+        for number, group in enumerate(solver.assembly.groups):
+            if group.is_dyad:
+                state, parent = _place_both_modes(state, group)
+            elif number in solver.trains:
+                closed = solver.place(state, number, q[sample]).gap < CLOSURE_TOLERANCE
+                parent = np.flatnonzero(closed)
+                state = state.rows(parent)
+            else:
+                closure = group_closure(state, group)
+                solutions = _eliminate_distinct_rows(group, closure, sample)
+                is_complete[sample[~solutions.is_complete]] = False
+                problem = problem or solutions.problem
+                parent = solutions.sample
+                placed = closure.take(parent).at(solutions.values).placed
+                state = state.rows(parent)
+                state.merge(group, placed)
+                state.values[:, group_variables(state, group)] = solutions.values
+            sample = sample[parent]
+    return SampleConfigurations(sample, state.values, is_complete, problem)
+
+
+def _place_both_modes(state: State, group: Group) -> tuple[State, Indices]:
+    """Place a dyad in both of its modes.
+
+    Parameters
+    ----------
+    state
+        The bodies at n rows, before the dyad is placed. It is not changed.
+    group
+        The dyad.
+
+    Returns
+    -------
+    states
+        State with one row for each mode of each row of `state` in which the dyad closes.
+        Modes of the same row follow each other, the mode of sign 1 first.
+    parent
+        Row of `state` from which each of these rows comes, rising.
+    """
+    states = []
+    parents = []
+    for sign in (1, -1):
+        placed = state.copy()
+        sine = place_dyad(placed, group, sign)
+        closes = ~placed.lost
+        # Both signs give the same configuration of a flat dyad. Sign 1 has it already.
+        if sign < 0:
+            closes &= ~(sine < FLAT_DYAD)
+        parents.append(np.flatnonzero(closes))
+        states.append(placed.rows(parents[-1]))
+    parent = np.concatenate(parents)
+    order = np.argsort(parent, kind="stable")
+    return State.joined(states).rows(order), parent[order]
+
+
+def _eliminate_distinct_rows(
+    group: Group, closure: Closure, sample: Indices
+) -> SampleConfigurations:
+    """Return the configurations of one group at all rows of its closure.
+
+    A row is one configuration of the groups before, so a sample can have several rows. If
+    the position of this group does not depend on those groups, its equations are the same
+    in all rows of a sample. They are then solved only once per sample.
+
+    Parameters
+    ----------
+    group
+        A group that has an elimination.
+    closure
+        The loop equations of the group at k rows.
+    sample
+        (k,) index of the sample of each row, rising.
+
+    Returns
+    -------
+    The configurations at the k rows. In this result, `sample` are rows of `closure`, and
+    `is_complete` has one value per row.
+    """
+    # First row of the sample of each row.
+    first = np.searchsorted(sample, sample)
+    assert closure.leads is not None
+    differences = [max_abs(lead - lead[first], axis=(1, 2, 3)) for lead in closure.leads]
+    equals_first = np.maximum(*differences) < SAME_FRAME_TOLERANCE
+    solved_rows = np.flatnonzero(~equals_first | (first == np.arange(len(sample))))
+    solutions = _eliminate_samples(group, closure.take(solved_rows))
+    if len(solved_rows) == len(sample):
+        return solutions
+    # Position in `solved_rows` of the row whose solutions each row takes.
+    source_position = np.searchsorted(
+        solved_rows, np.where(equals_first, first, np.arange(len(sample)))
+    )
+    first_solutions = np.searchsorted(solutions.sample, np.arange(len(solved_rows) + 1))
+    counts = np.diff(first_solutions)[source_position]
+    # One entry for each configuration: its row, and its position among those of this row.
+    rows = np.repeat(np.arange(len(sample)), counts)
+    position_in_row = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return SampleConfigurations(
+        sample=rows,
+        values=solutions.values[first_solutions[source_position[rows]] + position_in_row],
+        is_complete=solutions.is_complete[source_position],
+        problem=solutions.problem,
+    )
+
+
+def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
+    """Return the configurations of one group at all samples of its closure.
+
+    Three methods are applied in turn, each to the samples that the methods before left
+    open:
+
+    1. The real roots on the unit circle, for all samples together.
+    2. All complex roots, for all samples together.
+    3. The elimination with all its checks, sample by sample. It is needed if two solutions
+       nearly coincide, or if a solution was lost. At most `MAX_EXAMINED_SAMPLES` samples
+       are examined in this way; the others are incomplete and have no configurations.
+
+    Parameters
+    ----------
+    group
+        A group that has an elimination.
+    closure
+        The loop equations of the group at n samples.
+    """
+    assert closure.leads is not None
+    count = len(closure.leads[0])
+    is_complete = np.zeros(count, dtype=bool)
+    samples = [np.empty(0, dtype=np.intp)]
+    values = [np.empty((0, len(group.pairs)))]
+    for solve in (_solve_real_roots, _solve_all_roots):
+        (unsolved_rows,) = np.nonzero(~is_complete)
+        for first in range(0, len(unsolved_rows), SAMPLES_AT_ONCE):
+            rows = unsolved_rows[first : first + SAMPLES_AT_ONCE]
+            batch = _solve_batch(group, closure.take(rows), len(rows), solve)
+            is_complete[rows] = batch.is_complete
+            samples.append(rows[batch.sample])
+            values.append(batch.values)
+    doubtful = np.flatnonzero(~is_complete)
+    problem = "elimination was doubtful at too many samples"
+    problems = [problem] if len(doubtful) > MAX_EXAMINED_SAMPLES else []
+    for row, configurations, reason in _examine_samples(
+        group, closure, doubtful[:MAX_EXAMINED_SAMPLES]
+    ):
+        is_complete[row] = not reason
+        problems += [reason] if reason else []
+        samples.append(np.full(len(configurations), row))
+        values.append(configurations)
+    sample = np.concatenate(samples)
+    all_values = np.concatenate(values)
+    order = np.lexsort((*sort_keys(all_values).T[::-1], sample))
+    return SampleConfigurations(
+        sample[order], all_values[order], is_complete, problems[0] if problems else ""
+    )
+
+
+def _solve_batch(
+    group: Group,
+    closure: Closure,
+    count: int,
+    solve: Callable[[Frames, Order], tuple[Floats, Bools]],
+) -> SampleConfigurations:
+    """Return the configurations of the samples at which one method certainly finds all.
+
+    Newton's method closes the loops from each real solution. A sample passes if every one
+    of its solutions converges nearby, is well conditioned, and differs from the others.
+
+    Parameters
+    ----------
+    group
+        A group that has an elimination.
+    closure
+        The loop equations of the group at n samples.
+    count
+        Number n of samples.
+    solve
+        The method. It returns the real solutions (n, m, t), padded by NaN, and (n,) whether
+        these are all. A solution has the t angles (rad) of the pairs of a tree, which is
+        the group without the binary links whose arcs are the equations.
+
+    Returns
+    -------
+    Configurations only of the samples that pass. `is_complete` (n,) is True for these
+    samples.
+    """
+    states = closure.at(np.zeros((count, len(group.pairs)))).states
+    frames = Frames(group, np.moveaxis(np.stack([states.first, states.second]), 1, 2))
+    order = orders_of(group)[0]
+    tree_angles, is_clear = solve(frames, order)
+    # The arc of a very short binary link is not well described by its cosine.
+    for bar in bars_of(group):
+        axes = frames.axes_of_bar(bar)[0]
+        is_clear &= np.linalg.norm(cross(*axes), axis=-1) >= POINTLIKE
+    is_real = all_finite(tree_angles, 2)
+    sample, number = np.nonzero(is_real & is_clear[:, None])
+    placed = frames.placed(order, np.where(is_real[..., None], tree_angles, 0.0))
+    start_values = frames.angles_at(placed[sample, number], sample)
+    at = closure.take(sample).solve(start_values, iterations=POLISHING_STEPS)
+    correction = max_abs(wrap(at.values - start_values), axis=1)
+    is_sound = (at.gap < CLOSURE_TOLERANCE) & (correction < MOVED)
+    is_sound &= condition(at.jacobian) < MAX_CONDITION_NUMBER
+    is_clear[sample[~is_sound]] = False
+    # Two real solutions must not converge to the same configuration. Points on the unit
+    # circle are compared, which do not depend on whole turns.
+    directions = np.full((*is_real.shape, len(group.pairs)), np.nan, dtype=complex)
+    directions[sample, number] = np.exp(1j * at.values)
+    distances = max_abs(directions[:, :, None] - directions[:, None], axis=3)
+    distances[:, *np.diag_indices(is_real.shape[1])] = np.inf
+    is_clear &= ~np.any(distances < MIN_SEPARATION_RAD, axis=(1, 2))
+    is_kept = is_clear[sample]
+    return SampleConfigurations(sample[is_kept], at.values[is_kept], is_clear, "")
+
+
+def _solve_real_roots(frames: Frames, order: Order) -> tuple[Floats, Bools]:
+    """Return the real solutions of the tree's angles from the roots on the unit circle.
+
+    A real angle belongs to a root on the unit circle. The results are those of `solve` in
+    `_solve_batch`. The second one is whether there is one solution for each such root, and
+    whether every other root is clearly off the circle.
+    """
+    return real_angles(frames.equations(order), order.involves)
+
+
+def _solve_all_roots(frames: Frames, order: Order) -> tuple[Floats, Bools]:
+    """Return the real solutions of the tree's angles, selected from all complex ones.
+
+    The results are those of `solve` in `_solve_batch`. The second one is whether all
+    complex solutions were computed, and each is clearly real or clearly complex.
+    """
+    tree_angles, _ = frames.solutions(order)
+    imaginary_part = max_abs(tree_angles.imag, axis=2)
+    is_real = imaginary_part < REAL_BELOW_RAD
+    is_clear = np.all(is_real | (imaginary_part > COMPLEX_ABOVE_RAD), axis=1)
+    is_clear &= all_finite(tree_angles, (1, 2))
+    return np.where(is_real[..., None], tree_angles.real, np.nan), is_clear
+
+
+def _examine_samples(
+    group: Group, closure: Closure, rows: Indices
+) -> Iterator[tuple[int, Floats, str]]:
+    """Compute the configurations of a group at some samples, one by one, with all checks.
+
+    Parameters
+    ----------
+    group
+        A group that has an elimination.
+    closure
+        The loop equations of the group.
+    rows
+        (m,) samples of the closure to examine.
+
+    Yields
+    ------
+    The sample, its configurations (k, pairs) in rad, and why some may be missing. The
+    reason is empty if none is missing.
+    """
+    for row in rows.tolist():
+        distinct, problem = distinct_by_elimination(group, closure.take(np.array([row])))
+        values = np.reshape(distinct.values, (-1, len(group.pairs)))
+        if distinct.is_truncated:
+            problem = problem or "only some of many singular configurations are kept"
+        yield row, values, problem

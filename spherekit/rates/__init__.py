@@ -1,1 +1,0 @@
-"""Pole axes, velocity coefficients and their derivatives."""

@@ -1,1 +1,0 @@
-"""Regions of directions and of orientations where given margins are not negative."""

@@ -1,0 +1,1 @@
+"""What an analysis may read: a block of samples, limited to what it declared."""

@@ -1,0 +1,44 @@
+"""The properties that a recording begins with."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from spherekit.argument_validation import checked_class
+from spherekit.arrays import Floats
+from spherekit.errors import OutputError
+from spherekit.scenes.scene import Scene
+
+
+@checked_class(OutputError)
+@dataclass(frozen=True)
+class RecordingHead:
+    """What a recorder is told once, before the first block of samples.
+
+    Attributes
+    ----------
+    scenes : sequence of Scene
+        Primitives without samples: the ground, the graph, texts.
+    inputs : array (n,) rad, or None
+        All input values of the run, which fix the unit of the input timeline.
+        None if the run has no single input.
+    assembly_modes : mapping
+        Number and title of each assembly mode to come, in the order of their pages.
+        An assembly mode left out gets its page when its first block comes.
+    properties : mapping
+        Words about the run that the recording carries: versions, hashes.
+    focus : array (3,), or None
+        Unit vector to the middle of the mechanism, which the eye faces at first.
+    row : int, or None
+        Number of successive samples that are neighbours, in a grid of inputs; the
+        paths of poles are cut after each such row. All samples by default.
+    times : array (n,) s, or None
+        All times of the run, if its samples are times, instead of the inputs.
+    """
+
+    scenes: Sequence[Scene] = ()
+    inputs: Floats | None = None
+    assembly_modes: Mapping[int, str] = field(default_factory=dict)
+    properties: Mapping[str, str] = field(default_factory=dict)
+    focus: Floats | None = None
+    row: int | None = None
+    times: Floats | None = None

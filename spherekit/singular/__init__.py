@@ -1,1 +1,0 @@
-"""Singular configurations: where inputs and outputs of a mechanism stand still."""

@@ -1,0 +1,1 @@
+"""Singular configurations: points, curves, surfaces, and what they divide."""

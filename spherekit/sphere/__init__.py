@@ -1,1 +1,0 @@
-"""Geometry on the sphere, on arrays; knows nothing of mechanisms."""

@@ -1,0 +1,1 @@
+"""Declared tables with units, their rows in memory, and their files."""

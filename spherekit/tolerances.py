@@ -1,0 +1,28 @@
+"""Tolerances that decide the status of a sample."""
+
+EPS = 2.220446049250313e-16
+"""Unit roundoff of float64, doubled (the spacing of numbers just above 1)."""
+
+
+CLOSURE_TOLERANCE = 1e-12
+"""Largest loop rotation (rad) of a sample reported as OK; solvers reach 1e-15."""
+
+
+REACH_SLACK = 16 * EPS
+"""A spherical triangle may miss closing by this much (rad): rounding of its arcs."""
+
+
+USABLE_DIRECTION = 1e-6
+"""A pole direction with a larger error bound (rad) is not given."""
+
+
+NO_MOTION = 1e-9
+"""Links whose relative rate is below this part of their own rates move as one."""
+
+
+EQUAL_CURVATURE = 1e-9
+"""Profiles in contact whose curvatures differ by less do not determine their motion."""
+
+
+SINGULAR_RATIO = 1e-11
+"""Smallest relative singular value of the closure Jacobian with trusted rates."""

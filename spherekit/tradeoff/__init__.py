@@ -1,1 +1,0 @@
-"""Speed against accuracy, measured: settings of a run, their times and true errors."""

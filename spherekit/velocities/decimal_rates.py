@@ -1,0 +1,337 @@
+"""Computes rates near dead centres in quad precision, from the decimal sizes of the file.
+
+At a distance d (rad, in the pair variables) from a dead centre, the relative error of rates
+is the rounding error of the geometry divided by d squared. With float64 sizes, no digit of
+the rates can then be correct. The decimal numbers of the file still determine them: 64.02
+degrees is an exact number. Computations with 33 digits are sufficient down to d = 1e-11.
+
+One input moves at unit rate. The velocity equations J r = 0 of all loops are solved for the
+rates r of all variables. Their derivative with respect to the input, J dr = -dJ r, is
+solved for dr.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.planning.pole_plan import Pole
+from spherekit.positions.assembly_mode import AssemblyMode
+from spherekit.positions.linearisation import left_inverse
+from spherekit.positions.motion import Motion
+from spherekit.positions.quad_positions import QuadAssembly, dot, rotated
+from spherekit.status import Status
+from spherekit.tolerances import EPS
+from spherekit.velocities.row_expressions import BOUNDS
+
+PLACEMENT_ERROR_RAD = 1e-30
+"""Error bound of the orientation of a link in quad precision: some thousand rounding
+errors."""
+LARGEST_SENSITIVITY = 1e12
+"""Largest norm of the inverse velocity equations, in rad of a variable per rad by which
+loops open. Rates of rows with a larger norm are not known."""
+
+
+@dataclass(frozen=True)
+class DecimalRates:
+    """Rates of n rows while one input moves at unit rate, and bounds of their errors.
+
+    Rates are per unit rate of the input (rad/rad), and vectors are in ground axes.
+    Derivatives are with respect to the input. Rates and axes are in quad precision, bounds
+    in float64.
+
+    Attributes
+    ----------
+    is_known
+        (n,) whether the configuration and the rates of a row were computed. The other
+        arrays are meaningless in rows where this is False.
+    axes
+        (n, pairs, 3) unit axes of the pairs.
+    rates, changes
+        (n, pairs) rates of the pair variables, and their derivatives.
+    w, dw
+        (n, links, 3) angular velocities of the links, and their derivatives.
+    axis_error, w_error, dw_error
+        (n,) bounds of the errors of `axes`, of `w` and of `dw`, for any pair or link.
+    ends
+        First and second link of each pair, by their numbers.
+    """
+
+    is_known: Bools
+    axes: Array
+    rates: Array
+    changes: Array
+    w: Array
+    dw: Array
+    axis_error: Floats
+    w_error: Floats
+    dw_error: Floats
+    ends: Sequence[tuple[int, int]]
+
+    @staticmethod
+    def of(motion: Motion, driven: int) -> "DecimalRates | None":
+        """Compute the rates of all rows of a motion while one input moves.
+
+        Parameters
+        ----------
+        motion
+            The n rows: inputs, configurations in float64, and assembly modes.
+        driven
+            Number of the input pair that moves at unit rate. Other inputs are locked.
+
+        Returns
+        -------
+        The rates, or None if the mechanism has contacts or redundant equations, or if an
+        assembly mode of the rows is not among those of the motion.
+        """
+        quad_assembly = QuadAssembly(motion.mechanism, motion.assembly)
+        modes = {mode.number: mode for mode in motion.assembly_modes}
+        numbers = set(motion.assembly_mode.tolist())
+        if not quad_assembly.is_supported or not numbers <= modes.keys():
+            return None
+        n, tree = len(motion), motion.linearisation.tree
+        values: Array | None = None
+        is_known = np.zeros(n, dtype=bool)
+        for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
+            placed = quad_assembly.place(
+                mode.signs, mode.determinants, motion.inputs[rows], motion.values[rows]
+            )
+            if values is None:
+                values = np.zeros((n, tree.count, 3, 3)).astype(placed.rotations.dtype)
+            values[rows] = placed.rotations
+            is_known[rows] = placed.status == Status.OK
+        assert values is not None
+        # The axis of a pair is the last column of its frame in its first link.
+        axes = np.stack(
+            [
+                rotated(values[:, first], quad_assembly.frames[pair][0][:, 2])
+                for pair, (first, _) in enumerate(tree.ends)
+            ],
+            axis=1,
+        )
+        return _solve_rates(motion, driven, is_known, axes)
+
+    @property
+    def loss(self) -> Floats:
+        """(n,) the larger of the relative error bounds of `w` and `dw`.
+
+        Each bound is relative to the largest vector of any link, or to 1 if that is larger.
+        """
+        rate_size, derivative_size = (
+            np.maximum(1.0, np.max(np.sqrt(dot(x, x)).astype(float), axis=1))
+            for x in (self.w, self.dw)
+        )
+        return np.maximum(self.w_error / rate_size, self.dw_error / derivative_size)
+
+    def pole(self, pole: Pole, pair: int | None) -> tuple[dict[str, Floats], Floats]:
+        """Return the quantities of a pole, and bounds of their errors.
+
+        With v the angular velocity of the second link relative to the first, and u the
+        direction of the pole, the velocity coefficient is v . u, and the acceleration
+        coefficient is dv . u.
+
+        Parameters
+        ----------
+        pole
+            Numbers of the two links.
+        pair
+            Number of the pair whose axis is the pole. None if the direction of the pole is
+            that of v.
+
+        Returns
+        -------
+        numbers
+            Arrays (k, n) in float64: "direction" and "direction_dq" with k = 3, and
+            "velocity_coefficient", "acceleration_coefficient" and "angle" with k = 1. The
+            angle is |v| divided by the sum of the speeds of both links, and 1 for a pair
+            axis.
+        errors
+            (4, n) error bounds, in the order of `BOUNDS`.
+        """
+        i, j = pole
+        v, dv = self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
+        speed = np.sqrt(dot(v, v))
+        link_speeds = [np.sqrt(dot(w, w)) for w in (self.w[:, i], self.w[:, j])]
+        angle = speed / (link_speeds[0] + link_speeds[1])
+        if pair is None:
+            unit, rate = v / speed[:, None], speed
+            direction_change = (dv - dot(dv, unit)[:, None] * unit) / speed[:, None]
+        else:
+            unit = self.axes[:, pair]
+            rate = dot(v, unit)
+            direction_change = np.cross(self.w[:, self.ends[pair][0]], unit)
+            angle = np.ones_like(angle)
+        numbers: Mapping[str, Any] = {
+            "direction": unit.T,
+            "direction_dq": direction_change.T,
+            "velocity_coefficient": rate[None],
+            "acceleration_coefficient": dot(dv, unit)[None],
+            "angle": angle[None],
+        }
+        floats = {name: number.astype(float) for name, number in numbers.items()}
+        return floats, self._errors(floats, speed.astype(float), dv, pair is not None)
+
+    def _errors(
+        self, numbers: Mapping[str, Floats], speed: Floats, dv: Array, is_pair_axis: bool
+    ) -> Floats:
+        """Return the error bounds of the quantities of a pole.
+
+        The rounding of each quantity to float64 is included.
+
+        Parameters
+        ----------
+        numbers
+            Arrays (k, n) as `pole` returns them.
+        speed
+            (n,) size of the relative angular velocity v.
+        dv
+            (n, 3) its derivative.
+        is_pair_axis
+            Whether the direction is the axis of a pair, and not that of v.
+
+        Returns
+        -------
+        (4, n) bounds, in the order of `BOUNDS`. The bound of the direction is infinite if v
+        may be zero within its error.
+        """
+        derivative_size = np.sqrt(dot(dv, dv)).astype(float)
+        # v and dv are differences of two links.
+        v_error, dv_error = 2.0 * self.w_error, 2.0 * self.dw_error
+        direction = self.axis_error
+        # A pair axis a turns at w x a.
+        direction_change = self.w_error + self.axis_error * self._largest_speed
+        if not is_pair_axis:
+            # u = v / |v|, and du = (dv - (dv . u) u) / |v|
+            direction = v_error / speed
+            direction_change = (dv_error + 2.0 * direction * derivative_size) / speed
+        acceleration_bound = dv_error + direction * derivative_size
+        if not is_pair_axis:
+            direction = np.where(speed <= v_error, np.inf, direction)
+        bounds = {
+            "direction": direction,
+            "velocity_coefficient": v_error,
+            "acceleration_coefficient": acceleration_bound,
+            "direction_dq": direction_change,
+        }
+        rounding = {
+            name: 2.0 * EPS * np.sqrt(np.sum(numbers[name] ** 2, axis=0)) for name in bounds
+        }
+        errors = {f"{name}_error": bounds[name] + rounding[name] for name in bounds}
+        errors["error"] = errors.pop("direction_error")
+        return np.array([errors[name] for name in BOUNDS])
+
+    @property
+    def _largest_speed(self) -> Floats:
+        """(n,) the largest angular speed of any link."""
+        return np.max(np.sqrt(dot(self.w, self.w)).astype(float), axis=1)
+
+
+def _rows_of_modes(
+    motion: Motion, modes: Sequence[AssemblyMode]
+) -> Iterator[tuple[AssemblyMode, Indices]]:
+    """Yield each assembly mode with the rows of the motion that belong to it.
+
+    A mode that changes to other modes at crossings has `pieces`. It is replaced by the
+    modes of its pieces, each with the rows at its inputs.
+    """
+    for mode in modes:
+        rows = np.flatnonzero(motion.assembly_mode == mode.number)
+        if not mode.pieces:
+            yield mode, rows
+            continue
+        piece_numbers = mode.pieces_at(motion.inputs[rows, 0])
+        for number in np.unique(piece_numbers):
+            yield mode.pieces[number][1], rows[piece_numbers == number]
+
+
+def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> DecimalRates:
+    """Solve the velocity equations and their derivative, and bound the errors.
+
+    Parameters
+    ----------
+    motion
+        The n rows, which supply loops, paths and passive variables.
+    driven
+        Number of the input pair that moves at unit rate.
+    is_known
+        (n,) whether the configuration of a row is known. Rows whose velocity equations are
+        nearly singular (`LARGEST_SENSITIVITY`) become unknown in the result.
+    axes
+        (n, pairs, 3) unit axes of all pairs in ground axes, in quad precision.
+    """
+    tree, free = motion.linearisation.tree, list(motion.free)
+    (driven_variable,) = motion.mechanism.variables_of(driven)
+    signs, paths = tree.signs.astype(axes.dtype), tree.paths.astype(axes.dtype)
+    firsts = tree.firsts
+    n, count = axes.shape[:2]
+
+    def sum_around_loops(vectors: Array) -> Array:
+        """Return the sum around each loop (n, 3 loops) of vectors (n, pairs, 3)."""
+        return np.sum(signs[:, :, None] * vectors[:, None], axis=2).reshape(n, -1)
+
+    def sum_along_paths(vectors: Array) -> Array:
+        """Return sums (n, links, 3) of vectors (n, pairs, 3) on the path to each link."""
+        return np.sum(paths[:, :, None] * vectors[:, None], axis=2)
+
+    # J (n, 3 loops, pairs). Its columns are the axes, with the sense in which a loop passes
+    # them.
+    equations = (signs[:, None, :] * np.swapaxes(axes, 1, 2)[:, None]).reshape(n, -1, count)
+    passive = equations[:, :, free]
+    rates = np.zeros((n, count)).astype(axes.dtype)
+    rates[:, driven_variable] = 1
+    rates[:, free] = _solve_linear_systems(passive, -equations[:, :, driven_variable])
+    # An axis a is fixed in the first link of its pair, so its derivative is w x a.
+    w = sum_along_paths(rates[:, :, None] * axes)
+    direction_change = rates[:, :, None] * np.cross(w[:, firsts], axes)
+    changes = np.zeros_like(rates)
+    changes[:, free] = _solve_linear_systems(passive, -sum_around_loops(direction_change))
+    dw = sum_along_paths(changes[:, :, None] * axes + direction_change)
+
+    # Bounds by norms. A loop or path has at most `count` pairs, and each axis may have an
+    # error. These bounds are much too large, but with 33 digits that does no harm.
+    sensitivity = np.linalg.norm(left_inverse(passive.astype(float)), axis=(1, 2))
+    is_known = is_known & (sensitivity < LARGEST_SENSITIVITY)
+    largest_rate, largest_change = (
+        np.max(np.abs(x.astype(float)), axis=1) for x in (rates, changes)
+    )
+    axis_error = 2.0 * count**2 * sensitivity * PLACEMENT_ERROR_RAD + PLACEMENT_ERROR_RAD
+    rate_error = 2.0 * count * sensitivity * largest_rate * axis_error
+    direction_change_error = count * (rate_error + largest_rate * axis_error)
+    bias_error = count * (
+        count * largest_rate * rate_error + largest_rate * direction_change_error
+    )
+    change_error = 2.0 * sensitivity * (count * largest_change * axis_error + bias_error)
+    return DecimalRates(
+        is_known=is_known,
+        axes=axes,
+        rates=rates,
+        changes=changes,
+        w=w,
+        dw=dw,
+        axis_error=axis_error,
+        w_error=count * (rate_error + largest_rate * axis_error),
+        dw_error=count * (change_error + largest_change * axis_error) + bias_error,
+        ends=tree.ends,
+    )
+
+
+def _solve_linear_systems(matrices: Array, right_sides: Array) -> Array:
+    """Return solutions x (n, m) of matrices (n, m, m) x = right_sides (n, m).
+
+    numpy.linalg has no quad precision. This is Gauss-Jordan elimination with partial
+    pivoting, for all n systems at once.
+    """
+    n, m = right_sides.shape
+    augmented = np.concatenate([matrices, right_sides[:, :, None]], axis=2)
+    rows = np.arange(n)
+    for k in range(m):
+        pivot = k + np.argmax(np.abs(augmented[:, k:, k]).astype(float), axis=1)
+        pivot_rows = augmented[rows, pivot].copy()
+        augmented[rows, pivot] = augmented[:, k]
+        augmented[:, k] = pivot_rows / pivot_rows[:, k][:, None]
+        factors = augmented[:, :, k].copy()
+        factors[:, k] = 0
+        augmented -= factors[:, :, None] * augmented[:, k][:, None]
+    return augmented[:, :, -1]

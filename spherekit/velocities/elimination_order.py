@@ -1,0 +1,320 @@
+"""Chooses the order in which variables are eliminated from the velocity equations of loops.
+
+The compiled functions of the engine solve the velocity equations J r = 0 by a fixed
+sequence of pivots, which is chosen here from numerical closure Jacobians J. The equations
+of a loop are three rows of J. A pivot is a loop with the variables for which its equations
+are solved. There are three variables, or fewer if its equations depend on those of earlier
+loops.
+
+The columns of a pivot are the axes of its variables. An elimination order is well
+conditioned at a configuration if the axes of each pivot are far from linearly dependent
+there (`MAX_AMPLIFICATION`). The same order can be badly conditioned elsewhere. With
+redundant equations, the loops that can give three variables may differ between assembly
+modes. Several orders may therefore be needed for one set of configurations.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from operator import itemgetter
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.positions.linearisation import left_inverse
+
+Pivot = tuple[int, list[int]]
+"""Number of a loop, and the numbers of the variables that its equations give, at most
+three."""
+EliminationOrder = Sequence[Pivot]
+"""Pivots in the order of elimination. Together they give all passive variables."""
+
+REDUNDANT_SINGULAR_VALUE = 1e-9
+"""Singular values below this at all configurations count as zero, so the equations of a
+loop are redundant. Larger: nearly redundant equations give no variables; smaller: pivots
+can be rounding errors."""
+MIN_INDEPENDENCE_RATIO = 0.2
+"""Pivots whose axes are at least this independent, relative to the most independent ones,
+are chosen by their cost. Larger: better conditioned pivots; smaller: fewer products."""
+FILL_COST = 4
+"""Cost, in products, of an entry of the Jacobian that is zero before a pivot and not after
+it. Such an entry needs further products in later steps."""
+MAX_AMPLIFICATION = 100.0
+"""Largest norm of the inverse that an elimination order gives, relative to that of the
+smallest left inverse, if the order is well conditioned. Larger: rows lose more digits and
+need quad precision. Smaller: more orders are needed, each with expressions of its own."""
+MOST_ORDERS = 16
+"""Largest number of orders for one set of configurations. The expressions of each order
+take about as long to generate as those of the first."""
+MAX_CONFIGURATIONS_PER_ORDER = 32
+"""Largest number of configurations from which one order is chosen."""
+
+
+def assign_elimination_orders(
+    jacobians: Floats, passive: Sequence[int]
+) -> list[tuple[EliminationOrder, Indices]]:
+    """Choose elimination orders, and assign each configuration to one of them.
+
+    The first order is chosen for all configurations whose equations are regular. Each
+    further order is chosen for those at which no order so far is well conditioned.
+
+    Parameters
+    ----------
+    jacobians
+        (n, 3 loops, variables) closure Jacobians of n configurations.
+    passive
+        Numbers of the variables that are not inputs. These are eliminated.
+
+    Returns
+    -------
+    Pairs of an order and the indices (k,) of its configurations. The first order also gets
+    the configurations with singular velocity equations, those that remain after
+    `MOST_ORDERS` orders, and those for which no order was found. The list is empty if no
+    order gives all passive variables.
+    """
+    least_sizes = inverse_sizes(jacobians[:, :, list(passive)])
+    assigned: list[tuple[EliminationOrder, Indices]] = []
+    # Singular equations have an infinite inverse, and every order is equally bad there.
+    # These configurations therefore choose no order, unless there are no others.
+    is_singular = np.isinf(least_sizes)
+    has_choice = ~is_singular if not np.all(is_singular) else is_singular
+    # `remaining` are the configurations without an order yet, `left_over` those that no
+    # order is chosen for, or for which there is none.
+    remaining = np.flatnonzero(has_choice)
+    left_over: list[Indices] = [np.flatnonzero(~has_choice)]
+    while len(remaining) and len(assigned) < MOST_ORDERS:
+        chosen_rows = remaining[
+            np.unique(
+                np.linspace(0, len(remaining) - 1, MAX_CONFIGURATIONS_PER_ORDER).astype(int)
+            )
+        ]
+        order = choose_elimination_order(jacobians[chosen_rows], passive)
+        is_well_conditioned = np.zeros(len(remaining), dtype=bool)
+        if order is not None:
+            sizes = eliminated_inverse_sizes(jacobians[remaining], order)
+            # The limit of singular configurations is infinite, so all of them pass. A size
+            # that is NaN would not pass otherwise.
+            is_well_conditioned = (
+                sizes <= MAX_AMPLIFICATION * least_sizes[remaining]
+            ) | is_singular[remaining]
+        if not np.any(is_well_conditioned):
+            # The order is badly conditioned at all of these configurations. The first of
+            # them gets an order that is chosen for it alone, so the loop always makes
+            # progress. The flag of this one is set even if there is no such order.
+            order = choose_elimination_order(jacobians[remaining[:1]], passive)
+            if order is not None:
+                sizes = eliminated_inverse_sizes(jacobians[remaining], order)
+                is_well_conditioned = sizes <= MAX_AMPLIFICATION * least_sizes[remaining]
+            is_well_conditioned[0] = True
+        if order is None:
+            left_over.append(remaining[is_well_conditioned])
+        else:
+            assigned.append((order, remaining[is_well_conditioned]))
+        remaining = remaining[~is_well_conditioned]
+    if assigned:
+        first_order, first_rows = assigned[0]
+        assigned[0] = (
+            first_order,
+            np.sort(np.concatenate([first_rows, *left_over, remaining])),
+        )
+    return assigned
+
+
+def choose_elimination_order(
+    jacobians: Floats, passive: Sequence[int]
+) -> EliminationOrder | None:
+    """Choose one elimination order for several configurations.
+
+    This is Gaussian elimination of the Jacobians with a choice of the pivot in each step.
+    The same pivots are used for all configurations. A pivot is judged by the configuration
+    at which its axes are the least independent.
+
+    Parameters
+    ----------
+    jacobians
+        (k, 3 loops, variables) closure Jacobians of the configurations.
+    passive
+        Numbers of the variables to eliminate.
+
+    Returns
+    -------
+    The order, or None if no order gives all passive variables.
+    """
+    k, rows, count = jacobians.shape
+    remaining = jacobians.reshape(k, rows // 3, 3, count).copy()
+    loops = list(range(rows // 3))
+    columns = list(passive)
+    pivots: list[Pivot] = []
+    # A pivot changes the loops that contain its variables only. The candidates of the
+    # others are kept, or the number of decompositions would grow with the square of the
+    # number of loops.
+    candidates: dict[int, list[tuple[float, list[int]]]] = {}
+    while columns:
+        # (loops, variables): whether the equations of a loop contain a variable.
+        contains_variable = np.any(remaining[:, loops], axis=(0, 2))
+        for loop, loop_contains in zip(loops, contains_variable, strict=True):
+            if loop not in candidates:
+                loop_variables = [c for c in columns if loop_contains[c]]
+                candidates[loop] = _judge_candidates(remaining[:, loop], loop_variables)
+        best = _choose_pivot(candidates, loops, columns, contains_variable)
+        if best is None:
+            return None
+        loop, chosen = best
+        pivots.append(best)
+        for other, contains in zip(loops, contains_variable, strict=True):
+            if np.any(contains[chosen]):
+                del candidates[other]
+        loops.remove(loop)
+        columns = [c for c in columns if c not in chosen]
+        # Express the variables of the pivot by the others, and insert them into other
+        # loops.
+        solved = np.linalg.pinv(remaining[:, loop][:, :, chosen]) @ remaining[:, loop]
+        remaining[:, loops] -= remaining[:, loops][..., chosen] @ solved[:, None]
+    return pivots
+
+
+def _judge_candidates(
+    rows: Floats, loop_variables: Sequence[int]
+) -> list[tuple[float, list[int]]]:
+    """Return the sets of variables that the equations of one loop may give.
+
+    The independence of the axes of a set is the product of their singular values, divided
+    by the product of their lengths. It is 1 for axes at right angles, and 0 for dependent
+    axes. The least value of all configurations counts.
+
+    Parameters
+    ----------
+    rows
+        (k, 3, variables) equations of the loop at k configurations, after the steps so far.
+    loop_variables
+        Numbers of the variables that these equations contain.
+
+    Returns
+    -------
+    The independence and the variables of each set. Each set has as many variables as the
+    equations give. The list is empty if they give none.
+    """
+    if not loop_variables:
+        return []
+    sizes = np.linalg.svd(rows[:, :, loop_variables], compute_uv=False)
+    rank = int(np.sum(np.max(sizes, axis=0) > REDUNDANT_SINGULAR_VALUE))
+    if not rank:
+        return []
+    sets = [list(chosen) for chosen in combinations(loop_variables, rank)]
+    axes = np.moveaxis(rows[:, :, sets], 2, 0)  # (sets, k, 3, rank)
+    lengths_product = np.prod(np.linalg.norm(axes, axis=2), axis=2)
+    independence = np.prod(np.linalg.svd(axes, compute_uv=False), axis=2)
+    independence = np.min(independence / np.maximum(lengths_product, 1e-300), axis=1)
+    return list(zip(independence.tolist(), sets, strict=True))
+
+
+def _choose_pivot(
+    candidates: Mapping[int, Sequence[tuple[float, list[int]]]],
+    loops: Sequence[int],
+    columns: Sequence[int],
+    contains_variable: Bools,
+) -> Pivot | None:
+    """Choose the next pivot of an elimination.
+
+    Among the pivots that are at least `MIN_INDEPENDENCE_RATIO` times as independent as the
+    best one, the pivot with the lowest cost is chosen.
+
+    Parameters
+    ----------
+    candidates
+        By loop, the independence and the variables of its possible pivots.
+    loops
+        Numbers of the loops that are no pivots yet.
+    columns
+        Numbers of the variables that are not eliminated yet.
+    contains_variable
+        (loops, variables) whether the equations of a loop contain a variable.
+
+    Returns
+    -------
+    The pivot, or None if no loop gives any of the variables.
+    """
+    best_independence = max(
+        (independence for loop in loops for independence, _ in candidates[loop]),
+        default=0.0,
+    )
+    if not best_independence > 0.0:
+        return None
+    judged: list[tuple[float, float, Pivot]] = []
+    for loop, loop_contains in zip(loops, contains_variable, strict=True):
+        loop_variables = [c for c in columns if loop_contains[c]]
+        for independence, chosen in candidates[loop]:
+            if not independence >= MIN_INDEPENDENCE_RATIO * best_independence:
+                continue
+            # Variables by which those of the pivot are expressed, and the loops that
+            # contain a variable of the pivot, this one included. Each other loop needs one
+            # product for each of these variables and one more. Entries that are zero so far
+            # are filled.
+            other_variables = [c for c in loop_variables if c not in chosen]
+            loops_with_pivot = contains_variable[
+                np.any(contains_variable[:, chosen], axis=1)
+            ]
+            filled = int(np.sum(~loops_with_pivot[:, other_variables]))
+            products = (len(loops_with_pivot) - 1) * (1 + len(other_variables))
+            cost = FILL_COST * filled + products
+            judged.append((-cost, independence, (loop, chosen)))
+    # Lowest cost first, then the most independent axes.
+    return max(judged, key=itemgetter(0, 1))[2]
+
+
+def inverse_sizes(matrices: Floats) -> Floats:
+    """Return the Frobenius norms (n,) of the smallest left inverses of matrices (n, m, k).
+
+    The norm is infinite if a matrix is singular, or if m < k.
+    """
+    n, rows, columns = matrices.shape
+    if rows < columns:
+        return np.full(n, np.inf)
+    sizes = np.linalg.norm(left_inverse(matrices), axis=(1, 2))
+    return np.where(np.isfinite(sizes), sizes, np.inf)
+
+
+def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floats:
+    """Return the Frobenius norms of the left inverses that an elimination order gives.
+
+    This function does numerically what `spherekit.velocities.loop_inverse.loop_inverse`
+    does with expressions.
+
+    Parameters
+    ----------
+    jacobians
+        (n, 3 loops, variables) closure Jacobians of n configurations.
+    order
+        The pivots that give all passive variables.
+
+    Returns
+    -------
+    (n,) norms of the inverses, which map right-hand sides of the equations to passive
+    variables. NaN or infinite if a pivot is singular.
+    """
+    n, equations, count = jacobians.shape
+    loops = equations // 3
+    # The identity matrix beside the equations becomes the inverse (Gauss-Jordan
+    # elimination).
+    unit = np.broadcast_to(np.eye(equations), (n, equations, equations))
+    rows = np.concatenate([jacobians, unit], axis=2)
+    rows = rows.reshape(n, loops, 3, count + equations)
+    with np.errstate(all="ignore"):
+        for loop, chosen in order:
+            axes = rows[:, loop][:, :, chosen]
+            if len(chosen) == 3:
+                inverse = left_inverse(axes)
+            else:
+                # Fewer variables than equations: normal equations, as in `loop_inverse`.
+                transposed = np.swapaxes(axes, 1, 2)
+                inverse = left_inverse(transposed @ axes) @ transposed
+            solved = inverse @ rows[:, loop]
+            for other in range(loops):
+                if other != loop:
+                    rows[:, other] -= rows[:, other][:, :, chosen] @ solved
+            rows[:, loop, : len(chosen)] = solved
+        # The solved rows of each pivot are rows of the inverse.
+        sizes = np.zeros(n)
+        for loop, chosen in order:
+            inverse_rows = rows[:, loop, : len(chosen), count:]
+            sizes += np.sum(inverse_rows**2, axis=(1, 2))
+        return np.sqrt(sizes)

@@ -1,0 +1,216 @@
+"""First-order bounds of the errors of rates and poles that rounded sizes cause.
+
+The sizes of a mechanism are rounded numbers, so each axis of a link has an unknown tilt of
+about 1e-16 rad. `docs/poles.md` (Conditioning and error bound) derives the bounds. Symbols:
+w are the angular velocities of links per unit rate of the input, and dw their derivatives
+with respect to the input. v and dv are the differences of these for two links, and u =
+v/|v|. The tilts act in three ways:
+
+1. The loops stay open by g. Each loop can open in three directions, about three axes. The
+   change of a quantity is g times the sum of its derivatives in all these directions. The
+   engine measures these derivatives; `spread` is the sum of their sizes.
+2. The velocity equations have other coefficients. Their residual is m1 = sum of d_k x w_k
+   over the tilts d_k of the links of a loop. The residual of the acceleration equations is
+   the derivative m2 of m1. Residuals change w and dw as open loops change orientations.
+3. The axes are tilted relative to the links whose motion is computed.
+
+An error of v turns u by the angle |error|/|v|. The acceleration coefficient is dv . u. This
+angle therefore multiplies the part of dv that is perpendicular to u, which can be large
+even if v is small.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.planning.pole_plan import Pole
+from spherekit.tolerances import USABLE_DIRECTION
+from spherekit.velocities.direction_signs import norm
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeometryRounding:
+    """Error bounds of rates and poles at n rows, from the rounding of the geometry.
+
+    Attributes
+    ----------
+    gap
+        (n,) bound (rad) of each component by which any loop may be open.
+    axis_error, loop_error
+        Bounds (rad) of the sum of all tilts of axes on the path to a link, and around a
+        loop.
+    w, dw
+        (links, 3, n) angular velocities of the links per unit rate of the input, and their
+        derivatives with respect to the input.
+    w_spread, dw_spread
+        (links, n) sums, over all directions in which loops can open, of the sizes of the
+        derivatives of `w` and `dw` (per rad of opening).
+    turns
+        (directions, links, 3, n) rotation vector of each link per unit opening of a loop in
+        each direction, rad per rad.
+    moved
+        (n,) sum over these directions of the movement of one variable per unit opening, for
+        the variable with the largest sum.
+    profile_speed, profile_bend
+        (n,) bounds of the rates of variables, and of the derivatives of these rates, if
+        contacts have profiles whose sizes are rounded too. Otherwise 0.
+    """
+
+    gap: Floats
+    axis_error: float
+    loop_error: float
+    w: Floats
+    dw: Floats
+    w_spread: Floats
+    dw_spread: Floats
+    turns: Floats
+    moved: Floats
+    profile_speed: Floats
+    profile_bend: Floats
+
+    @cached_property
+    def _speed(self) -> Floats:
+        """(n,) bound of the difference of the angular velocities of any two links."""
+        return 2.0 * np.max(norm(self.w), axis=0) + self.profile_speed
+
+    @cached_property
+    def _bend(self) -> Floats:
+        """(n,) bound of the derivative of d x w, with w the difference of two links.
+
+        d is a unit tilt that is fixed in a link, so it turns with this link.
+        """
+        squares = 0.5 * self._speed**2
+        return 2.0 * np.max(norm(self.dw), axis=0) + squares + self.profile_bend
+
+    @cached_property
+    def _turn(self) -> Floats:
+        """(links, n) angles of the links per unit opening, summed over all directions."""
+        return np.sum(norm(self.turns), axis=0)
+
+    @property
+    def _first_misfit(self) -> Floats:
+        """(n,) bound of the residual m1 of the velocity equations."""
+        return self.loop_error * self._speed
+
+    @property
+    def _second_misfit(self) -> Floats:
+        """(n,) bound of the residual m2 of the acceleration equations."""
+        return self.loop_error * self._bend
+
+    @cached_property
+    def w_error(self) -> Floats:
+        """(links, n) bounds of the errors of the angular velocities `w`."""
+        tilt_error = self._first_misfit * self._turn + self.axis_error * self._speed
+        return self.gap * self.w_spread + tilt_error
+
+    @cached_property
+    def dw_error(self) -> Floats:
+        """(links, n) bounds of the errors of the derivatives `dw`."""
+        dv_size = 2.0 * self.w_spread + self._turn * norm(self.w)
+        tilt_error = self._first_misfit * dv_size + self._second_misfit * self._turn
+        return self.gap * self.dw_spread + tilt_error + self.axis_error * self._bend
+
+    @cached_property
+    def loss(self) -> Floats:
+        """(n,) the larger of the relative error bounds of `w` and `dw`.
+
+        Each bound is the largest of any link, relative to the largest vector of any link,
+        or to 1 if that is larger.
+        """
+        relative_errors = (
+            np.max(error, axis=0) / np.max(norm(rate_bound), axis=0, initial=1.0)
+            for error, rate_bound in ((self.w_error, self.w), (self.dw_error, self.dw))
+        )
+        return np.maximum(*relative_errors)
+
+    def pole_errors(
+        self,
+        pole: Pole,
+        *,
+        v: Floats,
+        dv: Floats,
+        direction_dq: Floats,
+        spreads: Mapping[str, Floats],
+        is_pair_axis: bool,
+        second_order: Floats,
+    ) -> Floats:
+        """Return bounds of the errors of the quantities of a pole.
+
+        Parameters
+        ----------
+        pole
+            Numbers of the two links.
+        v, dv
+            (3, n) angular velocity of the second link relative to the first, and its
+            derivative.
+        direction_dq
+            (3, n) derivative of the direction u of the pole.
+        spreads
+            (n,) for each quantity in `SIGNED`, by name: sum of the sizes of its derivatives
+            in all directions in which loops can open.
+        is_pair_axis
+            Whether the direction of the pole is the axis or contact line of a pair, and not
+            the direction of v.
+        second_order
+            (n,) bound of the terms of second order, relative to those of first order.
+
+        Returns
+        -------
+        (4, n) bounds of the errors of the direction, the velocity coefficient, the
+        acceleration coefficient, and the derivative of the direction, in the order of
+        `spherekit.velocities.row_expressions.BOUNDS`. The bound of the direction is
+        infinite if v and dv may both be zero within their errors.
+        """
+        i, j = pole
+        speed, dv_size = norm(v), norm(dv)
+        turn = np.sum(norm(self.turns[:, j] - self.turns[:, i]), axis=0)
+        v_tilt_error = self._first_misfit * turn + 2.0 * self.axis_error * self._speed
+        # The direction.
+        direction = self.gap * spreads["direction"] + self.axis_error
+        if not is_pair_axis:
+            direction = direction + v_tilt_error / speed
+        direction = direction * (1.0 + second_order)
+
+        # The velocity coefficient v . u. If the links hardly move relative to each other, v
+        # has no usable direction. The direction is then that of the plan, whose error is
+        # not counted here, and the spreads along u are replaced by those of w.
+        has_no_direction = ~(direction < USABLE_DIRECTION)
+        # `axis` is the error of the direction along which both coefficients are measured.
+        axis = np.where(has_no_direction, 0.0, direction)
+        spread_factor = np.where(has_no_direction, np.inf, 1.0)
+        w_spread = self.w_spread[i] + self.w_spread[j]
+        spread_along = spread_factor * spreads["velocity_coefficient"]
+        v_spread = np.fmin(spread_along + speed * spreads["direction"], w_spread)
+        rate_bound = self.gap * np.fmin(spread_along, w_spread) + v_tilt_error
+        rate_bound += axis**2 * speed + second_order * np.max(self.w_error, axis=0)
+
+        # The acceleration coefficient dv . u.
+        dw_spread = self.dw_spread[i] + self.dw_spread[j]
+        spread_along = spread_factor * spreads["acceleration_coefficient"]
+        turning = turn * norm(self.w[j]) + self._turn[i] * speed
+        dv_tilt_error = self._first_misfit * (2.0 * v_spread + turning)
+        dv_tilt_error += self._second_misfit * turn + 2.0 * self.axis_error * self._bend
+        dv_second_order = second_order * np.max(self.dw_error, axis=0)
+        dv_across = np.fmin(speed * norm(direction_dq), dv_size)
+        acceleration_bound = self.gap * np.fmin(spread_along, dw_spread) + dv_tilt_error
+        acceleration_bound += axis * dv_across + axis**2 * dv_size + dv_second_order
+
+        # The derivative of the direction.
+        derivative_bound = self.gap * spreads["direction_dq"] * (1.0 + second_order)
+        if is_pair_axis:
+            largest_turn = np.max(self._turn, axis=0) + self.moved
+            derivative_bound += (
+                self._first_misfit * largest_turn + 2.0 * self.axis_error * self._speed
+            )
+            derivative_bound += second_order * np.max(self.w_error, axis=0)
+        else:
+            # It is (dv - (dv . u) u) / |v|, in which dv, u and |v| have errors.
+            derivative_bound += (
+                dv_tilt_error + dv_second_order + axis * (dv_size + dv_across)
+            ) / speed
+            has_no_direction = (speed <= rate_bound) & (dv_size <= acceleration_bound)
+            direction = np.where(has_no_direction, np.inf, direction)
+        return np.array([direction, rate_bound, acceleration_bound, derivative_bound])

@@ -1,1 +1,0 @@
-"""What an output reaches under constraints, in each working mode."""

@@ -1,0 +1,218 @@
+"""The configuration curve in its own arc length: laps, dead points, ends, all curves."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from example_mechanisms import ARM, DEGREE, GROUND, at, cam, four_bar, open_cam
+from singular_examples import components
+
+import spherekit as sk
+from spherekit.errors import SolveError
+from spherekit.mechanism.elements import Profile
+from spherekit.mechanism.joint_frames import joints_of
+from spherekit.positions.curve_continuation import follow_arc
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.motion import PositionAnalysis
+
+NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
+"""Shortest and longest link together exceed the others: no link turns fully."""
+
+
+def closed_near(made, guess):
+    """Return the curve through the configuration at a guessed one's input."""
+    closure = Closure.of(made, joints_of(made))
+    return follow_arc(closure, closure.solve(np.array([guess]), held=[0]).values[0])
+
+
+GUESSES = {
+    "roller_cam": (0.5, -1.0, 0.9, 0.6),
+    "shaped_cam": (0.5, -0.65, 0.9, 0.7),
+    "planetary_bevel": (0.5, 2.6, -0.6, 1.9, 0.5),
+}
+"""Near closed configurations, so that no modes have to be searched for."""
+
+
+@cache
+def shipped(name):
+    """Return a curve of a shipped mechanism."""
+    if name in GUESSES:
+        return closed_near(sk.load(name), GUESSES[name])
+    tracer = PositionAnalysis(sk.load(name), search=False)
+    return follow_arc(tracer.solver.closure, tracer.at(tracer.range[0] + 0.5).values[0])
+
+
+def all_curves(made):
+    """Return the configuration curves of a mechanism."""
+    return [item.curve for item in PositionAnalysis(made).configurations.curves]
+
+
+def loop_gap(arcs, values):
+    """Return cos(angle of k_3, k_4) - cos(alpha_3) by eq. (22) of Di Gregorio 2024."""
+    s1, s2, _, s4 = np.sin(arcs)
+    c1, c2, c3, c4 = np.cos(arcs)
+    q, p = values[:, 0], values[:, 3]
+    k3 = np.stack(
+        [np.sin(q) * s2, s1 * c2 - c1 * s2 * np.cos(q), c1 * c2 + s1 * s2 * np.cos(q)]
+    )
+    k4 = np.stack([np.sin(p) * s4, -np.cos(p) * s4, c4 + 0.0 * p])
+    return np.sum(k3 * k4, axis=0) - c3
+
+
+@pytest.fixture(scope="module")
+def no_crank():
+    (curve,) = all_curves(four_bar(NO_CRANK))
+    return curve
+
+
+def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
+    assert components(NO_CRANK) == 1
+    assert no_crank.closed and not np.any(no_crank.winding)
+    s = np.linspace(0.0, no_crank.length, 2001)
+    points = no_crank.at(s)
+    assert np.max(points.residual) < 1e-14
+    assert np.max(np.abs(loop_gap(NO_CRANK, points.values))) < 2e-15
+    assert np.max(np.abs(points.values[0] - points.values[-1])) < 1e-13
+    # the tangent, integrated over the lap, returns to the start too
+    assert np.max(np.abs(np.mean(points.tangents[:-1], axis=0))) < 1e-14
+    other = follow_arc(no_crank.closure, no_crank.at(3.0).values[0])
+    assert other.length == pytest.approx(no_crank.length, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("name", "winding"),
+    [
+        ("stephenson", (1, 0, 0, -1, 0, 0, 0)),
+        ("double_butterfly", (1, 0, -1, -1, 0, 0, 0, 0, 0, 0)),
+        ("eight_bar_01", (0, 0, 1, 0, 0, 0, 0, 0, -1, 0)),
+        ("roller_cam", (1, 0, -1, 0)),
+        ("shaped_cam", (1, 0, -1, 0)),
+    ],
+)
+def test_shipped_mechanisms_close_after_one_lap(name, winding):
+    curve = shipped(name)
+    assert curve.closed and curve.ends == (sk.Status.OK, sk.Status.OK)
+    sense = np.sign(curve.winding @ np.array(winding))
+    assert np.array_equal(sense * curve.winding, winding)
+    points = curve.at(np.linspace(0.0, curve.length, 301))
+    assert np.max(points.residual) < 1e-14
+    lap = curve.at(np.array([0.3, 0.3 + curve.length, 0.3 - 2 * curve.length])).values
+    assert np.max(np.abs(lap[1] - lap[0] - curve.rise)) < 1e-12
+    assert np.max(np.abs(lap[2] - lap[0] + 2 * curve.rise)) < 1e-12
+
+
+def test_cones_without_a_common_length_never_close():
+    tracer = PositionAnalysis(sk.load("rolling_cones"), search=False)
+    curve = follow_arc(tracer.solver.closure, tracer.at(0.5).values[0], longest=20.0)
+    assert not curve.closed and curve.ends == (sk.Status.OK, sk.Status.OK)
+    assert 40.0 <= curve.length < 41.0 and np.isinf(curve.periods[-1])
+
+
+def test_a_curve_ends_exactly_where_the_contact_leaves_an_open_profile():
+    curve = closed_near(open_cam(), [0.6, 0.77, 0.5, 1.27])
+    assert curve.ends == (sk.Status.OFF_PROFILE, sk.Status.OFF_PROFILE)
+    profile = curve.closure.joints[2].first
+    ends = np.sort(curve.nodes.values[[0, -1], 2])
+    assert np.max(np.abs(ends - [0.0, profile.length])) < 1e-12
+    assert np.max(curve.at(np.linspace(0.0, curve.length, 200)).residual) < 1e-12
+    assert np.all(np.isnan(curve.at([-0.1, curve.length + 0.1]).values))
+
+
+def test_a_curve_ends_exactly_where_curvatures_are_equal():
+    waisted = Profile("fourier", (0.0, 0.0, 1.0), cosines=(25 * DEGREE, 0.0, 9 * DEGREE))
+    made = cam(GROUND, waisted, Profile("circle", at(ARM), 30 * DEGREE))
+    curve = closed_near(made, [-0.6, -0.9, 1.5, 1.56])
+    assert curve.ends == (sk.Status.CURVATURE, sk.Status.CURVATURE)
+    cam_profile, roller = (curve.closure.joints[2].first, curve.closure.joints[2].second)
+    ends = curve.nodes.values[[0, -1]]
+    gap = cam_profile.at(ends[:, 2]).curvature - roller.at(ends[:, 3]).curvature
+    assert np.max(np.abs(gap)) < 2e-9
+
+
+def test_stops_end_a_curve_where_they_are(no_crank):
+    given = no_crank.nodes.values[4]
+    stops = {1: (given[1] - 0.2, given[1] + 0.3)}
+    curve = follow_arc(no_crank.closure, given, stops)
+    assert curve.ends == (sk.Status.OK, sk.Status.OK) and not curve.closed
+    ends = np.sort(curve.nodes.values[[0, -1], 1])
+    assert np.max(np.abs(ends - stops[1])) < 1e-14
+    assert np.min(np.max(np.abs(curve.nodes.values - given), axis=1)) < 1e-14
+
+
+def test_a_folding_four_bar_ends_at_the_crossing():
+    """A kite, 60-40-60-40 degrees, folds flat: four open curves between two poses."""
+    curves = all_curves(four_bar(np.radians([60.0, 40.0, 60.0, 40.0])))
+    assert len(curves) == 4
+    for curve in curves:
+        assert curve.ends == (sk.Status.AT_SINGULARITY, sk.Status.AT_SINGULARITY)
+        for node in (0, -1):
+            axes = curve.closure.at(curve.nodes.values[[node]]).axes[0]
+            assert np.linalg.svd(axes, compute_uv=False)[-1] < 1e-4
+        s = np.linspace(0.0, curve.length, 50)
+        assert np.max(curve.at(s).residual) < 1e-13
+    with pytest.raises(SolveError, match="is singular"):
+        follow_arc(curves[0].closure, curves[0].at(0.0).values[0])
+
+
+def test_starts_that_cannot_be_followed(no_crank):
+    closure = no_crank.closure
+    with pytest.raises(SolveError, match="does not close"):
+        follow_arc(closure, no_crank.nodes.values[0] + [0.0, 0.0, 1.5, 0.7])
+    given = no_crank.nodes.values[0]
+    with pytest.raises(SolveError, match=r"0\.1 beyond the lowest value .* of variable 2"):
+        follow_arc(closure, given, {2: (given[2] + 0.1, given[2] + 1.0)})
+    with pytest.raises(SolveError, match="limits on both sides"):
+        follow_arc(closure, given, {1: (given[1], given[1])})
+    with pytest.raises(SolveError, match="has to be finite"):
+        follow_arc(closure, np.full(4, np.nan))
+
+
+def test_modes_that_meet_at_dead_points_are_one_curve():
+    tracer = PositionAnalysis(four_bar(NO_CRANK))
+    (found,) = tracer.configurations.curves
+    assert {piece.assembly_mode for piece in found.pieces} == {0, 1}
+    curve = found.curve
+    covered = sum(piece.stop - piece.start for piece in found.pieces)
+    assert covered == pytest.approx(curve.length, abs=1e-9)
+    for piece in found.pieces:
+        s = np.linspace(piece.start, piece.stop, 9)[1:-1]
+        values = curve.at(s).values
+        q = np.mod(values[:, 0], 2 * np.pi)
+        mode = tracer.assembly_modes[piece.assembly_mode]
+        there = tracer.solver.evaluate(mode, q[:, None]).values
+        assert np.max(np.abs(curve.wrapped(there - values))) < 1e-9
+        again = curve.at(curve.find(there)).values
+        assert np.max(np.abs(curve.wrapped(again - there))) < 1e-9
+
+
+def test_inputs_between_and_at_dead_points(no_crank):
+    dead = no_crank.dead_points(0).places
+    limits = no_crank.at(dead).values[:, 0]
+    middle = float(np.mean(limits))
+    found = no_crank.at_input(0, middle + 4 * np.pi)
+    assert len(found.places) == 2
+    assert np.max(np.abs(no_crank.at(found.places).values[:, 0] - middle)) < 1e-14
+    turning = no_crank.at_input(0, float(np.max(limits)))
+    assert turning.double.tolist() == [True]
+    assert np.min(np.abs(dead - turning.places)) < 1e-7
+    assert len(no_crank.at_input(0, float(np.max(limits)) + 1e-6).places) == 0
+    near = no_crank.at_input(0, float(np.max(limits)) - 1e-9)
+    assert len(near.places) == 2
+
+
+@pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "shaped_cam"])
+def test_tangents_and_bends_by_richardson(name):
+    """Central differences of the values; their errors fall by 4 with half the step."""
+    curve = shipped(name)
+    s = np.linspace(0.1, curve.length, 7)
+    here = curve.at(s)
+
+    def differences(h):
+        ahead, behind = curve.at(s + h).values, curve.at(s - h).values
+        return (ahead - behind) / (2 * h), (ahead - 2 * here.values + behind) / h**2
+
+    (t1, b1), (t2, b2) = differences(4e-3), differences(2e-3)
+    for coarse, fine, exact in ((t1, t2, here.tangents), (b1, b2, here.bends)):
+        assert np.max(np.abs((4 * fine - coarse) / 3 - exact)) < 1e-7
+        wrong = np.max(np.abs(coarse - exact)) / np.max(np.abs(fine - exact))
+        assert wrong == pytest.approx(4.0, rel=0.02)

@@ -1,0 +1,166 @@
+"""Interpolants with measured error, and all zeros of a function."""
+
+import numpy as np
+import pytest
+
+from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.chebyshev import PiecewiseChebyshev
+from spherekit.numerics.least_squares import descent
+from spherekit.numerics.tensor_chebyshev import local_polynomials
+from spherekit.numerics.zeros import zeros
+
+
+def bumps(s):
+    """Two analytic functions of period 3, the second growing by 2 in it."""
+    x = 2.0 * np.pi * s / 3.0
+    return np.stack([1.0 / (1.3 + np.cos(x)), np.sin(x + np.cos(x)) + 2.0 * s / 3.0], 1)
+
+
+def bump_rates(s):
+    x, rate = 2.0 * np.pi * s / 3.0, 2.0 * np.pi / 3.0
+    first = rate * np.sin(x) / (1.3 + np.cos(x)) ** 2
+    second = rate * np.cos(x + np.cos(x)) * (1.0 - np.sin(x)) + 2.0 / 3.0
+    return np.stack([first, second], 1)
+
+
+def test_piecewise_chebyshev_reaches_what_it_says():
+    fitted = PiecewiseChebyshev.fit(bumps, -1.0, 4.0)
+    assert fitted.error < 1e-13
+    s = np.random.default_rng(6).uniform(-1.0, 4.0, 10_000)
+    assert np.max(np.abs(fitted.at(s) - bumps(s))) < 1e-12
+    assert np.max(np.abs(fitted.derivative.at(s) - bump_rates(s))) < 1e-9
+    kink = PiecewiseChebyshev.fit(lambda s: np.abs(s - 0.3)[:, None], 0.0, 1.0, most=8)
+    assert kink.error > 1e-6
+    edges = np.array([0.0, 0.3, 0.31, 1.0])
+    parted = PiecewiseChebyshev.fit(bumps, 0.0, 1.0, cells=edges)
+    assert set(edges) <= set(parted.edges) <= set(parted.grid(4))
+    s = np.random.default_rng(1).uniform(0.0, 1.0, 400)
+    assert np.max(np.abs(parted.at(s).T - parted.scattered(s))) < 1e-13
+
+
+def test_local_polynomials_give_functions_at_single_places():
+    def functions(s):
+        return np.column_stack([bumps(s), 1e-3 * np.tanh(40.0 * (s - 1.0)), 0.0 * s])
+
+    size = np.array([4.0, 5.0, 1e-3, 1.0])
+    series = PiecewiseChebyshev.fit(functions, -1.0, 4.0, size=size, rounding=1e-10)
+    local = local_polynomials(series, size)
+    places = np.random.default_rng(4).uniform(-1.0, 4.0, 2000)
+    places[:3] = -1.0, 4.0, series.edges[5]
+    found = np.array([local(float(s)) for s in places])
+    assert np.max(np.abs(found - functions(places)) / size) < 4e-13
+    assert np.max(np.abs(found - series.at(places)) / size) < 3e-14
+
+
+def polynomial(roots):
+    coefficients = np.poly(roots)
+    slopes = np.polyder(coefficients)
+    return lambda s: (np.polyval(coefficients, s), np.polyval(slopes, s))
+
+
+def test_zeros_of_polynomials_simple_double_and_close():
+    roots = np.array([0.1, 0.25, 0.2501, 0.6, 0.6, 0.9])
+    found = zeros(polynomial(roots), np.linspace(0.0, 1.0, 8))
+    assert np.allclose(found.places, [0.1, 0.25, 0.2501, 0.6, 0.9], rtol=0, atol=1e-9)
+    assert found.double.tolist() == [False, False, False, True, False]
+
+
+def test_zeros_on_the_grid_and_at_its_ends_are_found_once():
+    found = zeros(lambda s: (np.sin(s), np.cos(s)), np.linspace(0.0, 4 * np.pi, 17))
+    assert np.allclose(found.places, np.arange(5) * np.pi, rtol=0, atol=1e-14)
+    assert not np.any(found.double)
+    none = zeros(lambda s: (2.0 + np.sin(s), np.cos(s)), np.linspace(0.0, 6.0, 9))
+    assert len(none.places) == 0
+
+
+def test_a_zero_that_touches_at_an_end_is_double_and_a_triple_one_is_found_soon():
+    for slope in (1e-9, -1e-9, 0.0):
+        found = zeros(
+            lambda s, a=slope: (s * s + a * s, 2.0 * s + a), np.linspace(0.0, 1.0, 8)
+        )
+        assert found.places.tolist() == [0.0] and found.double.tolist() == [True]
+    asked = []
+
+    def triple(s):
+        asked.append(len(s))
+        return (s - 0.3) ** 3 * np.exp(s), (s - 0.3) ** 2 * (s + 2.7) * np.exp(s)
+
+    found = zeros(triple, np.linspace(0.0, 1.0, 8))
+    assert len(found.places) == 1 and abs(found.places[0] - 0.3) < 1e-5
+    assert len(asked) < 40
+
+
+def test_random_trigonometric_polynomials_lose_no_zero():
+    """Against the eigenvalues of the companion matrix."""
+    random = np.random.default_rng(8)
+    orders = np.arange(6)
+    for _ in range(60):
+        a = random.normal(size=6) + 1j * random.normal(size=6)
+        a[0] = a[0].real
+        full = np.concatenate([np.conj(a[:0:-1]), [2 * a[0]], a[1:]])
+        turns = np.roots(full[::-1])
+        on = np.abs(np.abs(turns) - 1.0) < 1e-7
+        expected = np.sort(np.mod(np.angle(turns[on]), 2 * np.pi))
+
+        def function(s, a=a):
+            e = np.exp(1j * np.outer(s, orders)) * a
+            return np.sum(e, 1).real, np.sum(1j * orders * e, 1).real
+
+        found = zeros(function, np.linspace(0.0, 2 * np.pi, 13))
+        assert len(found.places) == len(expected)
+        assert np.max(np.abs(found.places - expected), initial=0.0) < 1e-9
+
+
+def test_zeros_of_many_functions_within_brackets():
+    levels = np.linspace(-0.9, 0.9, 50)
+    counted = []
+
+    def function(x, which):
+        counted.append(len(x))
+        return np.cos(x) - levels[which]
+
+    low, high = np.zeros(50), np.full(50, 3.0)
+    every = np.arange(50)
+    ends = function(low, every), function(high, every)
+    zero, outside = bracketed_zeros(function, low, high, *ends)
+    assert np.abs(zero - np.arccos(levels)).max() < 1e-15
+    assert sum(counted) < 50 * 14
+    assert np.all(function(outside, every) <= 0.0)
+
+
+def test_jumps_within_brackets():
+    places = np.array([0.1, 1.0, 1.9])
+
+    def function(x, which):
+        return np.where(x < places[which], 1e9, -1.0)
+
+    ends = np.full(3, 1e9), np.full(3, -1.0)
+    zero, outside = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends)
+    assert np.abs(zero - places).max() < 1e-14 and np.all(outside >= places)
+    rough, _ = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends, 1e-3)
+    assert 1e-9 < np.abs(rough - places).max() < 1e-3
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("off", [-3e-14, -1e-16, 0.0, 1e-16, 3e-14])
+def test_a_zero_at_the_seam_of_a_lap_is_there_once(sense, off):
+    """Rounding puts it behind the start, before the end, or on both."""
+    grid = np.linspace(0.0, 2.0 * np.pi, 12)
+    found = zeros(lambda s: (sense * np.sin(s) + off, sense * np.cos(s)), grid)
+    once = found.once(2.0 * np.pi).places
+    assert once == pytest.approx([0.0, np.pi], abs=1e-13)
+
+
+def test_least_squares_keep_to_limits_and_leave_them_for_less():
+    """x + y = 3 and x - y = 2 meet at (2.5, 0.5); with x at most 1 the best y is 0.5."""
+
+    def residuals(values, _):
+        x, y = values.T
+        slope = np.array([[1.0, 1.0], [1.0, -1.0]])
+        return np.stack([x + y - 3.0, x - y - 2.0], axis=1), np.tile(slope, (len(x), 1, 1))
+
+    for high, wanted in ((1.0, (1.0, 0.5)), (9.0, (2.5, 0.5))):
+        start = np.array([[high, 0.0], [-4.0, 7.0]])
+        values, squares = descent(residuals, start, high=np.array([high, np.inf]))
+        assert values == pytest.approx(np.tile(wanted, (2, 1)), abs=1e-7)
+        assert squares == pytest.approx(np.full(2, 2.0 * (2.5 - wanted[0]) ** 2), abs=1e-9)
