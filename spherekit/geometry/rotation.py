@@ -37,6 +37,30 @@ def from_quaternion(quaternions: Array) -> Array:
     return out + 2 * scalar * skew.reshape(out.shape)
 
 
+def rotation_between_pairs(
+    first: Array, second: Array, to_first: Array, to_second: Array
+) -> Array:
+    """Return the rotations that carry two unit vectors to two others.
+
+    Parameters
+    ----------
+    first, second
+        (..., 3) the two vectors before the rotation, real or complex.
+    to_first, to_second
+        (..., 3) the same two vectors after it. They have the same scalar product.
+
+    Returns
+    -------
+    (..., 3, 3) rotation matrices; NaN if the two vectors are parallel.
+    """
+    # The rows of `dual` give the components of a vector along first, second and normal,
+    # multiplied by |normal|^2.
+    normal = cross(first, second)
+    dual = np.stack([cross(second, normal), cross(normal, first), normal], axis=-2)
+    images = np.stack([to_first, to_second, cross(to_first, to_second)], axis=-1)
+    return images @ dual / np.sum(normal * normal, axis=-1)[..., None, None]
+
+
 def log_rate(vector: Floats, w: Floats) -> Floats:
     """Return the change d' (n, 3) of rotation vectors d as Q turns at w (n, 3).
 

@@ -1,325 +1,554 @@
-"""Equations linear in the cosine and sine of each of up to three angles, all solutions.
+"""Systems of equations linear in the cosine and sine of each angle, and their solutions.
 
-The arc between two axes on bodies joined by revolute pairs gives such an equation. All
-angles but one are eliminated by resultants; what is left is a trigonometric polynomial of
-known degree in that one, whose coefficients are the Fourier transform of exact samples.
-(C. W. Wampler, 2004, eliminates the same equations by Sylvester's method.)
+The arc between two axes of bodies that are joined by R pairs gives such an equation. A
+system has t = 1, 2 or 3 equations in as many angles x, y, z. An array (n, t, 3, ..., 3)
+stores n systems: axis 1 counts the equations, and the last t axes belong to the angles.
+Index 0, 1, 2 of such an axis is the factor of 1, the cosine and the sine of the angle. The
+equation is the sum of the coefficients times these factors.
 
-A form (c0, c1, c2) stands for c0 + c1 cos + c2 sin, a point (1, cos, sin) for an angle,
-real or complex. Of a system of t equations in t angles, `equations` (t, 3, ..., 3) with t
-threes, equation k has the value `equations[k]` times the points of all angles. Arrays
-(n, t, 3, ..., 3) are n systems that are solved side by side.
+All angles but the first are eliminated by resultants:
 
-Complex rotations: matrices R with R^T R = 1 and complex entries.
+- If one angle is left, an equation is a *form* (c0, c1, c2): c0 + c1 cos + c2 sin = 0.
+- Two forms b, c in the last angle have a common zero if their resultant is zero. It is
+  n1^2 + n2^2 - n0^2 with n = b x c.
+- Of three equations the first must not contain z. Its form a in y has two zeros. The
+  product of the resultant over both, times (a1^2 + a2^2)^p, is a polynomial. Here p is the
+  degree of the resultant in y.
 
-Real solutions of trigonometric equations meet and become complex ones; what is to stay
-analytic while they do has to be known on both. Products here are bilinear, a . b = sum
-a_k b_k without conjugation, so a formula for real unit vectors holds word for word.
+What remains is the eliminant, a trigonometric polynomial of known degree in x. Its roots
+are the values of e^(ix). C. W. Wampler (2004) eliminates the same equations by Sylvester's
+method.
+
+Angles and coefficients may be complex, because real solutions become complex where two of
+them meet. No product here takes a complex conjugate.
 """
 
+from dataclasses import dataclass
 from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
-from spherekit.geometry.rotation import all_finite, cross, max_abs
+from spherekit.arrays import Bools, Complexes, Floats, Indices
+from spherekit.geometry.rotation import all_finite, max_abs
 
 Numbers = NDArray[np.inexact[Any]]
 
-OFFSET = 0.3183
-"""The first sample (rad): sizes in round degrees meet no special place there."""
-OVERSAMPLING = 4
-"""Samples of the polynomial for each of its degrees; 2 would just determine it."""
-EXCESS = 1e-9
-"""Largest coefficient allowed beyond the degree, over the largest of all."""
-VANISHING = 1e-14
-"""A polynomial that is smaller, over what its factors could reach, is zero."""
-NEAR_CIRCLE = 0.3
-"""Every root with an imaginary part (rad) up to this must lead to a solution."""
-POLISHED = 2.0
-"""Roots with a larger imaginary part (rad) are counted, but not made solutions."""
-CLUSTER = 3e-3
-"""Roots and solutions nearer than this (rad) belong together: rounding of multiple ones."""
-CLOSED = 1e-10
-"""Largest relative residual of a solution."""
-STARTED = 0.01
-"""The same of what Newton's method starts from."""
-BESIDE = 8
-"""Of so many neighbouring systems one is solved without another's solutions."""
-SAME = 1e-6
-"""Solutions whose angles differ by less (rad) are one."""
-FLAT = 1e-5
-"""Relative determinant below which a solution may be multiple."""
-EMPTY = 1e-10
-"""An equation with smaller coefficients is none; those of arcs are about 1."""
-UNDETERMINED = 1e-5
-"""An equation whose part that holds an angle is smaller does not determine it."""
-ON_CIRCLE = 1e-6
-"""Roots that are nearer to the unit circle (rad) have a real first angle: rounding moves a
-simple one by less."""
-OFF_CIRCLE = 1e-3
-"""Least distance (rad) of a root that is clearly not on the circle. Rounding moves a double
-one by less."""
-NEWTON_STEPS = 10
-STILL = 1e-9
-"""Newton's method ends when no angle changed by more than this (rad)."""
+FIRST_SAMPLE_RAD = 0.3183
+"""First angle at which the eliminant is sampled. Sizes in whole degrees have no special
+configuration there, such as an equation that loses an angle."""
+
+SAMPLES_PER_DEGREE = 4
+"""Samples of the eliminant for each of its degrees. Two and one sample determine it; the
+others show coefficients beyond the degree, which are rounding errors."""
+
+MAX_RELATIVE_EXCESS = 1e-9
+"""Largest coefficient beyond the degree of the eliminant, relative to its largest one.
+Larger: roots with fewer correct digits are trusted. Smaller: more systems are reported as
+incomplete."""
+
+ZERO_ELIMINANT = 1e-14
+"""The eliminant is zero if it is below this part of what the sizes of its factors allow.
+Larger: systems with small eliminants count as having infinitely many solutions."""
+
+EMPTY_EQUATION_SIZE = 1e-10
+"""An equation with smaller coefficients (norm) is satisfied by all angles. Equations of
+arcs have coefficients of about 1."""
+
+UNDETERMINED_RATIO = 1e-5
+"""The first of three equations does not determine y if the part of it that depends on y is
+smaller than this, relative to the whole equation."""
+
+MATCHED_IMAGINARY_RAD = 0.3
+"""Every root whose angle has an imaginary part up to this must lead to a solution.
+Otherwise real solutions may be missing."""
+
+MAX_IMAGINARY_RAD = 2.0
+"""Solutions are not computed for roots whose angle has a larger imaginary part."""
+
+ROOT_CLUSTER_RAD = 3e-3
+"""Roots and solutions nearer to each other than this belong together. Rounding separates
+the roots of one multiple solution by less."""
+
+SAME_SOLUTION_RAD = 1e-6
+"""Two solutions are one if all their angles differ by less."""
+
+ON_CIRCLE_RAD = 1e-6
+"""A root that is nearer to the unit circle has a real first angle. Rounding moves a simple
+root by less."""
+
+OFF_CIRCLE_RAD = 1e-3
+"""A root that is farther from the unit circle has no real first angle. Rounding moves a
+double root by less."""
+
+MAX_SOLUTION_RESIDUAL = 1e-10
+"""Largest relative residual of a solution after Newton's method."""
+
+MAX_START_RESIDUAL = 0.01
+"""Largest relative residual of a start of Newton's method. Worse starts are dropped."""
+
+MAX_STARTS_PER_ROOT = 4
+"""Starts of Newton's method for one root: two values of y times two values of z."""
+
+FLAT_JACOBIAN_RATIO = 1e-5
+"""A solution may be multiple if the determinant of its Jacobian is below this part of the
+largest value that the lengths of the columns allow."""
+
+ELIMINATION_STRIDE = 8
+"""Of so many neighbouring systems of three equations one is solved by elimination. The
+others start Newton's method from its solutions, which is faster."""
+
+MAX_STEPS = 10
+"""Largest number of steps of Newton's method."""
+
+STEP_TOLERANCE_RAD = 1e-9
+"""Newton's method ends when no angle changed by more than this. Its convergence is
+quadratic, so the error is then at the level of rounding."""
+
+MAX_STEP_RAD = 0.3
+"""Largest change of an angle in a step of Newton's method."""
 
 
-def eliminated_degree(involves: Bools) -> int:
-    """Return the degree in the first angle of the eliminant, 0 if there is none.
+@dataclass(frozen=True)
+class EliminantRoots:
+    """Roots of the eliminants of n systems.
 
-    `involves` (t, t) says which equation (row) has which angle (column) in it. The last two
-    equations must have the last angle; of three, the first the second angle and not the
-    third.
+    Attributes
+    ----------
+    roots
+        (n, 2 degree) values of e^(ix), x the first angle; NaN or infinite where the degree
+        drops.
+    excess
+        (n,) largest coefficient beyond the degree, relative to the largest coefficient.
+    problems
+        For each system the reason why the roots do not give its solutions, or "".
     """
-    if len(involves) == 1:
-        return int(involves[0, 0])
-    first = involves[0]
-    x = involves[:, 0].astype(int)
-    if not np.all(involves[-2:, -1]):
+
+    roots: Complexes
+    excess: Floats
+    problems: list[str]
+
+
+@dataclass(frozen=True)
+class RemainingForms:
+    """Forms that remain of n systems at r values of the first angle.
+
+    Attributes
+    ----------
+    last_forms
+        (n, r, s, 2, 3) forms of the last two equations in the last angle, at the s values
+        of y: 2 for three equations. Two equations have no angle in between, so s is 1.
+    second_zeros
+        (n, r, s, 3) values (1, cos y, sin y) at which the first of three equations is
+        zero. Ones for two equations.
+    second_forms
+        (n, r, 3) form of that first equation in y. Ones for two equations.
+    second_weights
+        (n, r) c1^2 + c2^2 of that form. Ones for two equations.
+    """
+
+    last_forms: Complexes
+    second_zeros: Complexes
+    second_forms: Complexes
+    second_weights: Complexes
+
+
+@dataclass(frozen=True)
+class NewtonResult:
+    """Angles (n, m, t) to which Newton's method leads, with their quality.
+
+    `residual` (n, m) is relative; `is_flat` (n, m) tells whether the Jacobian is almost
+    singular, so that a solution there may be multiple.
+    """
+
+    angles: Complexes
+    residual: Floats
+    is_flat: Bools
+
+
+@dataclass(frozen=True)
+class RootSolutions:
+    """Angles (n, m, t) computed from roots, in the order of the roots.
+
+    `is_solution` (n, m) tells whether Newton's method converged to a solution whose first
+    angle belongs to the root. `is_flat` (n, m) is that of `NewtonResult`.
+    """
+
+    angles: Complexes
+    is_solution: Bools
+    is_flat: Bools
+
+
+def eliminant_degree(incidence: Bools) -> int:
+    """Return the degree of the eliminant in the first angle.
+
+    Parameters
+    ----------
+    incidence
+        (t, t), true where an equation (row) contains an angle (column).
+
+    Returns
+    -------
+    The degree, half the number of complex solutions. It is 0 if the angles cannot be
+    eliminated: the last two equations must contain the last angle, and the first of three
+    equations must contain the second angle but not the third.
+    """
+    if len(incidence) == 1:
+        return int(incidence[0, 0])
+    if not np.all(incidence[-2:, -1]):
         return 0
-    if len(involves) == 2:
-        return int(2 * np.sum(x))
-    if first[2] or not first[1]:
+    # The resultant has degree 2 in each of the last two forms.
+    contains_first = incidence[:, 0].astype(int)
+    if len(incidence) == 2:
+        return int(2 * np.sum(contains_first))
+    _, first_has_second, first_has_third = incidence[0]
+    if first_has_third or not first_has_second:
         return 0
-    return int(2 * _power(involves) * x[0] + 4 * (x[1] + x[2]))
+    # The factor (a1^2 + a2^2)^p has degree 2 p in x, and there are two resultants.
+    power = _resultant_degree(incidence)
+    return int(2 * power * contains_first[0] + 4 * (contains_first[1] + contains_first[2]))
 
 
-def _power(involves: Bools) -> int:
-    """Return the degree of the resultant in the zeros of the first of three equations."""
-    return 2 * int(np.sum(involves[1:, 1])) if len(involves) == 3 else 0
+def _resultant_degree(incidence: Bools) -> int:
+    """Return the degree of the resultant in the second of three angles; else 0."""
+    return 2 * int(np.sum(incidence[1:, 1])) if len(incidence) == 3 else 0
 
 
-def common_angles(equations: Numbers, involves: Bools) -> tuple[Complexes, str]:
-    """Return the solutions of a system of two or three equations in as many angles.
-
-    Angles (k, t) complex, rad: those whose first angle is near the real axis. And why real
-    solutions may be missing; empty if none can be.
+def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complexes, str]:
+    """Return the solutions of one system whose first angle is near the real axis.
 
     Parameters
     ----------
     equations
-        (t, 3, ..., 3): equation, then the places of the points of the angles.
-    involves
-        (t, t) as in `eliminated_degree`, whose result must not be 0.
-    """
-    with np.errstate(all="ignore"):
-        (roots,), (excess,), (problem,) = _roots(equations[None], involves)
-        if problem:
-            return np.empty((0, len(equations)), dtype=complex), problem
-        away = np.abs(np.log(np.abs(roots)))
-        roots = roots[away < POLISHED]
-        away = away[away < POLISHED]
-        angles, good, flat = (x[0] for x in _next_to(equations[None], roots[None], 4))
-        kept = np.flatnonzero(good)
-        kept = kept[_are_new(angles[kept])]
-        angles = angles[kept]
-        flat = flat[kept]
-        turned = roots[:, None]
-        with_roots = np.sum(np.abs(turned / roots - 1.0) < CLUSTER, axis=1)
-        near = np.abs(turned / np.exp(1j * angles[:, 0]) - 1.0) < CLUSTER
-        lost = (np.sum(near, axis=1) < with_roots) & ~np.any(near & flat, axis=1)
-        if len(equations) == 3:
-            quadratics = _forms(equations[None], -1j * np.log(roots[None]))[2]
-            size = np.linalg.norm(quadratics[0], axis=1) / np.linalg.norm(equations[0])
-            lost |= size < UNDETERMINED
-        unmatched = np.sum(lost & (away < NEAR_CIRCLE))
-    if not excess < EXCESS:
-        degree = eliminated_degree(involves)
-        problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
-    elif unmatched:
-        problem = f"{unmatched} roots of the eliminant lost solutions"
-    return angles, problem
-
-
-def all_angles(equations: Numbers, involves: Bools) -> Complexes:
-    """Return all solutions (n, 2 degree, t) of systems, NaN where one is missing.
-
-    Neighbouring systems of three equations should be alike: most are solved by Newton's
-    method from the solutions of one beside. From wherever they are reached, as many as
-    there are roots are all.
-    """
-    n, t = equations.shape[:2]
-    angles = np.full((n, 2 * eliminated_degree(involves), t), np.nan, dtype=complex)
-    with np.errstate(all="ignore"):
-        if t == 1:
-            return _angle(_zeros(equations[:, 0])[0])[..., None]
-        rows = np.arange(n)
-        _eliminate(angles, equations, involves, rows[:: BESIDE if t == 3 else 1], 1)
-        there, left = (rows[missing == np.isnan(angles[:, 0, 0])] for missing in (0, 1))
-        if len(there) and len(left):
-            beside = there[np.argmin(np.abs(there - left[:, None]), axis=1)]
-            polished, residual, _ = _polished(equations[left], angles[beside])
-            _put(angles, left, polished, residual < CLOSED)
-        _eliminate(angles, equations, involves, rows[np.isnan(angles[:, 0, 0])], 4)
-    return angles
-
-
-def real_angles(equations: Floats, involves: Bools) -> tuple[Floats, Bools]:
-    """Return starting values of the real solutions of systems, and where these are all.
-
-    This takes a third of the time of `all_angles`, but decides only systems whose roots
-    are clearly apart, and clearly on or off the unit circle.
+        (t, 3, ..., 3) one system of two or three equations.
+    incidence
+        (t, t) as in `eliminant_degree`, which must not return 0 for it.
 
     Returns
     -------
-    angles, is_clear
-        (n, m, t) real angles, NaN where a system has fewer than m, and (n,) whether there
-        is one for each real solution. Newton's method has to confirm them, as different
-        ones.
+    angles
+        (k, t) complex solutions (rad), without copies.
+    problem
+        The reason why real solutions may be missing, or "".
+    """
+    systems = equations[None]
+    with np.errstate(all="ignore"):
+        eliminant_roots = _find_eliminant_roots(systems, incidence)
+        roots = eliminant_roots.roots[0]
+        excess = eliminant_roots.excess[0]
+        problem = eliminant_roots.problems[0]
+        if problem:
+            return np.empty((0, len(equations)), dtype=complex), problem
+        imaginary = np.abs(np.log(np.abs(roots)))
+        is_near = imaginary < MAX_IMAGINARY_RAD
+        roots = roots[is_near]
+        imaginary = imaginary[is_near]
+
+        solutions = _solve_at_roots(systems, roots[None], MAX_STARTS_PER_ROOT)
+        candidates = np.flatnonzero(solutions.is_solution[0])
+        distinct = candidates[_are_distinct(solutions.angles[0, candidates])]
+        angles = solutions.angles[0, distinct]
+        is_flat = solutions.is_flat[0, distinct]
+
+        # A cluster of roots must lead to as many solutions, or to one that may be multiple.
+        # Fewer solutions mean that at least one was lost.
+        roots_in_rows = roots[:, None]
+        is_same_cluster = np.abs(roots_in_rows / roots - 1.0) < ROOT_CLUSTER_RAD
+        solution_roots = np.exp(1j * angles[:, 0])
+        is_near_root = np.abs(roots_in_rows / solution_roots - 1.0) < ROOT_CLUSTER_RAD
+        is_lost = np.sum(is_near_root, axis=1) < np.sum(is_same_cluster, axis=1)
+        is_lost &= ~np.any(is_near_root & is_flat, axis=1)
+        if len(equations) == 3:
+            # Where the first equation does not determine y, its zeros are meaningless.
+            second_forms = _reduce_to_forms(systems, -1j * np.log(roots[None])).second_forms
+            form_sizes = np.linalg.norm(second_forms[0], axis=1)
+            is_lost |= form_sizes / np.linalg.norm(equations[0]) < UNDETERMINED_RATIO
+        lost_count = np.sum(is_lost & (imaginary < MATCHED_IMAGINARY_RAD))
+    if not excess < MAX_RELATIVE_EXCESS:
+        degree = eliminant_degree(incidence)
+        problem = f"the eliminant has coefficients {excess:.1g} beyond degree {degree}"
+    elif lost_count:
+        problem = f"{lost_count} roots of the eliminant lost solutions"
+    return angles, problem
+
+
+def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
+    """Return all complex solutions of n systems.
+
+    The solutions of a system are complete if there are as many different ones as roots.
+    Most systems of three equations are solved by Newton's method from the solutions of a
+    neighbour, so neighbouring systems should be similar.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    incidence
+        (t, t) as in `eliminant_degree`, which must not return 0 for it.
+
+    Returns
+    -------
+    (n, 2 degree, t) angles (rad). NaN for a system whose solutions are not complete.
+    """
+    n, t = equations.shape[:2]
+    angles = np.full((n, 2 * eliminant_degree(incidence), t), np.nan, dtype=complex)
+    with np.errstate(all="ignore"):
+        if t == 1:
+            zeros, _ = _form_zeros(equations[:, 0])
+            return _angles_of(zeros)[..., None]
+        systems = np.arange(n)
+        stride = ELIMINATION_STRIDE if t == 3 else 1
+        _eliminate(angles, equations, incidence, systems[::stride], 1)
+
+        is_unsolved = np.isnan(angles[:, 0, 0])
+        solved = systems[~is_unsolved]
+        unsolved = systems[is_unsolved]
+        if len(solved) and len(unsolved):
+            distances = np.abs(solved - unsolved[:, None])
+            neighbours = solved[np.argmin(distances, axis=1)]
+            result = _run_newton(equations[unsolved], angles[neighbours])
+            is_solution = result.residual < MAX_SOLUTION_RESIDUAL
+            _store_complete(angles, unsolved, result.angles, is_solution)
+
+        unsolved = systems[np.isnan(angles[:, 0, 0])]
+        _eliminate(angles, equations, incidence, unsolved, MAX_STARTS_PER_ROOT)
+    return angles
+
+
+def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, Bools]:
+    """Return starting values of the real solutions of n systems.
+
+    This takes a third of the time of `find_all_angles`. It decides only about systems whose
+    roots are clearly separate, and clearly on or off the unit circle.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) real systems of two or three equations.
+    incidence
+        (t, t) as in `eliminant_degree`, which must not return 0 for it.
+
+    Returns
+    -------
+    angles
+        (n, m, t) real angles (rad), NaN if a system has fewer than m. Newton's method has
+        to confirm them, as different solutions.
+    is_clear
+        (n,) whether there is one start for each real solution.
     """
     with np.errstate(all="ignore"):
-        roots, excess, problems = _roots(equations, involves)
-        away = np.abs(np.log(np.abs(roots)))
-        is_on = away < ON_CIRCLE
-        is_clear = np.all(is_on | (away > OFF_CIRCLE), axis=1) & (excess < EXCESS)
-        is_clear &= [not problem for problem in problems]
-        order = np.argsort(~is_on, axis=1, kind="stable")
-        order = order[:, : np.max(np.sum(is_on, axis=1), initial=0)]
-        first = np.angle(np.take_along_axis(roots, order, axis=1))
-        first[~np.take_along_axis(is_on, order, axis=1)] = np.nan
-        apart = np.abs(np.exp(1j * (first[:, :, None] - first[:, None])) - 1.0)
-        apart[:, *np.diag_indices(first.shape[1])] = np.inf
-        is_clear &= ~np.any(apart < CLUSTER, axis=(1, 2))
+        eliminant_roots = _find_eliminant_roots(equations, incidence)
+        roots = eliminant_roots.roots
+        circle_distance = np.abs(np.log(np.abs(roots)))
+        is_real = circle_distance < ON_CIRCLE_RAD
+        is_clear = np.all(is_real | (circle_distance > OFF_CIRCLE_RAD), axis=1)
+        is_clear &= eliminant_roots.excess < MAX_RELATIVE_EXCESS
+        is_clear &= [not problem for problem in eliminant_roots.problems]
+
+        # The real roots of each system come first, padded with NaN to the largest number.
+        order = np.argsort(~is_real, axis=1, kind="stable")
+        order = order[:, : np.max(np.sum(is_real, axis=1), initial=0)]
+        first_angles = np.angle(np.take_along_axis(roots, order, axis=1))
+        first_angles[~np.take_along_axis(is_real, order, axis=1)] = np.nan
+
+        differences = first_angles[:, :, None] - first_angles[:, None]
+        distances = np.abs(np.exp(1j * differences) - 1.0)
+        distances[:, *np.diag_indices(first_angles.shape[1])] = np.inf
+        is_clear &= ~np.any(distances < ROOT_CLUSTER_RAD, axis=(1, 2))
         if equations.shape[1] == 3:
-            quadratics = _forms(equations, first)[2]
-            size = np.linalg.norm(quadratics, axis=2)
-            size /= np.linalg.norm(equations.reshape(len(size), -1), axis=1)[:, None]
-            is_clear &= ~np.any(size < UNDETERMINED, axis=1)
-        n, k = first.shape
-        if not k:
-            return np.empty((n, 0, len(involves))), is_clear
-        starts = _starts(equations, first.astype(complex))
-        count = starts.shape[1] // k
-        residual = np.nan_to_num(_residual(equations, starts), nan=np.inf)
-        best = np.argmin(residual.reshape(n, k, count), axis=2)[:, :, None, None]
-        starts = np.take_along_axis(starts.reshape(n, k, count, -1), best, axis=2)[:, :, 0]
+            second_forms = _reduce_to_forms(equations, first_angles).second_forms
+            ratios = np.linalg.norm(second_forms, axis=2)
+            ratios /= np.linalg.norm(equations.reshape(len(ratios), -1), axis=1)[:, None]
+            is_clear &= ~np.any(ratios < UNDETERMINED_RATIO, axis=1)
+
+        n, root_count = first_angles.shape
+        if not root_count:
+            return np.empty((n, 0, len(incidence))), is_clear
+        starts = _start_angles(equations, first_angles.astype(complex))
+        shape = (n, root_count, starts.shape[1] // root_count)
+        residual = np.nan_to_num(_relative_residual(equations, starts), nan=np.inf)
+        best = np.argmin(residual.reshape(shape), axis=2)[:, :, None, None]
+        starts = np.take_along_axis(starts.reshape(*shape, -1), best, axis=2)[:, :, 0]
     return starts.real, is_clear
 
 
 def _eliminate(
     angles: Complexes,
     equations: Numbers,
-    involves: Bools,
-    rows: Indices,
-    most: int,
+    incidence: Bools,
+    systems: Indices,
+    starts_per_root: int,
 ) -> None:
-    """Set the solutions of some systems, from the best starts of each root, so many."""
-    if len(rows):
-        roots = _roots(equations[rows], involves)[0]
-        finite = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
-        rows = rows[finite]
-        solutions, good, _ = _next_to(equations[rows], roots[finite], most)
-        _put(angles, rows, solutions, good)
+    """Solve some systems by elimination and store complete solutions in `angles`.
 
-
-def _next_to(
-    equations: Numbers, roots: Complexes, most: int
-) -> tuple[Complexes, Bools, Bools]:
-    """Return solutions (n, m, t) of n systems, from the best starts of roots, so many.
-
-    `roots` are (n, k) of the first angle. With them whether they are solutions of their
-    root, and where equations are flat.
+    Parameters
+    ----------
+    angles
+        (n, 2 degree, t) array that is changed in place.
+    equations, incidence
+        As in `find_all_angles`.
+    systems
+        (k,) indices of the systems to solve.
+    starts_per_root
+        Starts of Newton's method for each root, those with the smallest residuals.
     """
-    n, k = roots.shape
-    starts = _starts(equations, -1j * np.log(roots))
-    t = starts.shape[2]
-    count = starts.shape[1] // max(k, 1)  # there may be no root
-    best = np.argsort(_residual(equations, starts).reshape(n, k, count), axis=2)
-    chosen = best[:, :, :most, None]
-    starts = np.take_along_axis(starts.reshape(n, k, count, t), chosen, axis=2)
-    starts = starts.reshape(n, k * chosen.shape[2], t)
-    starts[_residual(equations, starts) > STARTED] = np.nan
-    angles, residual, flat = _polished(equations, starts)
-    near = np.abs(angles[..., 0] - starts[..., 0]) < CLUSTER
-    return angles, (residual < CLOSED) & near, flat
+    if len(systems):
+        roots = _find_eliminant_roots(equations[systems], incidence).roots
+        is_usable = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
+        systems = systems[is_usable]
+        solutions = _solve_at_roots(equations[systems], roots[is_usable], starts_per_root)
+        _store_complete(angles, systems, solutions.angles, solutions.is_solution)
 
 
-def _put(angles: Complexes, rows: Indices, polished: Complexes, good: Bools) -> None:
-    """Set the solutions of systems whose good ones, without copies, are all there are."""
-    for row, solutions, fine in zip(rows, polished, good, strict=True):
-        new = solutions[fine][_are_new(solutions[fine])]
-        if len(new) == angles.shape[1]:
-            angles[row] = new
+def _solve_at_roots(
+    equations: Numbers, roots: Complexes, starts_per_root: int
+) -> RootSolutions:
+    """Return the solutions of n systems that belong to roots of their eliminants.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    roots
+        (n, k) values of e^(ix), x the first angle.
+    starts_per_root
+        Starts of Newton's method for each root, those with the smallest residuals.
+    """
+    starts = _start_angles(equations, -1j * np.log(roots))
+    starts = _best_starts(equations, starts, roots.shape[1], starts_per_root)
+    starts[_relative_residual(equations, starts) > MAX_START_RESIDUAL] = np.nan
+    result = _run_newton(equations, starts)
+    # A start that leads to the solution of another root says nothing about its own root.
+    is_near_root = np.abs(result.angles[..., 0] - starts[..., 0]) < ROOT_CLUSTER_RAD
+    is_solution = (result.residual < MAX_SOLUTION_RESIDUAL) & is_near_root
+    return RootSolutions(result.angles, is_solution, result.is_flat)
 
 
-def point(angle: Numbers) -> Numbers:
-    """Return (..., 3): 1, cosine and sine of angles (...,)."""
+def _store_complete(
+    angles: Complexes, systems: Indices, solutions: Complexes, is_solution: Bools
+) -> None:
+    """Store the solutions of each system that has as many different ones as roots.
+
+    Parameters
+    ----------
+    angles
+        (n, 2 degree, t) array that is changed in place.
+    systems
+        (k,) indices of the solved systems.
+    solutions, is_solution
+        (k, m, t) angles (rad), and (k, m) which of them are solutions.
+    """
+    for system, candidates, is_valid in zip(systems, solutions, is_solution, strict=True):
+        distinct = candidates[is_valid][_are_distinct(candidates[is_valid])]
+        if len(distinct) == angles.shape[1]:
+            angles[system] = distinct
+
+
+def angle_factors(angle: Numbers) -> Numbers:
+    """Return (..., 3): 1, cosine and sine of angles (...,) in rad, real or complex."""
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _angle(points: Complexes) -> Complexes:
-    """Return angles (...,) of points (..., 3) with any common factor."""
-    one, c, s = np.moveaxis(points, -1, 0)
-    ahead = (c + 1j * s) / one
-    back = (c - 1j * s) / one
-    return np.where(np.abs(ahead) > np.abs(back), -1j * np.log(ahead), 1j * np.log(back))
+def _angles_of(factors: Complexes) -> Complexes:
+    """Return the angles (...,) of (..., 3) multiples of 1, cosine and sine.
+
+    An angle follows from e^(ix) or e^(-ix). The larger of the two is used, because the
+    other is a small difference of large numbers if the angle has a large imaginary part.
+    """
+    one, c, s = np.moveaxis(factors, -1, 0)
+    forward = (c + 1j * s) / one
+    backward = (c - 1j * s) / one
+    return np.where(
+        np.abs(forward) > np.abs(backward), -1j * np.log(forward), 1j * np.log(backward)
+    )
 
 
-def _zeros(form: Numbers) -> tuple[Complexes, Complexes]:
-    """Return both zeros (..., 2, 3) of forms (..., 3), and c1^2 + c2^2 (...,)."""
+def _form_zeros(form: Numbers) -> tuple[Complexes, Complexes]:
+    """Return the zeros of forms c0 + c1 cos + c2 sin.
+
+    Parameters
+    ----------
+    form
+        (..., 3) coefficients.
+
+    Returns
+    -------
+    zeros
+        (..., 2, 3) values of 1, cos and sin at both zeros. Not finite if the weight is 0.
+    weight
+        (...,) c1^2 + c2^2.
+    """
     c0, c1, c2 = np.moveaxis(form.astype(complex), -1, 0)
     weight = c1 * c1 + c2 * c2
     root = np.sqrt(weight - c0 * c0)
-    both = [
-        np.stack([weight, -c0 * c1 - way * c2, -c0 * c2 + way * c1], axis=-1)
-        for way in (root, -root)
+    zeros = [
+        np.stack([weight, -c0 * c1 - signed * c2, -c0 * c2 + signed * c1], axis=-1)
+        for signed in (root, -root)
     ]
-    return np.stack(both, axis=-2) / weight[..., None, None], weight
+    return np.stack(zeros, axis=-2) / weight[..., None, None], weight
 
 
-def _forms(
-    equations: Numbers, first: Numbers
-) -> tuple[Complexes, Complexes, Complexes, Complexes]:
-    """Return the last two equations at values (n, r) of the first angle.
+def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForms:
+    """Return the forms that remain of systems of two or three equations.
 
-    Their forms (n, r, s, 2, 3) in the last angle, at the s points (n, r, s, 3) of the
-    second that solve the first of three equations, of two at none; and the forms
-    (n, r, 3) of that equation in the second angle, with c1^2 + c2^2 (n, r).
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    first_angles
+        (n, r) values of the first angle (rad).
     """
-    remaining = np.einsum("nkx...,nrx->nrk...", equations, point(first).astype(complex))
+    # Letters: n system, r value of x, k equation, s zero of the first form; x, y, z are the
+    # indices of the factors 1, cos and sin of the three angles.
+    factors = angle_factors(first_angles).astype(complex)
+    remaining = np.einsum("nkx...,nrx->nrk...", equations, factors)
     if equations.shape[1] == 2:
-        nothing = np.ones((*first.shape, 1, 3), dtype=complex)
-        return remaining[:, :, None], nothing, nothing[:, :, 0], nothing[:, :, 0, 0]
-    quadratics = remaining[:, :, 0, :, 0]
-    seconds, weight = _zeros(quadratics)
-    forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], seconds)
-    return forms, seconds, quadratics, weight
+        ones = np.ones((*first_angles.shape, 1, 3), dtype=complex)
+        return RemainingForms(
+            last_forms=remaining[:, :, None],
+            second_zeros=ones,
+            second_forms=ones[:, :, 0],
+            second_weights=ones[:, :, 0, 0],
+        )
+    # The first equation does not contain z, so only its factor of 1 is not zero.
+    second_forms = remaining[:, :, 0, :, 0]
+    second_zeros, second_weights = _form_zeros(second_forms)
+    last_forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], second_zeros)
+    return RemainingForms(last_forms, second_zeros, second_forms, second_weights)
 
 
-def _roots(equations: Numbers, involves: Bools) -> tuple[Complexes, Floats, list[str]]:
-    """Return all e^(ix) (n, 2 degree) of the first angle x of systems, and an excess (n,).
+def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoots:
+    """Return the roots of the eliminants of n systems of two or three equations.
 
-    The excess are the coefficients beyond the degree, relative. The last list says why a
-    system cannot be solved by them, or nothing.
-
-    The eliminants are sampled at equally spaced values of the first angle. With n = b x c
-    for the forms b, c in the last angle, their resultant is n1^2 + n2^2 - n0^2. Its product
-    over both zeros (1, C, S) of the form a in the second angle, times (a1^2 + a2^2) to the
-    power of its degree in them, is the eliminant.
+    The eliminant is sampled at equally spaced values of the first angle. A Fourier
+    transform gives its coefficients, and the eigenvalues of their companion matrix are the
+    roots.
     """
-    degree = eliminated_degree(involves)
-    power = _power(involves)
-    count = OVERSAMPLING * degree
-    places = OFFSET + 2 * np.pi * np.arange(count) / count
-    first = np.broadcast_to(places, (len(equations), count))
-    forms, _, _, weight = _forms(equations, first)
-    normal = np.cross(forms[..., 0, :], forms[..., 1, :])
+    degree = eliminant_degree(incidence)
+    power = _resultant_degree(incidence)
+    count = SAMPLES_PER_DEGREE * degree
+    sample_angles = FIRST_SAMPLE_RAD + 2 * np.pi * np.arange(count) / count
+    first_angles = np.broadcast_to(sample_angles, (len(equations), count))
+    forms = _reduce_to_forms(equations, first_angles)
+    normal = np.cross(forms.last_forms[..., 0, :], forms.last_forms[..., 1, :])
     resultants = normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
-    samples = np.prod(resultants, axis=2) * weight**power
+    weights = forms.second_weights
+    samples = np.prod(resultants, axis=2) * weights**power
     if np.isrealobj(equations):
+        # The imaginary parts are rounding errors.
         samples = samples.real.astype(complex)
-    # What the samples could reach by the sizes of their factors.
-    sizes = np.prod(np.sum(np.abs(forms) ** 2, axis=4), axis=(2, 3))
-    scale = np.max(np.abs(weight) ** power * sizes, axis=1)
-    size = np.linalg.norm(equations.reshape(*equations.shape[:2], -1), axis=2)
-    held = max_abs(weight, axis=1) > (UNDETERMINED * size[:, 0]) ** 2
-    held &= all_finite(samples, 1)
-    many = (np.min(size, axis=1) < EMPTY) | ~(max_abs(samples, axis=1) > VANISHING * scale)
+
+    # The largest value of the eliminant that the sizes of its factors allow.
+    form_sizes = np.prod(np.sum(np.abs(forms.last_forms) ** 2, axis=4), axis=(2, 3))
+    scale = np.max(np.abs(weights) ** power * form_sizes, axis=1)
+    sizes = np.linalg.norm(equations.reshape(*equations.shape[:2], -1), axis=2)
+    is_determined = max_abs(weights, axis=1) > (UNDETERMINED_RATIO * sizes[:, 0]) ** 2
+    is_determined &= all_finite(samples, 1)
+    is_zero = np.min(sizes, axis=1) < EMPTY_EQUATION_SIZE
+    is_zero |= ~(max_abs(samples, axis=1) > ZERO_ELIMINANT * scale)
     problems = np.select(
-        [~held, many],
+        [~is_determined, is_zero],
         [
             "an equation of the elimination does not hold its angle",
             "there are infinitely many complex solutions",
@@ -328,89 +557,192 @@ def _roots(equations: Numbers, involves: Bools) -> tuple[Complexes, Floats, list
     ).tolist()
 
     spectrum = np.fft.fft(samples, axis=1) / count
-    beyond = np.abs(spectrum[:, degree + 1 : count - degree])
-    powers = spectrum[:, np.arange(degree, -degree - 1, -1)]
-    companions = np.zeros((len(powers), 2 * degree, 2 * degree), dtype=complex)
+    beyond_degree = np.abs(spectrum[:, degree + 1 : count - degree])
+    excess = np.max(beyond_degree, axis=1) / max_abs(spectrum, axis=1)
+
+    # Coefficients of e^(ikx) from k = degree down to -degree, those of a polynomial in
+    # e^(ix) with the highest power first.
+    coefficients = spectrum[:, np.arange(degree, -degree - 1, -1)]
+    companions = np.zeros((len(coefficients), 2 * degree, 2 * degree), dtype=complex)
     companions[:, 1:, :-1] = np.eye(2 * degree - 1)
-    companions[:, 0] = -powers[:, 1:] / powers[:, :1]
-    good = all_finite(companions, (1, 2))
-    roots = np.full((len(powers), 2 * degree), np.nan, dtype=complex)
-    roots[good] = np.linalg.eigvals(companions[good]) * np.exp(1j * OFFSET)
-    return roots, np.max(beyond, axis=1) / max_abs(spectrum, axis=1), problems
+    companions[:, 0] = -coefficients[:, 1:] / coefficients[:, :1]
+    is_finite = all_finite(companions, (1, 2))
+    roots = np.full((len(coefficients), 2 * degree), np.nan, dtype=complex)
+    # The samples begin at FIRST_SAMPLE_RAD, so the transform measures angles from there.
+    offset = np.exp(1j * FIRST_SAMPLE_RAD)
+    roots[is_finite] = np.linalg.eigvals(companions[is_finite]) * offset
+    return EliminantRoots(roots, excess, problems)
 
 
-def _starts(equations: Numbers, first: Complexes) -> Complexes:
-    """Return angles (n, k, t) near all solutions with values (n, r) of the first angle."""
-    forms, seconds, _, _ = _forms(equations, first)
-    better = np.argmax(np.linalg.norm(forms[..., 1:], axis=4), axis=3)[..., None, None]
-    lasts = _angle(_zeros(np.take_along_axis(forms, better, axis=3)[..., 0, :])[0])
-    every = np.broadcast_arrays(first[..., None, None], _angle(seconds)[..., None], lasts)
+def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
+    """Return starts of Newton's method at values of the first angle.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    first_angles
+        (n, r) first angles (rad) of solutions.
+
+    Returns
+    -------
+    (n, r * s, t) angles (rad). The s starts of a first angle follow one another: 4 for
+    three equations, 2 for two. Each solution with that first angle is near one of them.
+    """
+    forms = _reduce_to_forms(equations, first_angles)
+    # Both equations have the same zero in the last angle. The one with the larger part in
+    # cos and sin gives it more accurately.
+    angle_parts = np.linalg.norm(forms.last_forms[..., 1:], axis=4)
+    better = np.argmax(angle_parts, axis=3)[..., None, None]
+    better_forms = np.take_along_axis(forms.last_forms, better, axis=3)[..., 0, :]
+    last_zeros, _ = _form_zeros(better_forms)
+    last_angles = _angles_of(last_zeros)
+    second_angles = _angles_of(forms.second_zeros)
+    columns = np.broadcast_arrays(
+        first_angles[..., None, None], second_angles[..., None], last_angles
+    )
     if equations.shape[1] == 2:
-        every = every[::2]
-    return np.stack(every, axis=-1).reshape(len(first), prod(lasts.shape[1:]), len(every))
+        columns = columns[::2]
+    shape = (len(first_angles), prod(last_angles.shape[1:]), len(columns))
+    return np.stack(columns, axis=-1).reshape(shape)
 
 
-def _polished(equations: Numbers, angles: Complexes) -> tuple[Complexes, Floats, Bools]:
-    """Return what Newton's method makes of angles (n, m, t) of n systems.
-
-    With their relative residual (n, m), and where equations are flat.
-    """
-    largest = np.inf
-    for step in range(NEWTON_STEPS + 1):
-        values, matrices = _jets(equations, angles)
-        determinant = np.abs(np.linalg.det(matrices))
-        if step == NEWTON_STEPS or largest < STILL:
-            break
-        regular = determinant > 0.0
-        change = np.zeros_like(angles)
-        right = -values[regular][..., None]
-        change[regular] = np.linalg.solve(matrices[regular], right)[..., 0]
-        length = np.max(np.abs(change), axis=2, initial=0.0, keepdims=True)
-        angles = angles + change * np.minimum(1.0, 0.3 / np.maximum(length, 1e-300))
-        largest = np.nanmax(length, initial=0.0)
-    reach = np.prod(np.linalg.norm(matrices, axis=2), axis=2)
-    return angles, _residual(equations, angles), determinant < FLAT * reach
-
-
-def _residual(equations: Numbers, angles: Complexes) -> Floats:
-    """Return how far (n, m), relative, angles (n, m, t) are from solving n systems."""
-    size = np.prod(np.linalg.norm(point(angles), axis=3), axis=2)
-    return max_abs(_jets(equations, angles)[0], axis=2) / size
-
-
-def _are_new(angles: Complexes) -> Bools:
-    """Return (n,) which of angles (n, t) are not copies of earlier ones."""
-    turns = np.exp(1j * angles)
-    copies = np.tril(np.all(np.abs(turns[:, None] / turns - 1.0) < SAME, axis=2), -1)
-    return ~np.any(copies, axis=1)
-
-
-def determinants(equations: Numbers, angles: Complexes) -> Complexes:
-    """Return the determinants (n, m) of n systems' derivatives by angles (n, m, t)."""
-    return np.linalg.det(_jets(equations, angles)[1])
-
-
-def _jets(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
-    """Return values (n, m, t) of n systems at angles (n, m, t), and derivatives (.., t)."""
-    t = angles.shape[2]
-    points = point(angles)
-    rates = np.stack([0.0 * angles, -points[..., 2], points[..., 1]], axis=-1)
-    both = np.stack([points, rates], axis=3)
-    jets = np.einsum("nkx...,nmax->nmk...a", equations, both[:, :, 0])
-    for angle in range(1, t):
-        jets = np.einsum("nmkx...,nmax->nmk...a", jets, both[:, :, angle])
-    columns = [jets[..., *turned] for turned in np.eye(t, dtype=int)]
-    return jets[..., *[0] * t], np.stack(columns, axis=3)
-
-
-def taking(
-    first: Array, second: Array, to_first: Complexes, to_second: Complexes
+def _best_starts(
+    equations: Numbers, starts: Complexes, root_count: int, starts_per_root: int
 ) -> Complexes:
-    """Return the rotations (..., 3, 3) that take two unit vectors (..., 3) to two others.
+    """Return the starts of each root that have the smallest residuals.
 
-    Both pairs have the same scalar product; NaN where it is 1 or -1.
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    starts
+        (n, root_count * s, t) angles (rad), the s starts of a root one after another.
+    root_count
+        Number of roots of each system.
+    starts_per_root
+        Starts of a root that are kept, at most s.
+
+    Returns
+    -------
+    (n, root_count * starts_per_root, t) angles (rad), the best start of each root first.
     """
-    normal = cross(first, second)
-    dual = np.stack([cross(second, normal), cross(normal, first), normal], axis=-2)
-    there = np.stack([to_first, to_second, cross(to_first, to_second)], axis=-1)
-    return there @ dual / np.sum(normal * normal, axis=-1)[..., None, None]
+    n, start_count, t = starts.shape
+    shape = (n, root_count, start_count // max(root_count, 1))  # there may be no root
+    residual = _relative_residual(equations, starts)
+    best = np.argsort(residual.reshape(shape), axis=2)[:, :, :starts_per_root, None]
+    kept = np.take_along_axis(starts.reshape(*shape, t), best, axis=2)
+    return kept.reshape(n, root_count * best.shape[2], t)
+
+
+def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
+    """Return the angles to which Newton's method leads.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    angles
+        (n, m, t) starts (rad), m for each system.
+    """
+    largest_change = np.inf
+    for step in range(MAX_STEPS + 1):
+        values, jacobians = _evaluate(equations, angles)
+        determinants = np.abs(np.linalg.det(jacobians))
+        if step == MAX_STEPS or largest_change < STEP_TOLERANCE_RAD:
+            break
+        # Angles with a singular Jacobian, or with NaN, are not moved.
+        is_regular = determinants > 0.0
+        change = np.zeros_like(angles)
+        right_side = -values[is_regular][..., None]
+        change[is_regular] = np.linalg.solve(jacobians[is_regular], right_side)[..., 0]
+        length = np.max(np.abs(change), axis=2, initial=0.0, keepdims=True)
+        shortening = np.minimum(1.0, MAX_STEP_RAD / np.maximum(length, 1e-300))
+        angles = angles + change * shortening
+        largest_change = np.nanmax(length, initial=0.0)
+    # Hadamard's bound: the determinant is at most the product of the column lengths.
+    bound = np.prod(np.linalg.norm(jacobians, axis=2), axis=2)
+    is_flat = determinants < FLAT_JACOBIAN_RATIO * bound
+    return NewtonResult(angles, _relative_residual(equations, angles), is_flat)
+
+
+def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
+    """Return the largest residual of each solution, relative to the factors of its angles.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    angles
+        (n, m, t) angles (rad). Those with large imaginary parts have large cosines and
+        sines, by which the residual is divided.
+
+    Returns
+    -------
+    (n, m) residuals.
+    """
+    size = np.prod(np.linalg.norm(angle_factors(angles), axis=3), axis=2)
+    values, _ = _evaluate(equations, angles)
+    return max_abs(values, axis=2) / size
+
+
+def _are_distinct(angles: Complexes) -> Bools:
+    """Return (n,) which of n solutions (n, t) are not copies of earlier ones."""
+    roots = np.exp(1j * angles)
+    is_same = np.all(np.abs(roots[:, None] / roots - 1.0) < SAME_SOLUTION_RAD, axis=2)
+    return ~np.any(np.tril(is_same, -1), axis=1)
+
+
+def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
+    """Return the determinants of the derivatives of n systems by their angles.
+
+    A determinant is zero where two solutions coincide.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    angles
+        (n, m, t) angles (rad), m for each system.
+
+    Returns
+    -------
+    (n, m) determinants.
+    """
+    _, jacobians = _evaluate(equations, angles)
+    return np.linalg.det(jacobians)
+
+
+def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complexes]:
+    """Return the values of n systems and their derivatives by the angles.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    angles
+        (n, m, t) angles (rad), m for each system.
+
+    Returns
+    -------
+    values
+        (n, m, t) left sides of the t equations.
+    jacobians
+        (n, m, t, t) derivatives; equations in rows, angles in columns.
+    """
+    t = angles.shape[2]
+    factors = angle_factors(angles)
+    factor_rates = np.stack([0.0 * angles, -factors[..., 2], factors[..., 1]], axis=-1)
+    # The last axis is 0 for the factors of an angle, and 1 for their derivatives by it.
+    factors_and_rates = np.stack([factors, factor_rates], axis=3)
+
+    # Angle by angle, an axis x of coefficients is replaced by an axis a at the end: 0 for
+    # the value, 1 for the derivative by this angle. Letters: n system, m solution, k
+    # equation. Index 0 on all axes is the value; one 1 is the derivative by that angle.
+    products = np.einsum("nkx...,nmax->nmk...a", equations, factors_and_rates[:, :, 0])
+    for angle in range(1, t):
+        products = np.einsum(
+            "nmkx...,nmax->nmk...a", products, factors_and_rates[:, :, angle]
+        )
+    columns = [products[..., *index] for index in np.eye(t, dtype=int)]
+    return products[..., *[0] * t], np.stack(columns, axis=3)

@@ -10,14 +10,13 @@ import numpy as np
 
 from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
 from spherekit.geometry.parametric_curve import dot
-from spherekit.geometry.rotation import cross, max_abs, transpose
+from spherekit.geometry.rotation import cross, max_abs, rotation_between_pairs, transpose
 from spherekit.geometry.trigonometric_system import (
-    all_angles,
-    common_angles,
-    determinants,
-    eliminated_degree,
-    point,
-    taking,
+    angle_factors,
+    eliminant_degree,
+    find_all_angles,
+    find_near_real_angles,
+    jacobian_determinants,
 )
 from spherekit.mechanism.graph import spanning
 from spherekit.numerics.angles import wrap
@@ -68,7 +67,7 @@ def eliminated(group: Group, closure: Closure) -> tuple[Floats, Bools, str]:
     if min(map(frames.sine, bars_of(group))) < POINTLIKE:
         return values[0], real[0], problem
     for order in orders_of(group):
-        solved, problem = common_angles(frames.equations(order)[0], order.involves)
+        solved, problem = find_near_real_angles(frames.equations(order)[0], order.involves)
         imaginary = max_abs(solved.imag, axis=1)
         tried = imaginary < NEARLY_REAL
         values.append(frames.angles(frames.placed(order, solved[None, tried].real)))
@@ -112,7 +111,7 @@ class Order(NamedTuple):
     @property
     def roots(self) -> int:
         """Number of complex solutions, 0 if the angles cannot be eliminated so."""
-        return 2 * eliminated_degree(self.involves)
+        return 2 * eliminant_degree(self.involves)
 
 
 @lru_cache
@@ -205,7 +204,7 @@ class Frames:
         for pair, body, further in spanning(ends, [order.root], order.pairs):
             sense = 1.0 if ends[pair][0] == body else -1.0
             angle = sense * angles[..., order.pairs.index(pair)]
-            turn = np.tensordot(point(angle), _TURN, 1)
+            turn = np.tensordot(angle_factors(angle), _TURN, 1)
             one, other = self.of_pair(pair, body), self.of_pair(pair, further)
             step = one[:, None] @ turn @ transpose(other)[:, None]
             placed[:, :, further] = placed[:, :, body] @ step
@@ -215,7 +214,7 @@ class Frames:
                 (placed[:, :, body] @ axis[:, None, :, None])[..., 0]
                 for (_, body), axis in zip(bars_of(self.group)[bar], outer, strict=True)
             ]
-            turned = taking(*(axis[:, None] for axis in inner), *there)
+            turned = rotation_between_pairs(*(axis[:, None] for axis in inner), *there)
             placed[:, :, bar] = turned if np.iscomplexobj(placed) else turned.real
         return transpose(placed[:, :, :1]) @ placed
 
@@ -245,8 +244,8 @@ class Frames:
         Those (n, roots) of the equations' derivatives; NaN where a solution is missing.
         """
         equations = self.equations(order)
-        angles = all_angles(equations, order.involves)
-        return angles, determinants(equations, angles)
+        angles = find_all_angles(equations, order.involves)
+        return angles, jacobian_determinants(equations, angles)
 
 
 DIGITS = 6

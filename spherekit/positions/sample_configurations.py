@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.rotation import all_finite, cross, max_abs
-from spherekit.geometry.trigonometric_system import real_angles
+from spherekit.geometry.trigonometric_system import estimate_real_angles
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import Group
 from spherekit.positions.assembly_mode import FLAT_DYAD, Solver
@@ -387,7 +387,7 @@ def _solve_real_roots(frames: Frames, order: Order) -> tuple[Floats, Bools]:
     `_solve_batch`. The second one is whether there is one solution for each such root, and
     whether every other root is clearly off the circle.
     """
-    return real_angles(frames.equations(order), order.involves)
+    return estimate_real_angles(frames.equations(order), order.involves)
 
 
 def _solve_all_roots(frames: Frames, order: Order) -> tuple[Floats, Bools]:
