@@ -48,7 +48,7 @@ from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.motion import Motion, PositionAnalysis
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.singularities.grashof import class_of, four_bar_links
-from spherekit.velocities.axis_rotations import turning_pairs
+from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.equivalent_linkage import hinged
 from spherekit.velocities.load_numbers import LOADED
 from spherekit.velocities.row_quantities import VariedTerms
@@ -584,7 +584,7 @@ class Evaluator:
             return VariedTerms(
                 mechanism,
                 self.inputs,
-                geometry=lambda _: turning_pairs(mechanism, as_columns=profiled),
+                geometry=lambda _: pair_rotations(mechanism, as_columns=profiled),
                 closed_form=False,
                 closed=configuration,
                 by_rank=tracer.by_rank,

@@ -66,7 +66,7 @@ class DesignKernel:
         used = set(in_order(outputs))
         turns = {pair: x for pair, x in terms.turns.items() if x in used}
         self.turning = tuple(turns)
-        moving = [*terms.sample, *terms.places, *terms.handed_in, *turns.values()]
+        moving = [*terms.sample, *terms.places, *terms.profile_columns, *turns.values()]
         tables = {name: x for name, x in terms.tables.items() if x in used}
         loads = (x for x in terms.mechanism.loads if isinstance(x, TorqueTable))
         self._tables = [load for load in loads if load.name in tables]

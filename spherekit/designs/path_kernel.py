@@ -129,7 +129,7 @@ class PathKernel:
         for variable, angle in enumerate(terms.variables):
             if angle is not places[variable]:
                 change[variable] = angle - places[variable]
-        given = [*places, *terms.handed_in]
+        given = [*places, *terms.profile_columns]
         self._rows, fixed = hoisted([*change, flow.scale, flow.openness], given)
         self._inputs = [*given, *fixed]
         self.prepare = term_function([*fixed.values()], terms.sizes, self.compiled)

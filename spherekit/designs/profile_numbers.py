@@ -153,7 +153,10 @@ class ProfileNumbers:
 
 
 def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:
-    """Return the profiles of all contacts, in the order of `TurningPairs.handed_in`."""
+    """Return the profiles of all contacts.
+
+    They have the order of `PairRotations.sides_with_columns`.
+    """
     joints = joints_of(mechanism, apart)
     return [track for _, tracks in contact_tracks(joints) for track in tracks]
 

@@ -35,7 +35,7 @@ from spherekit.numerics.angles import wrap
 from spherekit.symbolic.expression_graph import symbols
 from spherekit.symbolic.frame_expressions import pointed_at
 from spherekit.symbolic.vector_algebra import Exprs
-from spherekit.velocities.axis_rotations import turning_pairs
+from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.equivalent_linkage import EquivalentLinkage, hinged
 from spherekit.velocities.load_numbers import actions_of, numbers_of, with_other_numbers
 from spherekit.velocities.row_quantities import VariedTerms
@@ -177,7 +177,7 @@ class VariedMechanism:
             mechanism,
             self.inputs,
             list(slots),
-            lambda terms: turning_pairs(
+            lambda terms: pair_rotations(
                 mechanism, {slots[x]: terms[x] for x in shapes}, as_columns=profiled
             ),
             False if profiled else closed_form,

@@ -34,7 +34,7 @@ from spherekit.symbolic.compiler import (
     heyoka,
 )
 from spherekit.symbolic.expression_graph import TermFunction, derivatives, in_order
-from spherekit.velocities.axis_rotations import turning_pairs
+from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.dyad_expressions import COMPILED
 from spherekit.velocities.load_expressions import steep_arguments
 
@@ -145,7 +145,7 @@ def compiling_time(
         If heyoka is not installed, or a profile cannot be compiled.
     """
     _need_written(mechanism)
-    turning_pairs(mechanism)
+    pair_rotations(mechanism)
     if not available():
         heyoka()
     common, _, request = _request(mechanism, tolerance, compact, coordinates)

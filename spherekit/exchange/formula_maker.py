@@ -134,7 +134,11 @@ def formulas(
     units = row_quantities(made)
     motion, of_motion = _motion(terms, outputs)
     used = {x for x in in_order([*outputs, *step]) if x.operation == "variable"}
-    profiles = [x for x in terms.structure.pairs.handed_in if used & {*x.terms, x.last}]
+    profiles = [
+        side
+        for side in terms.structure.pairs.sides_with_columns
+        if used & {*side.column_symbols, side.last_derivative}
+    ]
     tables = tuple(_table(profile, terms.places) for profile in profiles)
     without_modes = Formulas(
         made,
@@ -226,7 +230,7 @@ def _table(profile: ProfileSide, places: Sequence[ExpressionNode]) -> SeriesTabl
     series = PiecewiseChebyshev(
         of.series.edges, np.concatenate([of.series.coefficients, last], axis=2)
     )
-    terms: Any = (*profile.terms, profile.last)
+    terms: Any = (*profile.column_symbols, profile.last_derivative)
     return SeriesTable(
         terms, places[track.variable], track.start, series, of.length, of.closed
     )

@@ -13,14 +13,14 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function
 from spherekit.symbolic.frame_expressions import cross
 from spherekit.symbolic.vector_algebra import Exprs, constants, vector
-from spherekit.velocities.axis_rotations import TurningPairs
+from spherekit.velocities.axis_rotations import PairRotations
 from spherekit.velocities.carried_vectors import root
 
 
 def masses_in_terms(
     document: Document,
     mechanism: Mechanism,
-    pairs: TurningPairs,
+    pairs: PairRotations,
     numbers: Mapping[KeyPath, Expr],
 ) -> tuple[Mass, ...]:
     """Return masses whose entries are terms where a file states them by what varies.
@@ -39,7 +39,7 @@ def _mass(
     item: Mapping[str, Any],
     mass: Mass,
     mechanism: Mechanism,
-    pairs: TurningPairs,
+    pairs: PairRotations,
     numbers: Mapping[KeyPath, Expr],
 ) -> Mass:
     path = ("mass", mass.link)

@@ -1,11 +1,13 @@
-"""Pairs as chains of turns about axes fixed in links.
+"""Pairs as chains of rotations about axes that are fixed in links.
 
-An R pair is one turn. A profile that is a circle is run along by turning about its
-centre, so a contact of two circles is two turns. The variables of such pairs move links
-about axes that are fixed in one link each, and their rates need no curvature. Of other
-profiles the moving frame and the curvature are columns that are handed in.
+An R pair is one rotation. A contact point that moves along a circle turns about the centre
+of this circle, so a contact of two circles is two rotations. The variables of such pairs
+turn links about axes that are fixed in one link each, so velocities need no curvature.
 
-Profiles other than circles for terms: columns that are handed in with the variables.
+The moving frame (tangent t, normal n = p x t, point p) and the curvature k of any other
+profile are not written as expressions of the arc length. They are *profile columns*:
+symbols whose values are computed from a series and are passed to kernels after the
+variables.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,106 +35,110 @@ from spherekit.symbolic.expression_graph import (
 from spherekit.symbolic.frame_expressions import DesignGeometry, cross, revolute_frames
 from spherekit.symbolic.vector_algebra import Exprs, vector
 
-PARTS = ("tx", "ty", "tz", "px", "py", "pz", "k", "dk")
-"""The tangent, the point, the curvature and its derivative by the arc length."""
-LAST = "d2k"
-"""The second derivative of the curvature, where derivatives of all columns are wanted."""
+PROFILE_COLUMNS = ("tx", "ty", "tz", "px", "py", "pz", "k", "dk")
+"""Columns of a profile: t and p in link axes, k, and dk/ds with the arc length s."""
 
-
-def with_columns(
-    values: Array, profiles: Sequence["ProfileSide"], base: Floats | None = None
-) -> Array:
-    """Return variables (variables, n) with the columns of profiles below them.
-
-    Near variables `base` by the derivatives of the columns there.
-    """
-    if not profiles:
-        return values
-    count, n = values.shape
-    made = np.empty((count + len(PARTS) * len(profiles), n), dtype=values.dtype)
-    made[:count] = values
-    columns = made[count:].reshape(len(profiles), len(PARTS), n)
-    for profile, rows in zip(profiles, columns, strict=True):
-        _, at, start = profile.track
-        place = (values if base is None else base)[at]
-        rows[:] = profile.series.at(place + start)
-        if base is not None:
-            rows += profile.series.slopes(place + start) * (values[at] - place)
-    return made
-
+LAST_DERIVATIVE = "d2k"
+"""Symbol of d2k/ds2, which appears only in derivatives of expressions with ``dk``."""
 
 Entries = Floats | Exprs
-"""Numbers, or terms of the sizes of a design."""
+"""Numbers, or expressions of the sizes of a design."""
 
 
 @dataclass(frozen=True)
 class AxisRotation:
-    """A turn about z by scale * variable + offset (rad)."""
+    """A rotation about the z axis by the angle scale * variable + offset (rad).
+
+    `variable` is the number of the variable in the mechanism.
+    """
 
     variable: int
     scale: float = 1.0
     offset: float = 0.0
 
 
-Turn = AxisRotation | Exprs
-"""A turn, or a rotation (3, 3) of terms: the frame of a profile which is no circle."""
+VariableRotation = AxisRotation | Exprs
+"""A rotation about z, or a rotation matrix (3, 3) of profile columns."""
 
 
 @dataclass(frozen=True)
 class JointTransform:
-    """R_second = R_first C_0 Z_1 C_1 ... Z_k C_k: constant rotations between turns."""
+    """The rotation from the first link of a pair to the second.
+
+    R_second = R_first C_0 Z_1 C_1 ... Z_k C_k, where R leads from link axes to ground axes,
+    C are the `constants` (3, 3) and Z the `rotations`, which depend on variables. There is
+    one more constant than rotations.
+    """
 
     constants: tuple[Entries, ...]
-    turns: tuple[Turn, ...]
+    rotations: tuple[VariableRotation, ...]
 
     def reversed(self) -> "JointTransform":
-        """Return the chain from the second link to the first."""
+        """Return the rotation from the second link to the first."""
         return JointTransform(
-            tuple(frame.T for frame in reversed(self.constants)),
+            tuple(constant.T for constant in reversed(self.constants)),
             tuple(
-                AxisRotation(turn.variable, -turn.scale, -turn.offset)
-                if isinstance(turn, AxisRotation)
-                else turn.T
-                for turn in reversed(self.turns)
+                AxisRotation(rotation.variable, -rotation.scale, -rotation.offset)
+                if isinstance(rotation, AxisRotation)
+                else rotation.T
+                for rotation in reversed(self.rotations)
             ),
         )
 
 
 @dataclass(frozen=True)
 class ProfileSide:
-    """A profile of a contact: the `chain` from its link to its moving frame there.
+    """One of the two profiles of a contact, as expressions.
 
-    `curvature` and `slope`, its derivative by the arc length, are numbers of circles. Of
-    others the `terms` of `PARTS` are handed in, these two among them, and `last`, by which
-    the last of these changes.
+    Attributes
+    ----------
+    track
+        The curve, the variable (arc length) that runs along it, and its start.
+    chain
+        Rotation from the link of the profile to the moving frame (t, n, p) at the contact.
+    curvature, slope
+        Curvature k and its derivative dk/ds: numbers of circles, symbols otherwise.
+    column_symbols
+        Symbols of the `PROFILE_COLUMNS`, `curvature` and `slope` among them. Empty for
+        circles that are written as rotations.
+    last_derivative
+        Symbol of d2k/ds2, the derivative of the last of the `column_symbols`.
     """
 
     track: Track
     chain: JointTransform
     curvature: Expr
     slope: Expr
-    terms: tuple[ExpressionNode, ...] = ()
-    last: Expr = 0.0
+    column_symbols: tuple[ExpressionNode, ...] = ()
+    last_derivative: Expr = 0.0
 
     @cached_property
     def series(self) -> ProfileSeries:
-        """What rows read the terms from."""
+        """The series from which the values of the columns are computed."""
         return ProfileSeries.of(self.track.curve)
 
     @property
-    def along(self) -> list[Expr]:
-        """The derivatives of the terms by the arc length."""
-        tangent, normal, point = _frame(self.terms).T
-        return [*(normal * self.curvature - point), *tangent, self.slope, self.last]
+    def column_derivatives(self) -> list[Expr]:
+        """The derivatives of the columns with respect to the arc length."""
+        tangent, normal, point = _moving_frame(self.column_symbols).T
+        # dt/ds = k n - p and dp/ds = t on the unit sphere.
+        tangent_derivative = normal * self.curvature - point
+        return [*tangent_derivative, *tangent, self.slope, self.last_derivative]
 
 
 @dataclass(frozen=True)
-class TurningPairs:
-    """The pairs of a mechanism: `chains[pair]`.
+class PairRotations:
+    """The pairs of a mechanism as rotations.
 
-    `sides[pair]` are the profiles of a contact; the angle of an R pair that follows from
-    those of the inputs is their sum times `followers[pair]`, but for the last of these,
-    which is added.
+    Attributes
+    ----------
+    chains
+        The rotation of each pair.
+    sides
+        By the number of each contact, its two profiles.
+    followers
+        Of R pairs whose angle follows from the inputs through wheels, by number: the
+        factors of the input angles, then the angle (rad) at inputs of zero.
     """
 
     chains: tuple[JointTransform, ...]
@@ -145,84 +151,150 @@ class TurningPairs:
         return chain.constants[0][:, 2], chain.constants[-1][2]
 
     @property
-    def handed_in(self) -> tuple[ProfileSide, ...]:
-        """The profiles of which terms are handed in, in their order."""
-        return tuple(side for both in self.sides.values() for side in both if side.terms)
+    def sides_with_columns(self) -> tuple[ProfileSide, ...]:
+        """The profiles that have columns, in the order of these columns."""
+        return tuple(
+            side
+            for both_sides in self.sides.values()
+            for side in both_sides
+            if side.column_symbols
+        )
 
 
-def turning_pairs(
+def append_profile_columns(
+    values: Array, profiles: Sequence[ProfileSide], expansion_point: Floats | None = None
+) -> Array:
+    """Return the values of variables with the values of the profile columns below them.
+
+    Parameters
+    ----------
+    values
+        (variables, n) values of the variables, of any number type.
+    profiles
+        The profiles that have columns.
+    expansion_point
+        (variables, n) values near `values`. The series are then evaluated in float64 at
+        these and extrapolated linearly, so `values` can be complex or in quad precision.
+
+    Returns
+    -------
+    (variables + columns, n) of the number type of `values`.
+    """
+    if not profiles:
+        return values
+    count, n = values.shape
+    column_count = len(PROFILE_COLUMNS)
+    extended = np.empty((count + column_count * len(profiles), n), dtype=values.dtype)
+    extended[:count] = values
+    columns_by_profile = extended[count:].reshape(len(profiles), column_count, n)
+    for profile, columns in zip(profiles, columns_by_profile, strict=True):
+        _, variable, start = profile.track
+        parameter = (values if expansion_point is None else expansion_point)[variable]
+        columns[:] = profile.series.at(parameter + start)
+        if expansion_point is not None:
+            slopes = profile.series.slopes(parameter + start)
+            columns += slopes * (values[variable] - parameter)
+    return extended
+
+
+def pair_rotations(
     mechanism: Mechanism,
     design: DesignGeometry | None = None,
     any_profile: bool = False,
     as_columns: bool = False,
-) -> TurningPairs:
-    """Return the pairs of a mechanism as turns, their sizes those of a design if given.
+) -> PairRotations:
+    """Return the pairs of a mechanism as rotations.
 
-    With `any_profile`, what profiles other than circles are is handed in as columns; with
-    `as_columns` what all profiles are.
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    design
+        Expressions for some of its sizes. By default all sizes are numbers.
+    any_profile
+        Whether profiles other than circles are allowed. They then have columns.
+    as_columns
+        Whether all profiles have columns, circles too.
 
     Raises
     ------
     EngineError
-        If a profile is neither a circle nor a great circle, where it has to be.
+        If a profile is neither a circle nor a great circle, and has to be.
     """
-    frames = revolute_frames(mechanism, design) if design else {}
+    design_frames = revolute_frames(mechanism, design) if design else {}
     joints = joints_of(mechanism)
     chains: list[JointTransform] = []
     tracks = dict(contact_tracks(joints))
     sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}
-    for number, at, joint in numbered(joints):
+    for number, first_variable, joint in numbered(joints):
+        pair = mechanism.pairs[number]
         if number in tracks:
-            pair = mechanism.pairs[number]
-            one_side, other_side = (
-                _side(mechanism, pair, place, track, any_profile, as_columns)
-                for place, track in enumerate(tracks[number])
+            first_side, second_side = (
+                _profile_side(mechanism, pair, end, track, any_profile, as_columns)
+                for end, track in enumerate(tracks[number])
             )
-            sides[number] = one_side, other_side
-            near, far = one_side.chain, other_side.chain.reversed()
-            (first, after), (before, last) = near.constants, far.constants
-            turns = (*near.turns, *far.turns)
-            chains.append(JointTransform((first, after @ before, last), turns))
+            sides[number] = first_side, second_side
+            # The moving frames of both profiles coincide at the contact.
+            to_contact = first_side.chain
+            from_contact = second_side.chain.reversed()
+            first, before = to_contact.constants
+            after, last = from_contact.constants
+            rotations = (*to_contact.rotations, *from_contact.rotations)
+            chains.append(JointTransform((first, before @ after, last), rotations))
         else:
-            hinge, name = revolute(joint), mechanism.pairs[number].name
-            one, other = frames.get(name, (hinge.first, hinge.second))
-            chains.append(JointTransform((one, other.T), (AxisRotation(at),)))
-    return TurningPairs(tuple(chains), sides)
+            hinge = revolute(joint)
+            first_frame, second_frame = design_frames.get(
+                pair.name, (hinge.first, hinge.second)
+            )
+            rotation = AxisRotation(first_variable)
+            chains.append(JointTransform((first_frame, second_frame.T), (rotation,)))
+    return PairRotations(tuple(chains), sides)
 
 
-def _side(
+def _profile_side(
     mechanism: Mechanism,
     pair: Pair,
-    place: int,
+    end: int,
     track: Track,
     any_profile: bool,
-    as_column: bool,
+    as_columns: bool,
 ) -> ProfileSide:
-    profile, link = (pair.profiles or ())[place], pair.links[place]
-    if as_column or profile.round_axis is None:
-        if not (as_column or any_profile):
+    """Return the profile at the first (`end` = 0) or second link of a contact."""
+    profile = (pair.profiles or ())[end]
+    link = pair.links[end]
+    if as_columns or profile.round_axis is None:
+        if not (as_columns or any_profile):
             raise EngineError(
                 f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
                 f'written for circles and great circles, not "{profile.kind}"',
                 WITHOUT_EXPRESSIONS,
             )
-        *terms, last = symbols(
-            [f"profile_{pair.name}_{link}_{part}" for part in (*PARTS, LAST)]
+        *columns, last_derivative = symbols(
+            [
+                f"profile_{pair.name}_{link}_{column}"
+                for column in (*PROFILE_COLUMNS, LAST_DERIVATIVE)
+            ]
         )
-        chain = JointTransform((np.eye(3), np.eye(3)), (_frame(terms),))
-        return ProfileSide(track, chain, terms[6], terms[7], tuple(terms), last)
-    # The moving frame A of a curve of constant curvature k turns about n + k p, which is
-    # fixed (from its derivative): A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T.
+        chain = JointTransform((np.eye(3), np.eye(3)), (_moving_frame(columns),))
+        curvature = columns[PROFILE_COLUMNS.index("k")]
+        slope = columns[PROFILE_COLUMNS.index("dk")]
+        return ProfileSide(track, chain, curvature, slope, tuple(columns), last_derivative)
+    # The moving frame A of a curve with constant curvature k turns about n + k p, which is
+    # fixed in the link (by the derivatives of n and p). So
+    # A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T, where the third column of U is the unit vector
+    # along n + k p, in the axes (t, n, p).
     start = track.curve.at(np.zeros(1))
-    k = float(start.curvature[0])
-    size = float(np.hypot(1.0, k))
-    centre = frame_from(np.array([0.0, 1.0, k]) / size, np.array([1.0, 0.0, 0.0]))
-    turn = AxisRotation(track.variable, size, size * track.start)
-    chain = JointTransform((start.frame[0] @ centre, transpose(centre)), (turn,))
-    return ProfileSide(track, chain, k, 0.0)
+    curvature = float(start.curvature[0])
+    scale = float(np.hypot(1.0, curvature))
+    axis = np.array([0.0, 1.0, curvature]) / scale
+    centre_frame = frame_from(axis, np.array([1.0, 0.0, 0.0]))
+    rotation = AxisRotation(track.variable, scale, scale * track.start)
+    constants = start.frame[0] @ centre_frame, transpose(centre_frame)
+    return ProfileSide(track, JointTransform(constants, (rotation,)), curvature, 0.0)
 
 
-def _frame(terms: Sequence[Expr]) -> Exprs:
-    """Return (3, 3) the tangent, the normal and the point of a profile, in link axes."""
-    tangent, point = vector(terms[:3]), vector(terms[3:6])
+def _moving_frame(columns: Sequence[Expr]) -> Exprs:
+    """Return the matrix (3, 3) with the columns t, n and p of a profile, in link axes."""
+    tangent = vector(columns[:3])
+    point = vector(columns[3:6])
     return np.stack([tangent, cross(point, tangent), point], axis=1)

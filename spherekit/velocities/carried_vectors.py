@@ -1,8 +1,12 @@
-"""The vectors of variables as expressions, each carried by a link that it slides on.
+"""The vector of each pair variable as expressions, with bounds of how it changes.
 
-A variable's vector is the angular velocity of its pair's second link relative to the first
-per unit rate. An R pair's is an axis of either link. That of a contact slides on the link
-that carries it as the contact goes along its profile.
+The vector of a variable is the angular velocity of the second link of its pair relative to
+the first, per unit rate of this variable. The vector of an R pair is its axis, which is
+fixed in both links. The vector of a contact slides on the link that carries it while the
+contact moves along the profile of this link.
+
+A profile has at its contact point the unit vectors t (tangent), n = p x t (normal) and p
+(point), and the curvature k. All vectors are in ground axes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,145 +18,219 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
 from spherekit.symbolic.frame_expressions import cross
 from spherekit.symbolic.vector_algebra import Exprs
-from spherekit.velocities.axis_rotations import AxisRotation, ProfileSide, TurningPairs
-from spherekit.velocities.pose_expressions import LinkOrientation, placed_by
+from spherekit.velocities.axis_rotations import AxisRotation, PairRotations, ProfileSide
+from spherekit.velocities.pose_expressions import LinkOrientation, place_link
 
 
 @dataclass(frozen=True)
-class UnitTwist:
-    """A variable's `vector` (3,): it turns with a link, and slides on it.
+class CarriedVector:
+    """A vector that turns with a link and slides on it as a variable changes.
 
-    By `slide` (3,) per unit of the variable, None where it is fixed in the link. `size` and
-    `slid` are the lengths of both; the slide changes on the link by `bend` and by how the
-    curvatures of the `sides` bend, at most.
+    Attributes
+    ----------
+    vector
+        (3,) expressions of the vector in ground axes.
+    link
+        Number of the link that carries the vector.
+    length
+        Length of `vector`.
+    slide
+        (3,) derivative of the vector with respect to the variable, seen from the link, in
+        ground axes. None if the vector is fixed in the link.
+    slide_length
+        Length of `slide`.
+    slide_change
+        Bound of the derivative of `slide`, seen from the link, without the part that the
+        second derivatives of the curvatures of `sides` cause.
+    sides
+        Profiles whose curvature is a factor of `slide`.
     """
 
     vector: Exprs
     link: int
-    size: Expr = 1.0
+    length: Expr = 1.0
     slide: Exprs | None = None
-    slid: Expr = 0.0
-    bend: Expr = 0.0
+    slide_length: Expr = 0.0
+    slide_change: Expr = 0.0
     sides: tuple[ProfileSide, ...] = ()
 
     @property
-    def bent(self) -> Expr:
-        """A bound of how the slide changes on the link."""
-        return self.bend + sum(side.series.most_bent for side in self.sides if side.terms)
+    def slide_change_bound(self) -> Expr:
+        """Bound of the derivative of `slide` with respect to the variable."""
+        # The curvature of a circle is constant. Only other profiles have symbols.
+        return self.slide_change + sum(
+            side.series.most_bent for side in self.sides if side.column_symbols
+        )
 
-    def change(self, w: Exprs, rate: Expr) -> Exprs:
-        """Return the rate (3,) of the vector while the link turns and the variable runs."""
-        turned = cross(w, self.vector)
-        return turned if self.slide is None else turned + self.slide * rate
+    def derivative(self, w: Exprs, rate: Expr) -> Exprs:
+        """Return the time derivative (3,) of the vector in ground axes.
+
+        Parameters
+        ----------
+        w
+            (3,) angular velocity of the link, in ground axes.
+        rate
+            Rate of the variable.
+        """
+        turning = cross(w, self.vector)
+        return turning if self.slide is None else turning + self.slide * rate
 
 
 def carried_vectors(
     mechanism: Mechanism,
-    pairs: TurningPairs,
+    pairs: PairRotations,
     placed: Sequence[LinkOrientation],
     variables: Sequence[Expr],
     about_centres: bool,
-) -> tuple[list[UnitTwist], dict[int, UnitTwist]]:
-    """Return the vectors of all variables, and by pair the lines of rolling contacts.
+) -> tuple[list[CarriedVector], dict[int, CarriedVector]]:
+    """Return the vectors of all variables, and the contact lines of rolling contacts.
 
-    Where circles roll on each other, their vector may be that `about_centres`, the sum of
-    those of both, which takes fewer terms but loses digits where the circles are small.
+    Parameters
+    ----------
+    mechanism, pairs
+        The mechanism and the rotations of its pairs.
+    placed
+        Orientations of all links.
+    variables
+        Expressions of all variables, on which the points of contacts depend.
+    about_centres
+        Whether the vector of two circles that roll on each other is the sum of the two
+        vectors about their centres. It takes fewer expressions than (k1 - k2) p, but loses
+        digits if the circles are small.
+
+    Returns
+    -------
+    vectors
+        The vectors in the order of the variables.
+    contact_lines
+        By the number of each rolling pair, the direction p from the centre of the sphere to
+        the contact point. Empty for pairs that are computed about centres.
     """
-    carried: dict[int, UnitTwist] = {}
-    lines: dict[int, UnitTwist] = {}
+    vectors: dict[int, CarriedVector] = {}
+    contact_lines: dict[int, CarriedVector] = {}
     for pair, ends in enumerate(mechanism.ends):
         owned = mechanism.variables_of(pair)
         if pair not in pairs.sides:
-            held = zip(ends, pairs.axes(pair), strict=True)
-            link, axis = min(held, key=lambda end: placed[end[0]].depth)
-            carried[owned[0]] = UnitTwist(placed[link].direction(axis), link)
+            # Of the two links that hold the axis, the one placed first has the shorter
+            # expressions.
+            axes_by_end = zip(ends, pairs.axes(pair), strict=True)
+            link, axis = min(axes_by_end, key=lambda end: placed[end[0]].depth)
+            vectors[owned[0]] = CarriedVector(placed[link].direction(axis), link)
             continue
         sides = pairs.sides[pair]
-        around = [
-            _sliding(sense, side, end, placed[end], variables)
+        # The two variables of a sliding contact move it along the first and the second
+        # profile. A rolling contact has a single variable, which moves it along both.
+        along_sides = [
+            _vector_along_profile(sense, side, end, placed[end], variables)
             for side, end, sense in zip(sides, ends, (1.0, -1.0), strict=True)
         ]
         if len(owned) == 2:
-            carried |= zip(owned, around, strict=True)
-        elif about_centres and not any(side.terms for side in sides):
-            one, other = (part.vector for part in around)
-            carried[owned[0]] = UnitTwist(one + other, ends[0], slide=cross(one, other))
-        else:
-            near = placed[ends[0]].depth > placed[ends[1]].depth
-            tangent, _, point = _axes(sides[near], placed[ends[near]], variables)
-            curvature = sides[near].curvature
-            lines[pair] = UnitTwist(
-                point,
-                ends[near],
-                slide=tangent,
-                slid=1.0,
-                bend=root(1.0 + curvature * curvature),
+            vectors |= zip(owned, along_sides, strict=True)
+        elif about_centres and not any(side.column_symbols for side in sides):
+            first, second = (carried.vector for carried in along_sides)
+            # The second vector turns relative to the first link at the rate first + second.
+            vectors[owned[0]] = CarriedVector(
+                first + second, ends[0], slide=cross(first, second)
             )
-            carried[owned[0]] = _rolling(sides, curvature, lines[pair])
-    return [*carried.values()], lines
+        else:
+            # Index 0 or 1 of the link that is placed first.
+            carrier = placed[ends[0]].depth > placed[ends[1]].depth
+            tangent, _, point = _contact_frame(
+                sides[carrier], placed[ends[carrier]], variables
+            )
+            curvature = sides[carrier].curvature
+            # dp/ds = t and dt/ds = k n - p, whose length is sqrt(1 + k^2).
+            contact_lines[pair] = CarriedVector(
+                point,
+                ends[carrier],
+                slide=tangent,
+                slide_length=1.0,
+                slide_change=root(1.0 + curvature * curvature),
+            )
+            vectors[owned[0]] = _rolling_vector(sides, curvature, contact_lines[pair])
+    return [*vectors.values()], contact_lines
 
 
 def root(item: Expr) -> Expr:
-    """Return the square root of a number or a term."""
+    """Return the square root of a number or an expression."""
     return function("sqrt", item) if isinstance(item, ExpressionNode) else float(item**0.5)
 
 
-def size_of(item: Expr) -> Expr:
-    """Return the absolute value of a number or a term."""
+def absolute(item: Expr) -> Expr:
+    """Return the absolute value of a number or an expression."""
     return root(item * item)
 
 
 def largest(items: Iterable[Expr]) -> Expr:
-    """Return the largest of numbers and terms, none of which is negative."""
+    """Return the largest of numbers and expressions, none of which is negative."""
     items = list(items)
-    most: Expr = max((x for x in items if not isinstance(x, ExpressionNode)), default=0.0)
+    maximum: Expr = max(
+        (x for x in items if not isinstance(x, ExpressionNode)), default=0.0
+    )
     for term in dict.fromkeys(x for x in items if isinstance(x, ExpressionNode)):
-        most = function("maximum", most, term) if most else term
-    return most
+        maximum = function("maximum", maximum, term) if maximum else term
+    return maximum
 
 
-def _axes(side: ProfileSide, placed: LinkOrientation, variables: Sequence[Expr]) -> Exprs:
-    """Return the tangent, the normal and the point (3,) of a profile at the contact."""
-    return placed_by(side.chain, placed, variables).direction(np.eye(3)).T
+def _contact_frame(
+    side: ProfileSide, placed: LinkOrientation, variables: Sequence[Expr]
+) -> Exprs:
+    """Return t, n and p (the rows of a matrix (3, 3)) of a profile at the contact."""
+    return place_link(side.chain, placed, variables).direction(np.eye(3)).T
 
 
-def _rolling(
-    sides: tuple[ProfileSide, ProfileSide], curvature: Expr, line: UnitTwist
-) -> UnitTwist:
-    """Return (k1 - k2) p, with the curvature of the profile on the link of the line."""
-    one, other = sides
-    relative, slope = one.curvature - other.curvature, one.slope - other.slope
-    return UnitTwist(
-        line.vector * relative,
-        line.link,
-        size_of(relative),
-        line.slide * relative + line.vector * slope,
-        root(relative * relative + slope * slope),
-        2.0 * size_of(slope) + size_of(relative) * root(1.0 + curvature * curvature),
-        sides,
+def _rolling_vector(
+    sides: tuple[ProfileSide, ProfileSide], curvature: Expr, contact_line: CarriedVector
+) -> CarriedVector:
+    """Return the vector (k1 - k2) p of a rolling contact.
+
+    `curvature` is the curvature of the profile on the link that carries `contact_line`.
+    """
+    first, second = sides
+    curvature_difference = first.curvature - second.curvature
+    slope_difference = first.slope - second.slope
+    return CarriedVector(
+        vector=contact_line.vector * curvature_difference,
+        link=contact_line.link,
+        length=absolute(curvature_difference),
+        slide=contact_line.slide * curvature_difference
+        + contact_line.vector * slope_difference,
+        slide_length=root(
+            curvature_difference * curvature_difference
+            + slope_difference * slope_difference
+        ),
+        # The product rule: 2 (k1 - k2)' t + (k1 - k2) (k n - p), without (k1 - k2)'' p.
+        slide_change=2.0 * absolute(slope_difference)
+        + absolute(curvature_difference) * root(1.0 + curvature * curvature),
+        sides=sides,
     )
 
 
-def _sliding(
+def _vector_along_profile(
     sense: float,
     side: ProfileSide,
     link: int,
     placed: LinkOrientation,
     variables: Sequence[Expr],
-) -> UnitTwist:
-    """Return n + k p, or the opposite."""
-    (turn,) = side.chain.turns
-    if isinstance(turn, AxisRotation):
-        axis = placed.direction(side.chain.constants[0][:, 2]) * (sense * turn.scale)
-        return UnitTwist(axis, link, abs(turn.scale))
-    _, normal, point = _axes(side, placed, variables)
-    k, slope = side.curvature, size_of(side.slope)
-    return UnitTwist(
-        (normal + point * k) * sense,
-        link,
-        root(1.0 + k * k),
-        point * (sense * side.slope),
-        slope,
-        slope,
-        (side,),
+) -> CarriedVector:
+    """Return sense * (n + k p): the vector of a contact that moves along one profile.
+
+    Its derivative by the arc length is k' p, for n' = -k t and p' = t.
+    """
+    (rotation,) = side.chain.rotations
+    if isinstance(rotation, AxisRotation):
+        # n + k p is then fixed in the link: it points to the centre of the circle.
+        axis = placed.direction(side.chain.constants[0][:, 2]) * (sense * rotation.scale)
+        return CarriedVector(axis, link, abs(rotation.scale))
+    _, normal, point = _contact_frame(side, placed, variables)
+    slope_size = absolute(side.slope)
+    return CarriedVector(
+        vector=(normal + point * side.curvature) * sense,
+        link=link,
+        length=root(1.0 + side.curvature * side.curvature),
+        slide=point * (sense * side.slope),
+        slide_length=slope_size,
+        # (k' p)' = k'' p + k' t.
+        slide_change=slope_size,
+        sides=(side,),
     )

@@ -19,9 +19,9 @@ from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function, symbols
 from spherekit.symbolic.frame_expressions import cross
 from spherekit.symbolic.vector_algebra import Exprs, constants
-from spherekit.velocities.axis_rotations import Entries, turning_pairs
+from spherekit.velocities.axis_rotations import Entries, pair_rotations
 from spherekit.velocities.pose_expressions import (
-    GROUND,
+    GROUND_ORIENTATION,
     LinkOrientation,
     place_by_variables,
 )
@@ -66,7 +66,7 @@ def place_by_inputs(
     if ground.depth:
         back = constants(ground.within.T) @ ground.basis.T
         within = [replace(x, basis=back @ x.basis, depth=x.depth + 1) for x in within]
-        within[0] = GROUND
+        within[0] = GROUND_ORIENTATION
     return within, squares
 
 
@@ -155,7 +155,7 @@ def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
     inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
     signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
     # Rates are not asked for, so no equations are chosen.
-    structure = Structure(mechanism, assembly, turning_pairs(mechanism), ())
+    structure = Structure(mechanism, assembly, pair_rotations(mechanism), ())
     placed, squares = place_by_inputs(structure, inputs, signs)
     driven = dict(zip(assembly.inputs, inputs, strict=True))
     variables = [

@@ -30,8 +30,8 @@ from spherekit.velocities.axis_rotations import (
     AxisRotation,
     Entries,
     JointTransform,
-    TurningPairs,
-    turning_pairs,
+    PairRotations,
+    pair_rotations,
 )
 
 
@@ -47,7 +47,7 @@ class EquivalentLinkage:
         The numbers of its pairs without the contacts that roll; the places of those that
         slide among them.
     constants
-        Of the pairs kept (`turning_pairs`): two of an R pair, three of a contact.
+        Of the pairs kept (`pair_rotations`): two of an R pair, three of a contact.
     turns
         How the variables follow from those of the given mechanism.
     train
@@ -83,7 +83,7 @@ class EquivalentLinkage:
             [turn.scale * given[:, turn.variable] + turn.offset for turn in self.turns]
         )
 
-    def pairs(self, given: Mapping[int, Expr]) -> TurningPairs:
+    def pairs(self, given: Mapping[int, Expr]) -> PairRotations:
         """Return the pairs of the mechanism with terms for some of the `numbers`."""
         chains: list[JointTransform] = []
         angles = iter(given.get(k, x) for k, x in enumerate(self.numbers))
@@ -99,7 +99,7 @@ class EquivalentLinkage:
         if self.train is not None:
             rows = np.array([*angles], dtype=object).reshape(len(self.train.followers), -1)
             followers = dict(zip(self.train.followers, rows.tolist(), strict=True))
-        return TurningPairs(tuple(chains), {}, followers)
+        return PairRotations(tuple(chains), {}, followers)
 
 
 def hinged(
@@ -120,7 +120,7 @@ def hinged(
     if not contacts or any(isinstance(x, ContactFriction) for x in mechanism.loads):
         return None
     try:
-        pairs = turning_pairs(mechanism)
+        pairs = pair_rotations(mechanism)
     except EngineError:
         return None
     rolling = [n for n in contacts if mechanism.pairs[n].rolls]
@@ -143,7 +143,7 @@ def hinged(
         tuple(np.array(rotation, dtype=float) for rotation in pairs.chains[n].constants)
         for n in kept
     )
-    turns = [turn for n in kept for turn in pairs.chains[n].turns]
+    turns = [turn for n in kept for turn in pairs.chains[n].rotations]
     round_ones = tuple(turn for turn in turns if isinstance(turn, AxisRotation))
     if train is not None:
         # A contact that slides has two pairs in place of one.

@@ -14,17 +14,28 @@ from spherekit.velocities.axis_rotations import (
     AxisRotation,
     Entries,
     JointTransform,
-    TurningPairs,
+    PairRotations,
 )
 
 
 @dataclass(frozen=True)
 class LinkOrientation:
-    """The orientation of a link: R = basis @ within, from link axes to ground axes.
+    """The orientation of a link as a product of an expression and a constant.
 
-    `basis` (3, 3) holds expressions, `within` (3, 3) numbers or terms of sizes. `depth`
-    counts what had to be placed before: directions are cheapest in the least deep of the
-    links that hold them.
+    The rotation R = basis @ within leads from link axes to ground axes. The two factors
+    are kept apart because vectors that are fixed in the link have constant components
+    along the columns of `basis`.
+
+    Attributes
+    ----------
+    basis
+        (3, 3) expressions. Its columns are unit vectors in ground axes, fixed in the link.
+    within
+        (3, 3) numbers, or expressions of sizes: the rotation from link axes to the basis.
+    depth
+        Number of links that were placed before on the path to this one. The expressions of
+        a direction are shortest in the link with the smallest depth among those that hold
+        it.
     """
 
     basis: Exprs
@@ -33,39 +44,53 @@ class LinkOrientation:
 
     def direction(self, axis: Entries) -> Exprs:
         """Return a vector (3,) fixed in the link, or columns (3, 3), in ground axes."""
-        return self.basis @ self.fixed(axis)
+        return self.basis @ self.fixed_components(axis)
 
-    def fixed(self, axis: Entries) -> Exprs:
-        """Return what `seen` gives for a vector fixed in the link: numbers."""
+    def fixed_components(self, axis: Entries) -> Exprs:
+        """Return the components (3,) along the basis of a vector given in link axes."""
         return constants(self.within @ axis)
 
-    def seen(self, given: Exprs) -> Exprs:
-        """Return the components (3,) of a vector in ground axes along the basis."""
-        return self.basis.T @ given
+    def components(self, ground_vector: Exprs) -> Exprs:
+        """Return the components (3,) along the basis of a vector given in ground axes."""
+        return self.basis.T @ ground_vector
 
-    def tensor(self, inertia: Entries) -> Exprs:
-        """Return M (3, 3) with w . I w = y . M y for y = `seen(w)`, I in link axes."""
+    def basis_tensor(self, inertia: Entries) -> Exprs:
+        """Return an inertia tensor (3, 3), given in link axes, in the axes of the basis."""
         return constants(self.within @ inertia @ self.within.T)
 
 
-GROUND = LinkOrientation(constants(np.eye(3)), np.eye(3), 0)
-"""The placement of the ground in its own axes."""
+GROUND_ORIENTATION = LinkOrientation(constants(np.eye(3)), np.eye(3), 0)
+"""The orientation of the ground in its own axes."""
 
 
-def placed_by(
+def place_link(
     chain: JointTransform, start: LinkOrientation, variables: Sequence[Expr]
 ) -> LinkOrientation:
-    """Return the placement of a link that a chain of turns joins to a placed one."""
-    basis, within = start.basis, start.within
-    for constant, turn in zip(chain.constants, chain.turns, strict=False):
+    """Return the orientation of the link that a pair joins to a placed link.
+
+    Parameters
+    ----------
+    chain
+        The rotation from the placed link to the other link of the pair.
+    start
+        Orientation of the placed link.
+    variables
+        Expressions (rad) of all variables of the mechanism.
+    """
+    basis = start.basis
+    within = start.within
+    for constant, rotation in zip(chain.constants, chain.rotations, strict=False):
         basis = basis @ constants(within @ constant)
         within = np.eye(3)
-        if not isinstance(turn, AxisRotation):
-            basis = basis @ turn
+        if not isinstance(rotation, AxisRotation):
+            basis = basis @ rotation
             continue
-        sense = 1.0 if turn.scale > 0.0 else -1.0
-        angle = abs(turn.scale) * variables[turn.variable] + sense * turn.offset
-        cosine, sine = function("cos", angle), sense * function("sin", angle)
+        # The sine and cosine of a positive multiple of the variable are shared with the
+        # reversed chain.
+        sense = 1.0 if rotation.scale > 0.0 else -1.0
+        angle = abs(rotation.scale) * variables[rotation.variable] + sense * rotation.offset
+        cosine = function("cos", angle)
+        sine = sense * function("sin", angle)
         basis = np.stack(
             [
                 basis[:, 0] * cosine + basis[:, 1] * sine,
@@ -79,28 +104,46 @@ def placed_by(
 
 def place_by_variables(
     mechanism: Mechanism,
-    pairs: TurningPairs,
+    pairs: PairRotations,
     variables: Sequence[Expr],
-    ways: Iterable[tuple[int, int, int]] | None = None,
+    steps: Iterable[tuple[int, int, int]] | None = None,
 ) -> list[LinkOrientation]:
-    """Return the placements of links on ways, those of others where the ground is.
+    """Return the orientations of links as expressions of the variables.
 
-    `ways` are pairs with the links that they lead from and to, in order: by default the
-    shortest ways from the ground to all links.
+    Parameters
+    ----------
+    mechanism, pairs
+        The mechanism and the rotations of its pairs.
+    variables
+        Expressions (rad) of all variables.
+    steps
+        The pair, the placed link and the new link of each step, in order. By default the
+        steps follow shortest paths from the ground to all links.
+
+    Returns
+    -------
+    The orientations of all links. A link without a step has the orientation of the ground.
     """
-    placed = [GROUND] * len(mechanism.links)
-    for pair, parent, child in spanning(mechanism.ends) if ways is None else ways:
+    placed = [GROUND_ORIENTATION] * len(mechanism.links)
+    for pair, parent, child in spanning(mechanism.ends) if steps is None else steps:
         chain = pairs.chains[pair]
         if mechanism.ends[pair][0] != parent:
             chain = chain.reversed()
-        placed[child] = placed_by(chain, placed[parent], variables)
+        placed[child] = place_link(chain, placed[parent], variables)
     return placed
 
 
-def along_ways(tree: LoopTree, parts: Sequence[Exprs]) -> list[Exprs]:
-    """Return for each link the sum (3,) of the parts of pairs on the way to it."""
+def sum_along_paths(tree: LoopTree, pair_vectors: Sequence[Exprs]) -> list[Exprs]:
+    """Return for each link the sum (3,) of the vectors of pairs on the path to it.
+
+    The path leads from the ground along pairs of the tree. A vector is subtracted if the
+    path runs from the second link of its pair to the first.
+    """
     sums = [vector([0.0, 0.0, 0.0])] * tree.count
     for pair, parent, child in tree.placements:
-        ahead, part = tree.ends[pair][0] == parent, parts[pair]
-        sums[child] = sums[parent] + part if ahead else sums[parent] - part
+        is_forward = tree.ends[pair][0] == parent
+        pair_vector = pair_vectors[pair]
+        sums[child] = (
+            sums[parent] + pair_vector if is_forward else sums[parent] - pair_vector
+        )
     return sums

@@ -19,14 +19,14 @@ from spherekit.planning.pole_plan import Pole
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot
 from spherekit.symbolic.vector_algebra import Exprs, vector_sum
 from spherekit.tolerances import EPS, EQUAL_CURVATURE
-from spherekit.velocities.axis_rotations import turning_pairs
-from spherekit.velocities.carried_vectors import UnitTwist, largest, root, size_of
+from spherekit.velocities.axis_rotations import pair_rotations
+from spherekit.velocities.carried_vectors import CarriedVector, absolute, largest, root
 from spherekit.velocities.direction_signs import SIGNED
 from spherekit.velocities.elimination_order import Pivot
 from spherekit.velocities.loop_inverse import loop_inverse
 from spherekit.velocities.pole_field import TURN_KNOWN, axis_pairs
 from spherekit.velocities.pole_request import Request
-from spherekit.velocities.pose_expressions import along_ways, place_by_variables
+from spherekit.velocities.pose_expressions import place_by_variables, sum_along_paths
 from spherekit.velocities.velocity_equations import VelocityEquations
 
 LARGEST_ERROR = 1e-9
@@ -64,7 +64,7 @@ class RowTerms(VelocityEquations):
         pivots: Sequence[Pivot],
         inputs: Sequence[int],
     ) -> None:
-        pairs = turning_pairs(mechanism, any_profile=True)
+        pairs = pair_rotations(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
         super().__init__(mechanism, pairs, placed, variables, False)
         held = [self.owned[pair][0] for pair in inputs]
@@ -96,7 +96,7 @@ class RowTerms(VelocityEquations):
             self.axes.append(axis_error)
             self.slides.append(slide_error)
         self.often = np.count_nonzero(tree.signs, axis=0).astype(float).tolist()
-        sizes = [carried.size * carried.size for carried in self.carried]
+        sizes = [carried.length * carried.length for carried in self.carried]
         entries = sum((self.often[v] * sizes[v] for v in self.free), 0.0)
         self.flatness = sensitivity * root(entries)
         bent = float(tree.longest_loop) * largest(sizes)
@@ -104,7 +104,7 @@ class RowTerms(VelocityEquations):
         left = root(1.0 - 2.0 * self.bend)
         self.moved_by = sensitivity * gap * 2.0 / (1.0 + left) + 2.0 * EPS
 
-    def position_errors(self, carried: UnitTwist, moved: Expr) -> tuple[Expr, Expr]:
+    def position_errors(self, carried: CarriedVector, moved: Expr) -> tuple[Expr, Expr]:
         """Return bounds of the errors of a carried vector and of its slide.
 
         `moved` is how far the variable along which the vector slides moves as the loops
@@ -112,13 +112,13 @@ class RowTerms(VelocityEquations):
         """
         turn = self.turns[carried.link] * self.open + self.numbers
         slip = moved * self.open
-        axis_error = carried.size * turn + carried.slid * slip
-        return axis_error, carried.slid * turn + carried.bent * slip
+        axis_error = carried.length * turn + carried.slide_length * slip
+        return axis_error, carried.slide_length * turn + carried.slide_change_bound * slip
 
     def paths(self, parts: Sequence[Expr]) -> list[Expr]:
         """Return for each link how far variables that move by so much turn it at most."""
         both = zip(self.carried, parts, strict=True)
-        return self.added([carried.size * part for carried, part in both])
+        return self.added([carried.length * part for carried, part in both])
 
     def added(self, parts: Sequence[Expr]) -> list[Expr]:
         """Return for each link the sum of parts of the variables on the way to it."""
@@ -156,9 +156,9 @@ class MovingTerms:
         self._rates = rows.answers({wanted.plan.input: -1.0 * rows.vectors[moved]})
         self._rates[moved] = 1.0
         parts = rows.parts(self._rates)
-        self._w = along_ways(tree, parts)
+        self._w = sum_along_paths(tree, parts)
         self._change, bent = rows.accelerated(self._rates, self._w)
-        self._dw = along_ways(tree, bent)
+        self._dw = sum_along_paths(tree, bent)
         self.over, self.over_bent = self._left(self._w, parts), self._left(self._dw, bent)
         self._follow_errors()
         self._place(columns)
@@ -173,7 +173,7 @@ class MovingTerms:
     def _follow_errors(self) -> None:
         """Set what links and variables are off by, in first and second derivatives."""
         rows = self._rows
-        speeds, bends = ([size_of(x) for x in y] for y in (self._rates, self._change))
+        speeds, bends = ([absolute(x) for x in y] for y in (self._rates, self._change))
         self._speeds, self._spins_at_most = speeds, rows.paths(speeds)
         slips = [speed * off for speed, off in zip(speeds, rows.axes, strict=True)]
         self._off_w, off_rates = self._off(slips, self.over)
@@ -181,23 +181,23 @@ class MovingTerms:
         of_variables = rows.carried, speeds, bends, off_rates, rows.axes, rows.slides
         self._off_turned = list[Expr]()
         for carried, speed, bend, off_rate, off, slide in zip(*of_variables, strict=True):
-            turned = carried.size * self._spins_at_most[carried.link]
-            turned = turned + speed * carried.slid
+            turned = carried.length * self._spins_at_most[carried.link]
+            turned = turned + speed * carried.slide_length
             off_turned = self._change_error(carried, speed, off_rate, off, slide)
             self._off_turned.append(off_turned)
             again.append(bend * off + speed * off_turned + turned * off_rate)
-            spread.append(bend * carried.size + speed * turned)
+            spread.append(bend * carried.length + speed * turned)
         self._off_dw, off_change = self._off(again, self.over_bent)
         self._off_rates = [sum(both) for both in zip(off_rates, slips, strict=True)]
         self._off_change = [sum(both) for both in zip(off_change, again, strict=True)]
         self._swings, self.swings = rows.added(spread), sum(spread, 0.0)
-        self.fast = dot(speeds, [carried.size for carried in rows.carried])
+        self.fast = dot(speeds, [carried.length for carried in rows.carried])
         bent = sum((dot(rate, rate) for rate in self._dw), 0.0)
         self.part = sum(self._off_dw, 0.0) / root(1.0 + bent)
         self.worst = self.part * (LARGEST_ERROR / LARGEST_PART)
 
     def _change_error(
-        self, carried: UnitTwist, speed: Expr, off_rate: Expr, off: Expr, slide: Expr
+        self, carried: CarriedVector, speed: Expr, off_rate: Expr, off: Expr, slide: Expr
     ) -> Expr:
         """Return a bound of the error of the derivative of a carried vector.
 
@@ -206,8 +206,8 @@ class MovingTerms:
         the errors of r, a and s.
         """
         spin = self._spins_at_most[carried.link]
-        error = carried.size * self._off_w[carried.link] + spin * off
-        return error + carried.slid * off_rate + speed * slide
+        error = carried.length * self._off_w[carried.link] + spin * off
+        return error + carried.slide_length * off_rate + speed * slide
 
     def _off(self, slips: Sequence[Expr], over: Expr) -> tuple[list[Expr], list[Expr]]:
         """Return what links and variables are off by, in a derivative.
@@ -286,7 +286,7 @@ class MovingTerms:
                 carried, self._speeds[variable], self._off_rates[variable], off, slide
             )
         unit = carried.vector
-        turned = carried.change(self._w[carried.link], self._rates[variable])
+        turned = carried.derivative(self._w[carried.link], self._rates[variable])
         if {i, j} == {first, second} and pair not in rows.lines:
             sense = 1.0 if i == first else -1.0
             rate, change = sense * self._rates[variable], sense * self._change[variable]

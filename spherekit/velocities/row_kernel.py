@@ -28,7 +28,7 @@ from spherekit.symbolic.expression_graph import (
 )
 from spherekit.symbolic.term_function import term_function
 from spherekit.symbolic.vector_algebra import vector_sum
-from spherekit.velocities.axis_rotations import ProfileSide, with_columns
+from spherekit.velocities.axis_rotations import ProfileSide, append_profile_columns
 from spherekit.velocities.carried_vectors import largest
 from spherekit.velocities.dyad_expressions import COMPILED, closed_form
 from spherekit.velocities.elimination_order import (
@@ -89,12 +89,12 @@ class ColumnFunction:
             self.places[key] = slice(len(outputs), len(outputs) + len(items))
             outputs += items
         self.width, self._profiles = len(outputs), profiles
-        given = [*given, *(term for profile in profiles for term in profile.terms)]
+        given = [*given, *(term for profile in profiles for term in profile.column_symbols)]
         self.function = term_function(outputs, given, compiled)
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return all columns (width, n) of variables (variables, n)."""
-        return self.function(with_columns(values, self._profiles), out)
+        return self.function(append_profile_columns(values, self._profiles), out)
 
 
 class RowKernel:
@@ -123,7 +123,7 @@ class RowKernel:
         self._columns = [x[1] if isinstance(x, tuple) else x for x in columns]
         doubts = (moving.in_doubt for moving in self.moving)
         self.vouches = bool(motion.free) and not any(doubts)
-        self._profiles = rows.pairs.handed_in
+        self._profiles = rows.pairs.sides_with_columns
         self._form = None if self._profiles else closed_form(mechanism, motion.assembly)
         self.in_threads, self.kept = engine == "compiled", len(self._columns)
         self.has_closed_form = self._form is not None
@@ -260,14 +260,14 @@ class RowKernel:
         start = values.astype(quad())
         x = start.copy()
         for _ in range(STEPS):
-            after = closer(with_columns(x, self._profiles, values))
+            after = closer(append_profile_columns(x, self._profiles, values))
             step = max_abs((after - x[free]).astype(float), axis=0)
             x[free] = after
             if not np.any(step > CLOSED):
                 break
         closed = (step <= CLOSED) & (max_abs((x - start).astype(float), axis=0) < NEAR)
         x[:, ~closed] = start[:, ~closed]
-        given = with_columns(x, self._profiles, values)
+        given = append_profile_columns(x, self._profiles, values)
         columns, others = whole(given).astype(float), aside(given).astype(float)
         inverse = others[self.aside.places["inverse"]]
         ways = 3 * len(self._rows.tree.chords)
@@ -302,7 +302,9 @@ class RowKernel:
             repeated = np.tile(values, some.shape[1])
             stepped = repeated.astype(complex)
             stepped.imag[free] = SMALL * some.reshape(len(free), -1)
-            columns = self.whole.function(with_columns(stepped, self._profiles, repeated))
+            columns = self.whole.function(
+                append_profile_columns(stepped, self._profiles, repeated)
+            )
             sizes = np.abs(columns.imag).reshape(len(columns), some.shape[1], count)
             # Way after way, so that sums round as they do for one way at a time.
             for size in sizes.swapaxes(0, 1):

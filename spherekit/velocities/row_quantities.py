@@ -39,7 +39,7 @@ from spherekit.symbolic.vector_algebra import (
     vector,
 )
 from spherekit.tolerances import NO_MOTION
-from spherekit.velocities.axis_rotations import TurningPairs
+from spherekit.velocities.axis_rotations import PairRotations
 from spherekit.velocities.dyad_expressions import angle_of, place_by_inputs
 from spherekit.velocities.load_expressions import LoadState, forces_of
 from spherekit.velocities.load_numbers import actions_of, with_other_numbers
@@ -164,7 +164,7 @@ def _quantities(
     return table
 
 
-Geometry = Callable[[Mapping[str, Expr]], TurningPairs]
+Geometry = Callable[[Mapping[str, Expr]], PairRotations]
 """The pairs in which sizes, by name, are terms."""
 
 
@@ -254,16 +254,22 @@ class VariedTerms:
         return bool(self.squares) or not self.places
 
     @property
-    def handed_in(self) -> list[ExpressionNode]:
+    def profile_columns(self) -> list[ExpressionNode]:
         """What is handed in of profiles, after the places."""
-        return [x for y in self.structure.pairs.handed_in for x in (*y.terms, y.last)]
+        return [
+            x
+            for y in self.structure.pairs.sides_with_columns
+            for x in (*y.column_symbols, y.last_derivative)
+        ]
 
     def _by_place(self, items: Sequence[Expr], v: int) -> list[Expr]:
         """Return the derivatives by a variable, along the profiles that run with it."""
         rates: dict[ExpressionNode, Expr] = {self.places[v]: 1.0}
-        for profile in self.structure.pairs.handed_in:
+        for profile in self.structure.pairs.sides_with_columns:
             if profile.track.variable == v:
-                rates |= zip(profile.terms, profile.along, strict=True)
+                rates |= zip(
+                    profile.column_symbols, profile.column_derivatives, strict=True
+                )
         return derivatives(items, rates)
 
     def by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
@@ -274,13 +280,18 @@ class VariedTerms:
         if self.closed_form:
             return [derivatives(items, {size: 1.0}) for size in self.sizes]
         used = set(in_order(items))
-        if any(profile.last in used for profile in self.structure.pairs.handed_in):
+        if any(
+            profile.last_derivative in used
+            for profile in self.structure.pairs.sides_with_columns
+        ):
             raise EngineError(
                 f"{self.mechanism.name}: how a linearised motion changes with sizes is not "
                 "known where profiles are no circles; compare designs by a sweep"
             )
         by_places = [self._by_place(items, v) for v in range(len(self.places))]
-        columns = (x for y in self.structure.pairs.handed_in for x in y.terms)
+        columns = (
+            x for y in self.structure.pairs.sides_with_columns for x in y.column_symbols
+        )
         made = []
         for size in (*self.sizes, *columns):
             moved = self.flow.answers(self.flow.misfit_rates(size))
@@ -540,10 +551,10 @@ class VariedTerms:
         rates: dict[ExpressionNode, Expr] = {self.sample[moving]: 1.0}
         if not self.closed_form:
             rates |= zip(self.places, self._moved[moving][0], strict=True)
-        for profile in self.structure.pairs.handed_in:
+        for profile in self.structure.pairs.sides_with_columns:
             speed = rates[self.places[profile.track.variable]]
-            along = (x * speed for x in profile.along)
-            rates |= zip(profile.terms, along, strict=True)
+            along = (x * speed for x in profile.column_derivatives)
+            rates |= zip(profile.column_symbols, along, strict=True)
         return rates
 
     def generalized_force(self, moving: int) -> Expr:

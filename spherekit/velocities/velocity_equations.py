@@ -51,15 +51,15 @@ from spherekit.symbolic.vector_algebra import Exprs, constants, vector, vector_s
 from spherekit.velocities.axis_rotations import (
     AxisRotation,
     Entries,
-    TurningPairs,
-    turning_pairs,
+    PairRotations,
+    pair_rotations,
 )
 from spherekit.velocities.carried_vectors import carried_vectors, root
 from spherekit.velocities.pose_expressions import (
     LinkOrientation,
-    along_ways,
     place_by_variables,
-    placed_by,
+    place_link,
+    sum_along_paths,
 )
 from spherekit.velocities.rate_expressions import GroupEquations
 
@@ -73,7 +73,7 @@ class Structure:
 
     mechanism: Mechanism
     assembly: Assembly
-    pairs: TurningPairs
+    pairs: PairRotations
     groups: tuple[GroupEquations, ...]
 
     @property
@@ -109,7 +109,7 @@ class Structure:
     def of(
         mechanism: Mechanism,
         input_pairs: str | Sequence[str],
-        pairs: TurningPairs | None = None,
+        pairs: PairRotations | None = None,
         closed: Floats | None = None,
         by_rank: bool = False,
     ) -> "Structure":
@@ -129,7 +129,7 @@ class Structure:
             If the mechanism does not have a freedom for each input.
         """
         names = [input_pairs] if isinstance(input_pairs, str) else [*input_pairs]
-        pairs = pairs or turning_pairs(mechanism)
+        pairs = pairs or pair_rotations(mechanism)
         names += mechanism.names_of(pairs.followers)
         driven = driven_at(mechanism, names)
         if by_rank:
@@ -175,7 +175,7 @@ class Structure:
         owned = self.mechanism.variables_of(pair)
         place = owned.index(variable)
         chain = sides[place].chain
-        (turn,) = chain.turns
+        (turn,) = chain.rotations
         if len(owned) == 1 or not isinstance(turn, AxisRotation):
             return {}
         return {ends[place]: chain.constants[0][:, 2] * ((1.0, -1.0)[place] * turn.scale)}
@@ -197,7 +197,7 @@ class VelocityEquations(ABC):
     def __init__(
         self,
         mechanism: Mechanism,
-        pairs: TurningPairs,
+        pairs: PairRotations,
         placed: Sequence[LinkOrientation],
         variables: Sequence[Expr],
         about_centres: bool,
@@ -225,7 +225,7 @@ class VelocityEquations(ABC):
         for pair in self.tree.chords:
             first, second = self.tree.ends[pair]
             chain = self.pairs.chains[pair]
-            there = placed_by(chain, self.placed[first], self.variables)
+            there = place_link(chain, self.placed[first], self.variables)
             made[pair] = self.placed[second].direction(chain.constants[-1].T), there.basis
         return made
 
@@ -254,7 +254,7 @@ class VelocityEquations(ABC):
         `rates` are those of the variables by time, `w` (3,) the links' angular velocities.
         """
         changes = [
-            carried.change(w[carried.link], rate) * rate
+            carried.derivative(w[carried.link], rate) * rate
             for carried, rate in zip(self.carried, rates, strict=True)
         ]
         turning = [vector_sum(changes[v] for v in owned) for owned in self.owned]
@@ -313,7 +313,7 @@ class CoordinateRates(VelocityEquations):
     @cached_property
     def w(self) -> list[list[Exprs]]:
         """The angular velocities of links by each input, times the scale."""
-        return [along_ways(self.tree, self.parts(tau)) for tau in self.tau]
+        return [sum_along_paths(self.tree, self.parts(tau)) for tau in self.tau]
 
     def misfit_rates(self, by: ExpressionNode) -> dict[int, Exprs]:
         """Return the rates (3,) of the misfits by a size, the variables held."""
@@ -344,9 +344,9 @@ class CoordinateRates(VelocityEquations):
             if sense:
                 held = self.structure.held(v)
                 along = (
-                    placed.fixed(held[link])
+                    placed.fixed_components(held[link])
                     if link in held
-                    else placed.seen(self.vectors[v])
+                    else placed.components(self.vectors[v])
                 )
                 parts.append(along * (float(sense) * self.tau[moving][v]))
         return vector_sum(parts)
@@ -362,7 +362,7 @@ class CoordinateRates(VelocityEquations):
 
         `rates` are those of the variables by time, `w` (3,) the links' angular velocities.
         """
-        return along_ways(self.tree, self.accelerated(rates, w)[1])
+        return sum_along_paths(self.tree, self.accelerated(rates, w)[1])
 
 
 class InputMoments:
@@ -384,7 +384,7 @@ class InputMoments:
             if link and np.any(tensor):
                 placed = flow.placed[link]
                 seen = [flow.seen(i, link) for i in range(len(flow.tau))]
-                here = constants(placed.tensor(tensor / self.unit))
+                here = constants(placed.basis_tensor(tensor / self.unit))
                 self._links.append((link, placed, seen, [here @ y for y in seen]))
 
     @property
@@ -416,7 +416,7 @@ class InputMoments:
         pulls: list[Expr] = [0.0 for _ in places]
         turned: dict[tuple[int, int], Expr] = dict.fromkeys(combinations(places, 2), 0.0)
         for link, placed, seen, momenta in self._links:
-            acceleration, momentum = placed.seen(bias[link]), dot(momenta, slow)
+            acceleration, momentum = placed.components(bias[link]), dot(momenta, slow)
             for i in places:
                 pulls[i] = pulls[i] + dot(momenta[i], acceleration)
             for k, i in turned:
