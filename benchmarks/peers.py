@@ -20,9 +20,9 @@ from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.mechanism_reader import load
 from spherekit.files.study import Start
 from spherekit.mechanism.inertia import Mass, uniform_arc
-from spherekit.mechanism.joint_frames import link_axes
 from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes
 from spherekit.positions.motion import PositionAnalysis
 from spherekit.symbolic.compiler import available
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import spherekit as sk
-from spherekit.mechanism.joint_frames import link_axes
+from spherekit.mechanism.pair_frames import link_axes
 
 
 def mid_plane_mechanism(alphas):

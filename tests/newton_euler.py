@@ -7,7 +7,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.mechanism.inertia import Mass
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.positions.loop_closure import Closure
 
 
@@ -145,7 +145,7 @@ def links_moving(mechanism, values, dq, ddq):
     Of each pair its number, links and frame; then the equations of velocities, and what the
     inputs turn about.
     """
-    joints = joints_of(mechanism)
+    joints = make_joints(mechanism)
     at = Closure.of(mechanism, joints).at(values[None])
     placed, states = at.placed, at.states
     turns, count = placed[0], len(mechanism.links)
@@ -203,7 +203,7 @@ def moments(mechanism, turns, w, angle, t, joint):
     found[last] += turns[last] @ np.array([0.3, t, 1.0])
     pair = mechanism.pair_number[joint]
     a, b = mechanism.ends[pair]
-    axis = turns[a] @ joints_of(mechanism)[pair].first[:, 2]
+    axis = turns[a] @ make_joints(mechanism)[pair].first[:, 2]
     rate = (w[b] - w[a]) @ axis
     torque = 2.0 * np.cos(angle) - rate - 0.7 * (angle - 0.2) - 0.4 * rate
     torque -= 0.6 * np.tanh(rate / 0.5) + 0.1 * rate

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 
 
 def revolute_frames(mechanism):
     """Return the frames (pairs, 3, 3) of R pairs in both links, NaN for contact pairs."""
     nothing = np.full((3, 3), np.nan)
-    joints = joints_of(mechanism)
+    joints = make_joints(mechanism)
     revolute = [joint.has_axis for joint in joints]
     first = [j.first if r else nothing for j, r in zip(joints, revolute, strict=True)]
     second = [j.second if r else nothing for j, r in zip(joints, revolute, strict=True)]
@@ -111,7 +111,7 @@ def link_rates(mechanism, rotations, inputs, moved):
     moved input's own (n, rows, 3 links - 3), and the largest miss (n,) of any pair.
     """
     n, count = len(rotations), len(mechanism.links)
-    joints = joints_of(mechanism)
+    joints = make_joints(mechanism)
     rows, right, pairs, missed = [], [], [], np.zeros(n)
     for k, (pair, (a, b)) in enumerate(zip(mechanism.pairs, mechanism.ends, strict=True)):
         if pair.type == "R":

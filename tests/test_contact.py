@@ -81,7 +81,7 @@ def test_shipped_contact_mechanisms_run_over_their_whole_range(name, by_graph):
 
 def test_internal_bevel_gears():
     """sin d1 / sin d2 = N1 / N2 with d2 - d1 the shaft angle."""
-    from spherekit.mechanism.joint_frames import pitch_angles
+    from spherekit.mechanism.bevel_gears import pitch_angles
 
     shaft = 30 * DEGREE
     first, second = pitch_angles((20, 50), shaft, "internal")

@@ -8,7 +8,7 @@ import pytest
 from spherekit.geometry.curve_contact import nearest_frames
 from spherekit.geometry.parametric_curve import axes_about
 from spherekit.geometry.profile_curve import circle, fourier, great_circle, through
-from spherekit.mechanism.joint_frames import TOUCHING
+from spherekit.mechanism.joint_construction import PROFILE_GAP_RAD
 
 KINDS = ("circle", "great_circle", "fourier", "points", "open")
 
@@ -86,7 +86,7 @@ def test_profiles_that_miss_each_other_by_a_little_are_nearest_there():
         s, miss = nearest_frames(first, second)
         assert miss == pytest.approx(gap, rel=1e-3)
         assert first.at(s[:1]).frame[0, 1, 2] == pytest.approx(0.0, abs=1e-6)
-        assert (miss < TOUCHING) == (gap < TOUCHING)
+        assert (miss < PROFILE_GAP_RAD) == (gap < PROFILE_GAP_RAD)
 
 
 def test_of_several_contacts_it_is_the_first_along_the_first_profile():

@@ -10,7 +10,7 @@ from singular_examples import components
 import spherekit as sk
 from spherekit.errors import SolveError
 from spherekit.mechanism.elements import Profile
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.motion import PositionAnalysis
@@ -21,7 +21,7 @@ NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
 
 def closed_near(made, guess):
     """Return the curve through the configuration at a guessed one's input."""
-    closure = Closure.of(made, joints_of(made))
+    closure = Closure.of(made, make_joints(made))
     return follow_arc(closure, closure.solve(np.array([guess]), held=[0]).values[0])
 
 

@@ -15,7 +15,7 @@ from spherekit.geometry.mirror import angles_between, mirror_angles, normal_at, 
 from spherekit.geometry.rotation import cross
 from spherekit.geometry.tilt_torsion import rotation
 from spherekit.mechanism.elements import Input, Output, Pair, PoseGeometry
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.outputs.fixed_axis_rotation import turn_to
 from spherekit.outputs.rotation_timing import SHAPES, RotationSamples, time_optimal
 from spherekit.positions.loop_closure import Closure
@@ -246,7 +246,7 @@ def rates_by_differences(turn, theta, rel, second):
 @pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
 def test_three_freedoms_follow_any_axis(name):
     made, _, values = configuration(name)
-    closure = Closure.of(made, joints_of(made))
+    closure = Closure.of(made, make_joints(made))
     output = made.link_number[made.outputs[0].link]
     start = closure.at(values[None]).placed[0, output]
     for axis in ([0.4, -1.0, 0.3], [1.0, 0.2, -0.5]):
@@ -271,7 +271,7 @@ def test_two_freedoms_depart_as_little_as_they_can():
     found = turn.at(theta)
     assert np.all(found.status == sk.Status.OK) and found.orientation_error[0] < 1e-14
     assert found.orientation_error[2] > 0.1
-    closure = Closure.of(made, joints_of(made))
+    closure = Closure.of(made, make_joints(made))
     start = closure.at(values[None]).placed[0, output]
     wanted = rotation(turn.axis, theta) @ start
     # a mesh around the inputs found, by the dyad's closed form of the same mode

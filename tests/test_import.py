@@ -13,7 +13,7 @@ from spherekit.cli.main import main
 from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.mechanism_reader import load, loads
-from spherekit.mechanism.joint_frames import joints_in_pose, joints_of
+from spherekit.mechanism.joint_construction import make_joints, make_joints_in_pose
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.planning.assembly_plan import driven_pairs
 from spherekit.positions.loop_closure import Closure
@@ -39,8 +39,8 @@ def written(tmp_path, text, name="model.xml"):
 
 def configurations(made, q):
     """Return the placed links at values of all inputs, followed from the pose."""
-    closure = Closure.of(made, joints_of(made))
-    values = joints_in_pose(made)[1].copy()
+    closure = Closure.of(made, make_joints(made))
+    values = make_joints_in_pose(made)[1].copy()
     held = [made.angles[item.pair] for item in made.inputs]
     start = values[held]
     for part in np.linspace(0.0, 1.0, 5)[1:]:
@@ -54,7 +54,7 @@ def closed(mechanism):
     """Return a mechanism with its inputs, and a configuration found by Newton's method."""
     pairs = [mechanism.pairs[k].name for k in driven_pairs(mechanism)]
     mechanism = mechanism.with_inputs(*pairs)
-    joints, reference = joints_in_pose(mechanism)
+    joints, reference = make_joints_in_pose(mechanism)
     if reference is not None:
         return mechanism, reference
     closure = Closure.of(mechanism, joints)
@@ -79,7 +79,7 @@ def test_out_and_in_again_is_the_same_mechanism(mechanism, tmp_path):
     for one, other in zip(again.inputs, made.inputs, strict=True):
         assert one.pair == other.pair
         assert (one.start, one.stop) == pytest.approx((other.start, other.stop), abs=1e-12)
-    closure = Closure.of(made, joints_of(made))
+    closure = Closure.of(made, make_joints(made))
     held = [made.angles[item.pair] for item in made.inputs]
     start = closure.at(values[None]).placed[0]
     moved = values.copy()
@@ -122,7 +122,7 @@ def test_loads_and_masses_come_back(tmp_path):
     assert {*found} == {load.name for load in loads_there}
     (limit,) = again.joint_limits
     assert (limit.low, limit.high) == pytest.approx((-2.0, 0.5), rel=1e-13)
-    placed = Closure.of(made, joints_of(made)).at(values[None]).placed[0]
+    placed = Closure.of(made, make_joints(made)).at(values[None]).placed[0]
     for mass in made.masses:
         turn = placed[made.link_number[mass.link]]
         other = next(each for each in again.masses if each.link == mass.link)
@@ -140,8 +140,8 @@ def _power(mechanism, values, placed):
     from spherekit.dynamics.coordinates import by_variables
     from spherekit.dynamics.transmitted_forces import Loads
 
-    closure = Closure.of(mechanism, joints_of(mechanism))
-    values = joints_in_pose(mechanism)[1] if values is None else values
+    closure = Closure.of(mechanism, make_joints(mechanism))
+    values = make_joints_in_pose(mechanism)[1] if values is None else values
     held = [mechanism.angles[item.pair] for item in mechanism.inputs]
     motion = by_variables(closure, values[None], held)
     loads_here = Loads(mechanism)

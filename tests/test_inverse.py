@@ -22,7 +22,7 @@ from spherekit.geometry.tilt_torsion import (
 )
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.elements import Output
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
 from spherekit.outputs.virtual_output import with_wrist
 from spherekit.positions.assembly_mode import AssemblyMode
@@ -90,7 +90,7 @@ def test_vectors_agree_with_the_positions_of_all_links(made):
 
 def input_frames(made):
     """Frames of all pairs in both links, by name."""
-    joints = joints_of(made)
+    joints = make_joints(made)
     return {p.name: (j.first, j.second) for p, j in zip(made.pairs, joints, strict=True)}
 
 

@@ -11,8 +11,8 @@ import spherekit as sk
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.mechanism_writer import dumps
 from spherekit.mechanism.inertia import Mass
-from spherekit.mechanism.joint_frames import link_axes
 from spherekit.mechanism.load_kinds import JointLimit
+from spherekit.mechanism.pair_frames import link_axes
 
 LOADED = text_of("loaded")
 BASE = LOADED.partition("[mass")[0]

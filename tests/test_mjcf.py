@@ -14,7 +14,7 @@ from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.mechanism_reader import loads as read_text
 from spherekit.files.mechanism_writer import dumps
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.positions.loop_closure import Closure
 
 mujoco = pytest.importorskip("mujoco")
@@ -32,7 +32,7 @@ def closed_at(mechanism, values, inputs):
     held = [mechanism.angles[item.pair] for item in mechanism.inputs]
     values = values.copy()
     values[held] = inputs
-    closure = Closure.of(mechanism, joints_of(mechanism))
+    closure = Closure.of(mechanism, make_joints(mechanism))
     found = closure.solve(values[None], held)
     assert found.gap[0] < 1e-12
     return found.values[0], closure.at(found.values).placed[0]
@@ -57,7 +57,7 @@ def apart(mechanism, data, placed):
 def test_the_pose_is_the_mechanisms_and_motors_sit_at_inputs_alone(name, at):
     mechanism, values = posed(replace(sk.load(name), loads=()), at=at)
     model, data = started(MujocoModel(mechanism, values).text)
-    closure = Closure.of(mechanism, joints_of(mechanism))
+    closure = Closure.of(mechanism, make_joints(mechanism))
     assert apart(mechanism, data, closure.at(values[None]).placed[0]) < 1e-14
     assert np.max(np.abs(data.efc_pos), initial=0.0) < 1e-14
     motors = [model.actuator(k).name for k in range(model.nu)]

@@ -14,7 +14,7 @@ from spherekit.files.library import find
 from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of, number_at, number_path, with_numbers
 from spherekit.mechanism.elements import PoseGeometry
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.plugin import conformance
 from spherekit.positions.loop_closure import Closure
 from spherekit.proof.reference_rows import exact_rows
@@ -90,7 +90,7 @@ def test_derivatives_are_those_of_differences_in_fifty_digits(
         for side, weight in weights.items():
             moved = number_at(document, path) + side * step
             other = read(with_numbers(document, {path: moved}))
-            closure = Closure.of(other, joints_of(other))
+            closure = Closure.of(other, make_joints(other))
             near = closure.solve(motion.values, list(mechanism.variables_of(driven)))
             moved = replace(motion, mechanism=other, values=near.values)
             found = exact_rows(moved, motion.sample >= 0, driven, sk.Digits(50))

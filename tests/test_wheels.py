@@ -20,9 +20,9 @@ from spherekit.dynamics.simulation_start import prepare
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.study import Start
 from spherekit.files.time_law import ConstantSpeed
+from spherekit.mechanism.bevel_gears import pitch_angles
 from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
 from spherekit.mechanism.inertia import Mass
-from spherekit.mechanism.joint_frames import pitch_angles
 from spherekit.outputs.forward_kinematics import ForwardKinematics
 from spherekit.positions.motion import PositionAnalysis
 from spherekit.status import Status

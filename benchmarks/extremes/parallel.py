@@ -10,7 +10,7 @@ from benchmarks.extremes.reference import DIGITS, Reference, exact
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar, point_of
 from benchmarks.samples import EIGHT_BARS, mechanism, random_axes
-from spherekit.mechanism.joint_frames import joints_in_pose
+from spherekit.mechanism.joint_construction import make_joints_in_pose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.velocities.pole_request import Route
 
@@ -26,7 +26,7 @@ def at_pose(
 ) -> Iterator[Row]:
     """Yield the rows of a mechanism in its reference pose."""
     reference = Reference(made)
-    values = joints_in_pose(made)[1]
+    values = make_joints_in_pose(made)[1]
     assert values is not None
     with mp.workdps(DIGITS):
         point = Point(parameter, values[list(reference.inputs)], exact(values))

@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.errors import ModelError
 from spherekit.mechanism.joint import revolute
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.linearisation import LoopTree
 
@@ -128,7 +128,7 @@ class Reference:
     def __init__(self, mechanism: Mechanism, moved: str | None = None) -> None:
         self.mechanism = mechanism
         self.tree = LoopTree.of(mechanism)
-        self.joints = joints_of(mechanism)
+        self.joints = make_joints(mechanism)
         self.count = len(self.tree.owners)
         names = [item.pair for item in mechanism.inputs]
         numbers = [mechanism.variables_of(mechanism.pair_number[p])[0] for p in names]

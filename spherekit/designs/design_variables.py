@@ -17,9 +17,10 @@ from spherekit.files.schema import check_numbers
 from spherekit.files.toml_document import Document
 from spherekit.files.toml_lines import KeyPath
 from spherekit.mechanism.elements import PoseGeometry, SizeGeometry
-from spherekit.mechanism.joint_frames import COLLINEAR, pose_sizes
 from spherekit.mechanism.load_kinds import LOADS, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE
+from spherekit.mechanism.pose_sizes import pose_sizes
 from spherekit.velocities.row_quantities import row_quantities
 from spherekit.wording import listing
 
@@ -180,7 +181,7 @@ def coaxial_links(geometry: SizeGeometry) -> Names:
     return tuple(
         link
         for link, sizes in geometry.links.items()
-        if any(abs(np.sin(arc)) <= COLLINEAR for arc in sizes.arcs)
+        if any(abs(np.sin(arc)) <= COLLINEAR_SINE for arc in sizes.arcs)
     )
 
 

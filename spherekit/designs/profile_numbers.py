@@ -15,7 +15,7 @@ from spherekit.geometry.curve_variation import Varied, varied_round, varied_thro
 from spherekit.geometry.rotation import all_finite, nans
 from spherekit.mechanism.elements import PoseGeometry, Profile
 from spherekit.mechanism.joint import Track
-from spherekit.mechanism.joint_frames import TOUCHING, joints_of
+from spherekit.mechanism.joint_construction import PROFILE_GAP_RAD, make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.pair_states import contact_tracks
 
@@ -152,12 +152,12 @@ class ProfileNumbers:
         return np.concatenate([numbers_of(profile) for profile, _ in profiles_of(made)])
 
 
-def tracks_of(mechanism: Mechanism, apart: float = TOUCHING) -> list[Track]:
+def tracks_of(mechanism: Mechanism, apart: float = PROFILE_GAP_RAD) -> list[Track]:
     """Return the profiles of all contacts.
 
     They have the order of `PairRotations.sides_with_columns`.
     """
-    joints = joints_of(mechanism, apart)
+    joints = make_joints(mechanism, apart)
     return [track for _, tracks in contact_tracks(joints) for track in tracks]
 
 

@@ -24,8 +24,8 @@ from spherekit.designs.design_variables import ACTIONS, designed
 from spherekit.designs.synthesis_requirements import Specification, front_of, nondominated
 from spherekit.errors import DesignError
 from spherekit.geometry.rotation import max_abs
-from spherekit.mechanism.joint_frames import pair_frames
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.progress import ProgressReporter
 from spherekit.wording import counted
 

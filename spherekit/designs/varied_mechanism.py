@@ -29,7 +29,7 @@ from spherekit.files.mechanism_reader import acted_on
 from spherekit.files.number_change import with_numbers
 from spherekit.files.toml_document import Document
 from spherekit.geometry.rotation import all_finite, nans
-from spherekit.mechanism.joint_frames import ONE_LINE
+from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.symbolic.expression_graph import symbols
@@ -119,7 +119,7 @@ class VariedMechanism:
     inputs: Names
     contacts: EquivalentLinkage | None = None
     follow: bool = False
-    apart: float = ONE_LINE
+    apart: float = SAME_AXIS_RAD
 
     @cached_property
     def values(self) -> Floats:

@@ -13,7 +13,7 @@ from spherekit.dynamics.equation_of_motion import EquationOfMotion
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.study import Start
 from spherekit.geometry.rotation import all_finite, max_abs
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load import TorqueFunction, TorqueTable
 from spherekit.mechanism.load_kinds import DRIVE, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
@@ -120,7 +120,7 @@ def prepare(
     times = sorted({*map(float, switches), *_knots(mechanism, until)})
     if not all(np.isfinite(times)):
         raise SolveError(f"{name}: switches has a time that is not finite")
-    closure = Closure.of(mechanism, joints_of(mechanism))
+    closure = Closure.of(mechanism, make_joints(mechanism))
     equation = EquationOfMotion(mechanism, closure, len(inputs))
     if isinstance(start, PoseStart):
         values, turns = _closed(closure, mechanism, start.values)

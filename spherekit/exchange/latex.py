@@ -18,9 +18,9 @@ from spherekit.exchange.latex_text import text_of
 from spherekit.files.number_change import document_of
 from spherekit.mechanism.changed_axes import restated
 from spherekit.mechanism.elements import LinkSizes, PoseGeometry
-from spherekit.mechanism.joint_frames import link_axes, pair_frames, reference_frame
 from spherekit.mechanism.locking import sizes_by_frames
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes, pair_frames, reference_frame
 from spherekit.planning.plan_text import as_text
 from spherekit.positions.motion_cache import assembly_by_count_or_rank
 from spherekit.symbolic.expression_graph import Expr

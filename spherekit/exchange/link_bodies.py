@@ -20,7 +20,7 @@ from spherekit.mechanism.elements import Pair
 from spherekit.mechanism.graph import joined, spanning
 from spherekit.mechanism.inertia import moments_of_point
 from spherekit.mechanism.joint import Joint
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.wheel_train import on_carrier, rolled_angles
 from spherekit.positions.loop_closure import Closure
@@ -122,7 +122,7 @@ def rigid_bodies(
             f"{mechanism.name}: a configuration has {count} finite variables "
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"
         )
-    at = Closure.of(mechanism, joints_of(mechanism)).at(values[None])
+    at = Closure.of(mechanism, make_joints(mechanism)).at(values[None])
     masses, made_up = _masses(mechanism)
     weightless = {
         link

@@ -34,7 +34,7 @@ from spherekit.errors import EngineError
 from spherekit.exchange.formula_expressions import Formulas, Mode, ModeTable, SmoothModes
 from spherekit.files.study import Crossings
 from spherekit.geometry.rotation import max_abs
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.loop_closure import Closure
@@ -509,7 +509,7 @@ def _dyad_signs(terms: VariedTerms, values: Floats) -> Floats:
     """
     mechanism = terms.mechanism
     # (n, variables, 3) direction of the axis of each variable
-    vectors = Closure.of(mechanism, joints_of(mechanism)).at(values).vectors
+    vectors = Closure.of(mechanism, make_joints(mechanism)).at(values).vectors
     signs: list[float] = []
     for group in terms.structure.assembly.groups:
         axes = vectors[:, [mechanism.variables_of(pair)[0] for pair in group.pairs]]

@@ -4,7 +4,7 @@ import math
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
 
 from spherekit.files.toml_document import LiteralNumber
-from spherekit.mechanism.elements import vector_of
+from spherekit.mechanism.elements import as_vector
 from spherekit.mechanism.sizes import AngleUnit, Vector
 from spherekit.tolerances import EPS
 
@@ -77,7 +77,7 @@ def unit_vector(xyz: Vector) -> Vector:
         )
     if abs(length - 1) <= _UNIT_LENGTH:
         return xyz
-    return vector_of(component / length for component in xyz)
+    return as_vector(component / length for component in xyz)
 
 
 def direction(longitude: float, latitude: float) -> Vector:

@@ -18,6 +18,11 @@ from spherekit.files.schema import check
 from spherekit.files.toml_document import Document, Table, parse, read_text
 from spherekit.files.toml_lines import KeyPath
 from spherekit.files.units import converted, made
+from spherekit.mechanism.bevel_gears import (
+    check_half_angles,
+    find_gear_carrier,
+    pitch_angles,
+)
 from spherekit.mechanism.elements import (
     Input,
     LinkSizes,
@@ -27,7 +32,7 @@ from spherekit.mechanism.elements import (
     Profile,
     SizeGeometry,
     Source,
-    vector_of,
+    as_vector,
 )
 from spherekit.mechanism.inertia import (
     Mass,
@@ -37,20 +42,12 @@ from spherekit.mechanism.inertia import (
     uniform_arc,
 )
 from spherekit.mechanism.joint import Links
-from spherekit.mechanism.joint_frames import (
-    LinkAxes,
-    arc_pole,
-    carrier_of,
-    given_axis,
-    link_axes,
-    pitch_angles,
-    start_of_phase,
-    touching_angles,
-)
 from spherekit.mechanism.load import Load
-from spherekit.mechanism.load_kinds import LOADS, JointLimit, PairTorque, tensor_of
+from spherekit.mechanism.load_kinds import LOADS, JointLimit, PairTorque, as_tensor
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import LinkAxes, arc_pole, axis_in_link, link_axes
 from spherekit.mechanism.sizes import AngleUnit, Vector
+from spherekit.mechanism.wheel_phase import find_contact_start
 from spherekit.wording import choices, nearest
 
 Given = TypeVar("Given")
@@ -238,7 +235,7 @@ class _Reader:
             """Return what the model makes of the axes of two R pairs of the link."""
             path = ("mass", link, key)
             two = [
-                np.array(self.at((*path, number), given_axis, axes(), link, pair))
+                np.array(self.at((*path, number), axis_in_link, axes(), link, pair))
                 for number, pair in enumerate(item[key])
             ]
             return self.at(path, ask, *two, *args)
@@ -261,9 +258,9 @@ class _Reader:
                 tensor = frame @ tensor @ frame.T
                 centre = None if centre is None else frame @ centre
         if centre is not None:
-            centre = vector_of(centre)
+            centre = as_vector(centre)
         # The rounding of mirrored entries is made equal.
-        return Mass(link, tensor_of((tensor + tensor.T) / 2), mass, centre)
+        return Mass(link, as_tensor((tensor + tensor.T) / 2), mass, centre)
 
     def in_phase(self, stated: Mechanism, pair: Pair) -> Pair:
         """Return a pair, where the file says its phase with the start that this means."""
@@ -272,7 +269,7 @@ class _Reader:
             return pair
         if "start" in item:
             self.fail(path, "start says that already; give one of both")
-        start = self.at(path, start_of_phase, stated, pair, item["phase"])
+        start = self.at(path, find_contact_start, stated, pair, item["phase"])
         return replace(pair, start=start)
 
     @cached_property
@@ -358,7 +355,7 @@ class _Reader:
         """Return a direction in axes of a link, given by an R pair or by itself."""
         if "axis" not in item:
             return _vector(item, prefix)
-        return self.at(path, given_axis, self.axes, item["link"], item["axis"])
+        return self.at(path, axis_in_link, self.axes, item["link"], item["axis"])
 
     def pair(self, name: str) -> Pair:
         """Return a pair, a contact with the curves of both its links."""
@@ -374,11 +371,11 @@ class _Reader:
         at = item["links"], item["axes"]
 
         def carried() -> tuple[list[Vector], float]:
-            *_, shaft_angle = carrier_of(self.joined, self.axes, *at)
-            return [given_axis(self.axes, *x) for x in zip(*at, strict=True)], shaft_angle
+            shaft_angle = find_gear_carrier(self.joined, self.axes, *at).shaft_angle
+            return [axis_in_link(self.axes, *x) for x in zip(*at, strict=True)], shaft_angle
 
         centres, shaft_angle = self.at((*path, "axes"), carried)
-        key, radii_of = "half_angles", touching_angles
+        key, radii_of = "half_angles", check_half_angles
         if "teeth" in item:
             key, radii_of = "teeth", pitch_angles  # type: ignore[assignment]
         contact = item.get("contact", "external")

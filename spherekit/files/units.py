@@ -28,7 +28,7 @@ from spherekit.mechanism.elements import (
     Pair,
     Profile,
     Source,
-    vector_of,
+    as_vector,
 )
 from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import JointLimit
@@ -116,7 +116,7 @@ def converted(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
     leaves: Leaves = {
         "angle": angle,
         **dict.fromkeys(("travel", "rate"), lambda _, number: to_radians(number, unit)),
-        "xyz": lambda path, row: vector(path, unit_vector, vector_of(row)),
+        "xyz": lambda path, row: vector(path, unit_vector, as_vector(row)),
         "lonlat": lonlat,
         "series": lambda _, numbers: tuple(map(float, numbers)),
     }

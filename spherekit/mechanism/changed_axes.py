@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names
-from spherekit.mechanism.elements import Pair, Profile, vector_of
-from spherekit.mechanism.load_kinds import tensor_of
+from spherekit.mechanism.elements import Pair, Profile, as_vector
+from spherekit.mechanism.load_kinds import as_tensor
 from spherekit.mechanism.mechanism import Mechanism, holds
 from spherekit.mechanism.sizes import Vector
 
@@ -77,7 +77,7 @@ def restated(
                     changes[key] = turned_vector(turn, value)
                 case "tensor", rows if turn is not None:
                     tensor = turn @ np.array(rows, dtype=float) @ turn.T
-                    changes[key] = tensor_of(0.5 * (tensor + tensor.T))
+                    changes[key] = as_tensor(0.5 * (tensor + tensor.T))
                 case "texts", texts:
                     texts = tuple(map(text, texts))
                     changes[key] = texts if frame is None else _turned_texts(frame, texts)
@@ -96,7 +96,7 @@ def restated(
 
 def turned_vector(turn: Floats, vector: ArrayLike) -> Vector:
     """Return a vector (3,) turned by a rotation (3, 3)."""
-    return vector_of(turn @ np.array(vector, dtype=float))
+    return as_vector(turn @ np.array(vector, dtype=float))
 
 
 def _turned_texts(turn: Floats, texts: Names) -> Names:

@@ -40,7 +40,7 @@ def need_rows(
             )
 
 
-def vector_of(numbers: Iterable[float]) -> Vector:
+def as_vector(numbers: Iterable[float]) -> Vector:
     """Return three numbers as floats."""
     x, y, z = map(float, numbers)
     return x, y, z

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
-from spherekit.mechanism.elements import vector_of
+from spherekit.mechanism.elements import as_vector
 from spherekit.mechanism.friction import Bearings, ContactFriction
 from spherekit.mechanism.inertia import Tensor
 from spherekit.mechanism.load import (
@@ -29,9 +29,9 @@ from spherekit.wording import listing
 Expressions = tuple[str, str, str]
 
 
-def tensor_of(rows: Floats) -> Tensor:
+def as_tensor(rows: Floats) -> Tensor:
     """Return a tensor (3, 3) as rows of floats."""
-    first, second, third = map(vector_of, rows)
+    first, second, third = map(as_vector, rows)
     return first, second, third
 
 
@@ -121,7 +121,7 @@ class PointForce(Load):
     axes: Axes = "ground"
 
     def components(self, mechanism: Loaded) -> Components:
-        return _on_link(mechanism, self, self.force, vector_of(self.point))
+        return _on_link(mechanism, self, self.force, as_vector(self.point))
 
 
 @checked_class(ModelError)

@@ -19,12 +19,12 @@ from spherekit.mechanism.elements import (
     PoseGeometry,
     Profile,
     SizeGeometry,
-    vector_of,
+    as_vector,
 )
 from spherekit.mechanism.inertia import Mass
-from spherekit.mechanism.joint_frames import frames_of_sizes, pair_frames
-from spherekit.mechanism.load_kinds import tensor_of
+from spherekit.mechanism.load_kinds import as_tensor
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import pair_frames, pair_frames_from_sizes
 from spherekit.mechanism.sizes import AngleUnit, in_radians
 from spherekit.wording import listing
 
@@ -198,8 +198,8 @@ def _sum(one: Mass, other: Mass) -> Mass:
     if None not in (one.mass, other.mass, one.centre, other.centre):
         weights = np.array([one.mass, other.mass])
         mass = float(np.sum(weights))
-        centre = vector_of(weights @ np.array([one.centre, other.centre]) / mass)
-    return Mass(one.link, tensor_of(np.add(one.tensor, other.tensor)), mass, centre)
+        centre = as_vector(weights @ np.array([one.centre, other.centre]) / mass)
+    return Mass(one.link, as_tensor(np.add(one.tensor, other.tensor)), mass, centre)
 
 
 def sizes_by_frames(
@@ -228,7 +228,7 @@ def sizes_by_frames(
         made = LinkSizes((*unpaired, *axes), tuple(arcs), tuple(angles), unpaired)
         links[link] = kept.get(link, made)
     # Only the sum of zeros over both links of a pair counts: frames may be turned alike.
-    have = frames_of_sizes(pairs, SizeGeometry(links, {}))
+    have = pair_frames_from_sizes(pairs, SizeGeometry(links, {}))
     zeros = {}
     for name in frames[0]:
         ahead, back = (

@@ -19,8 +19,8 @@ from spherekit.geometry.dyad_axis import HalfAngle
 from spherekit.geometry.rotation import cross
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.joint import Revolute
-from spherekit.mechanism.joint_frames import COLLINEAR
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 from spherekit.planning.assembly_plan import Assembly, Group
 
 Signs = tuple[int, ...]
@@ -187,7 +187,7 @@ class Dyads:
 
     def is_coaxial(self, one: int, other: int, link: int) -> bool:
         """Return whether two pairs of a link have their axes on one line."""
-        return bool(np.sin(self._arc(link, one, other)) < COLLINEAR)
+        return bool(np.sin(self._arc(link, one, other)) < COLLINEAR_SINE)
 
 
 def input_rates(tops: Floats, bottoms: Floats) -> tuple[Floats, Floats]:

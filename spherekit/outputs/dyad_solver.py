@@ -12,8 +12,8 @@ from spherekit.conventions import TURN
 from spherekit.errors import SpherekitError
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.elements import Input, Output
-from spherekit.mechanism.joint_frames import COLLINEAR
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 from spherekit.numerics.angles import wrap
 from spherekit.outputs.dyad_chain import Signs
 from spherekit.outputs.inverse_kinematics import InverseKinematics
@@ -50,7 +50,7 @@ class DyadKinematics(ClosedKinematics):
         axis = partial(axis_in, solver.mechanism, solver.joints, link=wrist.link)
         if made == wrist.pairs[-1]:
             for pair, ends in enumerate(self.mechanism.ends):
-                if wrist.link in ends and arc(axis(pair), axis(made)) < COLLINEAR:
+                if wrist.link in ends and arc(axis(pair), axis(made)) < COLLINEAR_SINE:
                     return pair
         return made
 

@@ -23,7 +23,7 @@ from spherekit.geometry.triangle import arc, frame_from
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.graph import spanning
 from spherekit.mechanism.joint import Joint, revolute
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism, chosen_output
 from spherekit.outputs.mid_plane import MidPlane
 from spherekit.outputs.mid_plane_architecture import (
@@ -66,7 +66,7 @@ def mid_plane_form(
     for pair in made.pairs:
         if not pair.kind.has_axis:
             raise _refusal(made, f"pair {pair.name} is a contact pair; only R pairs fit")
-    joints = joints_of(made)
+    joints = make_joints(made)
     effector = made.link_number[end.link]
     legs = _legs(made, joints, effector)
     along, carried = _along(made, joints, effector, legs)

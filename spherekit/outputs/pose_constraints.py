@@ -19,9 +19,10 @@ from spherekit.conventions import Names
 from spherekit.errors import AnalysisError
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.elements import Output
-from spherekit.mechanism.joint_frames import COLLINEAR, joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.outputs.dyad_chain import Signs
@@ -310,7 +311,7 @@ class OutputKinematics:
 
     @cached_property
     def _closure(self) -> Closure:
-        return Closure.of(self.mechanism, joints_of(self.mechanism))
+        return Closure.of(self.mechanism, make_joints(self.mechanism))
 
 
 class ClosedKinematics(OutputKinematics, ABC):
@@ -433,7 +434,7 @@ def _between_axes(
         name = "/".join(kinematics.name_of(pair) for pair in axes)
         low, _, low_from = max(held, key=lambda asked: asked[0])
         _, high, high_from = min(held, key=lambda asked: asked[1])
-        if high - low < COLLINEAR:
+        if high - low < COLLINEAR_SINE:
             raise _refusal(
                 mechanism,
                 f"the axes {name} cannot be at least {_deg(low)} apart ({low_from}) and "
@@ -445,7 +446,7 @@ def _between_axes(
             return rows.cosine(*axes)
 
         for end, words, source in ((low, "least", low_from), (high, "most", high_from)):
-            if COLLINEAR < end < np.pi - COLLINEAR:
+            if COLLINEAR_SINE < end < np.pi - COLLINEAR_SINE:
                 title = f"axes {name} at {words} {_deg(end)} ({source})"
                 bounds.append(AngleLimit(title, end, words == "least", cosine))
     return tuple(bounds)
@@ -464,11 +465,11 @@ def _holds_always(
             f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is not a range; give "
             "the least angle between the axes, 0 to 180 deg, and a greatest not below",
         )
-    joints = joints_of(mechanism)
+    joints = make_joints(mechanism)
     shared = set(mechanism.ends[one]) & set(mechanism.ends[other])
     for link in shared:
         fixed = arc(*(axis_in(mechanism, joints, pair, link) for pair in (one, other)))
-        if not item.low - COLLINEAR <= fixed <= item.high + COLLINEAR:
+        if not item.low - COLLINEAR_SINE <= fixed <= item.high + COLLINEAR_SINE:
             raise _refusal(
                 mechanism,
                 f"apart: {where}: both axes are on one link, always {_deg(float(fixed))} "
@@ -507,7 +508,7 @@ def _of_pairs(
         middle, half = 0.5 * (item.low + item.high), 0.5 * (item.high - item.low)
         before = kept.setdefault(item.pair, item)
         gap = wrap(middle - 0.5 * (before.low + before.high))
-        if abs(gap) > half + 0.5 * (before.high - before.low) + COLLINEAR:
+        if abs(gap) > half + 0.5 * (before.high - before.low) + COLLINEAR_SINE:
             raise _refusal(
                 mechanism,
                 f"limits: {item.pair} cannot be within {_deg(before.low)} to "

@@ -33,7 +33,7 @@ from spherekit.geometry.rotation import (
 )
 from spherekit.geometry.tilt_torsion import rotation
 from spherekit.mechanism.elements import Output
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.hermite import hermite
@@ -61,7 +61,7 @@ class OutputTarget:
         """Return the target of an output, body 0 the link that it is relative to."""
         made = replace(mechanism, ground=output.relative_to)
         link, freedoms = made.link_number[output.link], len(made.inputs)
-        return OutputTarget(Closure.of(made, joints_of(made)), link, freedoms)
+        return OutputTarget(Closure.of(made, make_joints(made)), link, freedoms)
 
     def at(self, values: Floats, wanted: Floats) -> "Optimality":
         """Return n configurations (n, variables) beside orientations (n, 3, 3)."""

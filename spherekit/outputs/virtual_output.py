@@ -17,9 +17,9 @@ from spherekit.conventions import Names
 from spherekit.errors import PlanError
 from spherekit.geometry.tilt_torsion import azimuth_tilt, from_euler_zyz
 from spherekit.mechanism.elements import Input, Output, Pair, PoseGeometry, SizeGeometry
-from spherekit.mechanism.joint_frames import pair_frames
 from spherekit.mechanism.locking import sizes_by_frames
 from spherekit.mechanism.mechanism import Mechanism, chosen_output
+from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.mechanism.sizes import Vector
 from spherekit.planning.assembly_plan import driven_pairs
 from spherekit.wording import counted

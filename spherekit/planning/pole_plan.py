@@ -17,8 +17,8 @@ import numpy as np
 from spherekit.errors import PlanError
 from spherekit.markup import html_table
 from spherekit.mechanism.graph import clusters
-from spherekit.mechanism.joint_frames import SAME_AXIS, link_axes
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import SAME_AXIS_SINE, link_axes
 from spherekit.wording import counted, nearest
 
 
@@ -33,7 +33,7 @@ def coaxial_links(mechanism: Mechanism) -> tuple[tuple[frozenset[int], int, bool
     rounded: set[int] = set()
     for axes in link_axes(mechanism).values():
         for one, other in combinations(axes, 2):
-            if np.linalg.norm(np.cross(axes[one], axes[other])) < SAME_AXIS:
+            if np.linalg.norm(np.cross(axes[one], axes[other])) < SAME_AXIS_SINE:
                 couples.append((number[one], number[other]))
                 if not any(np.array_equal(axes[one], s * axes[other]) for s in (1.0, -1.0)):
                     rounded |= {*couples[-1]}

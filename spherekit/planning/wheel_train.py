@@ -19,17 +19,15 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.geometry.rotation import max_abs
-from spherekit.mechanism.joint import Joint, revolute
-from spherekit.mechanism.joint_frames import ONE_LINE as ONE_LINE
-from spherekit.mechanism.joint_frames import (
-    Wheel,
-    joints_in_pose,
-    joints_of,
-    lengths_at,
-    one_line,
-    seen_from_links,
+from spherekit.mechanism.coaxial_links import (
+    SAME_AXIS_RAD,
+    are_same_line,
+    find_coaxial_links,
 )
+from spherekit.mechanism.joint import Joint, revolute
+from spherekit.mechanism.joint_construction import make_joints, make_joints_in_pose
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.wheel_phase import Wheel, find_wheel_contact
 from spherekit.planning.gear_mesh import SAME_LENGTH, GearMesh, _least, least_rolled
 
 SINGULAR = 1e-9
@@ -83,7 +81,7 @@ def _lengths(contact: RollingOnCarrier, joints: Sequence[Joint]) -> list[float]:
             frames = joint.first, joint.second
             turn = frames[1 - side] @ frames[side].T @ turn
         turns.append(turn)
-    return lengths_at(wheels, turns)
+    return find_wheel_contact(wheels, turns)
 
 
 def held_meshes(mechanism: Mechanism) -> frozenset[int]:
@@ -92,7 +90,7 @@ def held_meshes(mechanism: Mechanism) -> frozenset[int]:
     That the wheels touch is then said twice, by the contact and by the link that carries
     both axes; of the two constraints of the contact one is left, that they roll.
     """
-    joints = joints_of(mechanism)
+    joints = make_joints(mechanism)
     return frozenset(n for n in _rolling(joints) if on_carrier(mechanism, joints, n))
 
 
@@ -116,21 +114,23 @@ def on_carrier(
     profiles = mechanism.pairs[number].profiles or ()
     if any(profile.round_axis is None for profile in profiles) or not joints[number].rolled:
         return None
-    wheels = [Wheel.of(track.curve, track.start) for track in joints[number].tracks]
+    wheels = [Wheel.from_curve(track.curve, track.start) for track in joints[number].tracks]
     one, other = wheels
     numbers = range(len(joints)) if pairs is None else pairs
     hinges = {n: revolute(joints[n]) for n in numbers if joints[n].has_axis}
     axes = {n: (hinge.first[:, 2], hinge.second[:, 2]) for n, hinge in hinges.items()}
     ends, cosine = mechanism.ends, np.cos(one.radius - other.radius)
     tables = [
-        seen_from_links(dict(enumerate(ends)), axes, link, wheel.centre)
+        find_coaxial_links(dict(enumerate(ends)), axes, link, wheel.centre)
         for link, wheel in zip(ends[number], wheels, strict=True)
     ]
     meshes = []
     for link in sorted(tables[0].keys() & tables[1].keys()):
         seen = [table[link] for table in tables]
-        lines, turned, ways = zip(*((x.line, x.turned, x.way) for x in seen), strict=True)
-        if abs(np.vecdot(*lines) - cosine) <= apart and not one_line(*lines):
+        lines, turned, ways = zip(
+            *((x.line, x.angle_signs, x.path) for x in seen), strict=True
+        )
+        if abs(np.vecdot(*lines) - cosine) <= apart and not are_same_line(*lines):
             meshes.append(GearMesh(number, turned, ways))
     if not meshes:
         return None
@@ -140,7 +140,7 @@ def on_carrier(
 def wheel_train(
     mechanism: Mechanism,
     driven: Sequence[int],
-    apart: float = ONE_LINE,
+    apart: float = SAME_AXIS_RAD,
     whole: bool = True,
 ) -> GearTrain | None:
     """Return how wheels follow the inputs, pairs `driven`.
@@ -152,7 +152,7 @@ def wheel_train(
     that miss each other by less than `apart` (rad) roll where they are
     nearest, as gears do.
     """
-    joints = joints_of(mechanism)
+    joints = make_joints(mechanism)
     contacts = _rolling(joints)
     rolling = [on_carrier(mechanism, joints, number, apart) for number in contacts]
     made = [contact for contact in rolling if contact]
@@ -192,7 +192,7 @@ def _fixed(
     `first` are the parts of the first wheels in these. Contacts that repeat others are
     put together as those say; None where they cannot be.
     """
-    joints, reference = joints_in_pose(mechanism)
+    joints, reference = make_joints_in_pose(mechanism)
     basis: list[int] = []
     for k in range(len(made)):
         if np.linalg.matrix_rank(rows[[*basis, k]][:, followers]) > len(basis):

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from spherekit.geometry.tilt_torsion import from_tilt_torsion as from_tilt_torsion
     from spherekit.geometry.tilt_torsion import pointing as pointing
     from spherekit.geometry.tilt_torsion import tilt_torsion as tilt_torsion
-    from spherekit.mechanism.joint_frames import link_axes as link_axes
     from spherekit.mechanism.mechanism import chosen_output as chosen_output
+    from spherekit.mechanism.pair_frames import link_axes as link_axes
     from spherekit.numerics.angles import wrap as wrap
     from spherekit.outputs.fixed_axis_rotation import RotationSamples as RotationSamples
     from spherekit.outputs.fixed_axis_rotation import follow_rotation as follow_rotation

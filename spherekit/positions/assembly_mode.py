@@ -23,7 +23,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.conventions import TURN, Names
 from spherekit.geometry.rotation import all_finite, max_abs, nans
-from spherekit.mechanism.joint_frames import joints_in_pose
+from spherekit.mechanism.joint_construction import make_joints_in_pose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.array_rows import ArrayRows
@@ -152,7 +152,7 @@ class Solver:
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
         self.mechanism = mechanism
         self.assembly = assembly
-        self.joints, self.reference = joints_in_pose(mechanism)
+        self.joints, self.reference = make_joints_in_pose(mechanism)
         self.closure = Closure.of(mechanism, self.joints)
         self.driven = tuple(
             number for pair in assembly.inputs for number in mechanism.variables_of(pair)

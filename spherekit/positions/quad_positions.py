@@ -27,8 +27,8 @@ from spherekit.files.toml_document import Document, LiteralNumber, parse
 from spherekit.geometry.dyad_axis import HalfAngle, middle_axis
 from spherekit.mechanism.elements import LinkSizes, PoseGeometry
 from spherekit.mechanism.graph import spanning
-from spherekit.mechanism.joint_frames import COLLINEAR, axes_from_sizes
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE, axes_from_sizes
 from spherekit.numerics.quad_precision import QUAD_EPS, quad, quad_pi
 from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.positions.linearisation import LoopTree, left_inverse
@@ -203,7 +203,7 @@ def _reference_frame(
     axis = axes[name]
     for other, direction in axes.items():
         sine = np.linalg.norm(np.cross(float_axes[name], float_axes[other]))
-        if sine > COLLINEAR:
+        if sine > COLLINEAR_SINE:
             return _frame(
                 axis, _normalize(direction - dot(axis, direction)[..., None] * axis)
             )

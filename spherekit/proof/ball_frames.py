@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Array, Floats
 from spherekit.mechanism.elements import LinkSizes, PoseGeometry, SizeGeometry
-from spherekit.mechanism.joint_frames import COLLINEAR, axes_from_sizes
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE, axes_from_sizes
 from spherekit.proof.balls import Ball, library
 
 
@@ -124,7 +124,7 @@ def _reference_frame(
     """Return the frame of an axis; its x axis leads to the first other axis."""
     axis = axes[name]
     for other, direction in axes.items():
-        if np.linalg.norm(np.cross(near[name], near[other])) > COLLINEAR:
+        if np.linalg.norm(np.cross(near[name], near[other])) > COLLINEAR_SINE:
             return _frame(axis, np.cross(np.cross(axis, direction), axis))
     return _across(axis, near[name])
 

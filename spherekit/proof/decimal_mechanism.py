@@ -24,12 +24,15 @@ from spherekit.errors import PlanError
 from spherekit.files.mechanism_reader import read
 from spherekit.files.mechanism_writer import dumps
 from spherekit.files.toml_document import Document, LiteralNumber, parse
+from spherekit.mechanism.bevel_gears import find_gear_carrier
+from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
 from spherekit.mechanism.elements import PoseGeometry
-from spherekit.mechanism.joint_frames import carrier_of, joints_of, link_axes
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.assembly_plan import driven_pairs
 from spherekit.planning.gear_mesh import GearMesh, Way, back
-from spherekit.planning.wheel_train import ONE_LINE, on_carrier, wheel_train
+from spherekit.planning.wheel_train import on_carrier, wheel_train
 from spherekit.proof.ball_frames import (
     Frame,
     Frames,
@@ -276,9 +279,9 @@ class Written:
             that they relate by the inputs.
         """
         structure, mechanism = self.structure, self.mechanism
-        joints, meshes = joints_of(mechanism), list[GearMesh]()
+        joints, meshes = make_joints(mechanism), list[GearMesh]()
         for contact in structure.wheels:
-            held = on_carrier(mechanism, joints, contact, ONE_LINE)
+            held = on_carrier(mechanism, joints, contact, SAME_AXIS_RAD)
             if held is None:
                 pair = mechanism.pairs[contact]
                 raise PlanError(
@@ -382,10 +385,13 @@ class Written:
         if "axes" in item:
             centres = tuple(map(axis, item["axes"], pair.links))
             joined = {name: mechanism.pair(name).links for name in frames}
-            carrier, carried, _ = carrier_of(
+            gear_carrier = find_gear_carrier(
                 joined, link_axes(mechanism), pair.links, item["axes"]
             )
-            one, other = (way * axis(name, carrier) for name, way in carried)
+            one, other = (
+                shaft.sense * axis(shaft.pair, gear_carrier.link)
+                for shaft in gear_carrier.shafts
+            )
             radii = self._cones(item, one, other, sense)
         else:
             circles = (self._circle(item, link, axis) for link in pair.links)

@@ -25,7 +25,7 @@ from spherekit.geometry.parametric_curve import SplinePath
 from spherekit.geometry.profile_curve import spline_through
 from spherekit.mechanism.elements import PoseGeometry, Profile
 from spherekit.mechanism.graph import spanning
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.proof.ball_frames import (
     Frames,
@@ -272,7 +272,7 @@ def _joints(mechanism: Mechanism, frames: Frames) -> list[tuple[Turn, Turn]]:
     is read off the float64 geometry; every number is computed anew.
     """
     made = []
-    for pair, joint in zip(mechanism.pairs, joints_of(mechanism), strict=True):
+    for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
         if pair.profiles is None:
             made.append(_revolute(*frames[pair.name]))
             continue

@@ -10,8 +10,9 @@ from spherekit.escaping import markdown_text
 from spherekit.geometry.mirror import quaternion
 from spherekit.geometry.triangle import arc, frame_toward
 from spherekit.mechanism.graph import layout
-from spherekit.mechanism.joint_frames import joints_of, link_axes
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.plan_text import as_markdown, describe
 from spherekit.planning.pole_plan import Plan, PrimaryPole
 from spherekit.positions.motion import Motion
@@ -118,7 +119,7 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
     curve's centre, or to its nearest point where it has no centre beside it.
     """
     curves = []
-    for pair, joint in zip(mechanism.pairs, joints_of(mechanism), strict=True):
+    for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
         if pair.profiles is None or link not in pair.links:
             continue
         which = pair.links.index(link)

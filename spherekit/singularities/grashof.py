@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from spherekit.geometry.triangle import arc
-from spherekit.mechanism.joint_frames import link_axes
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes
 
 FOLDS = 1e-9
 """Sums of arcs (rad) below this are zero: the links can lie in one great circle."""

@@ -18,7 +18,7 @@ import numpy as np
 from spherekit.arrays import Floats, Integers
 from spherekit.geometry.rotation import all_finite, cross, max_abs, nans
 from spherekit.geometry.triangle import arc
-from spherekit.mechanism.joint_frames import link_axes
+from spherekit.mechanism.pair_frames import link_axes
 from spherekit.numerics.angles import wrap
 from spherekit.planning.pole_plan import pole_of
 from spherekit.planning.submechanism import part_for, placing_groups

@@ -15,8 +15,8 @@ from spherekit.arrays import Floats
 from spherekit.errors import AnalysisError
 from spherekit.geometry.rotation import cross
 from spherekit.geometry.triangle import perpendicular
-from spherekit.mechanism.joint_frames import link_axes
 from spherekit.mechanism.mechanism import Mechanism, chosen_output
+from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.positions.linearisation import Linearisation
 from spherekit.singularities.tangent_space import TangentSpace

@@ -1,6 +1,6 @@
 """Frames of R pairs in their links, as expressions of the sizes that determine them.
 
-They are those of `spherekit.mechanism.joint_frames`, whose numbers may be terms here. In a
+They are those of `spherekit.mechanism.pair_frames`, whose numbers may be terms here. In a
 link given by arcs and angles the reference arc at the first axis leads to the second, at
 every other axis to the first; in a reference pose any zero direction will do, for the
 variable counts from its value there.
@@ -14,13 +14,9 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.errors import EngineError
 from spherekit.mechanism.elements import LinkSizes, Pair, PoseGeometry, SizeGeometry
-from spherekit.mechanism.joint_frames import (
-    COLLINEAR,
-    axes_from_sizes,
-    pose_sizes,
-    reference_frame,
-)
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE, axes_from_sizes, reference_frame
+from spherekit.mechanism.pose_sizes import pose_sizes
 from spherekit.symbolic.expression_graph import Expr
 from spherekit.symbolic.vector_algebra import Exprs, cosine, sine, vector
 
@@ -119,7 +115,7 @@ def _in_link(
     place = sizes.axes.index(pair)
     leading = place or 1
     reference = sizes.arcs[leading - 1]
-    if abs(np.sin(reference)) < COLLINEAR:
+    if abs(np.sin(reference)) < COLLINEAR_SINE:
         raise EngineError(
             f"{mechanism.name}: links.{link}: the arc to {sizes.axes[leading]} is 0 or 180 "
             "deg, and where it opens its pair's zero jumps, so its sizes have no "

@@ -23,7 +23,7 @@ from spherekit.geometry.rotation import transpose
 from spherekit.geometry.triangle import frame_from
 from spherekit.mechanism.elements import Pair
 from spherekit.mechanism.joint import Track, revolute
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.pair_states import contact_tracks, numbered
 from spherekit.symbolic.expression_graph import (
@@ -222,7 +222,7 @@ def pair_rotations(
         If a profile is neither a circle nor a great circle, and has to be.
     """
     design_frames = revolute_frames(mechanism, design) if design else {}
-    joints = joints_of(mechanism)
+    joints = make_joints(mechanism)
     chains: list[JointTransform] = []
     tracks = dict(contact_tracks(joints))
     sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}

@@ -16,12 +16,13 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.errors import EngineError
 from spherekit.geometry.tilt_torsion import euler_zyz
+from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
 from spherekit.mechanism.elements import Pair
 from spherekit.mechanism.friction import ContactFriction
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.locking import sizes_by_frames
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.planning.wheel_train import ONE_LINE, GearTrain, wheel_train
+from spherekit.planning.wheel_train import GearTrain, wheel_train
 from spherekit.symbolic.expression_graph import Expr
 from spherekit.symbolic.frame_expressions import about_z
 from spherekit.symbolic.vector_algebra import Exprs, cosine, sine
@@ -103,7 +104,7 @@ class EquivalentLinkage:
 
 
 def hinged(
-    mechanism: Mechanism, driven: Sequence[str], apart: float = ONE_LINE
+    mechanism: Mechanism, driven: Sequence[str], apart: float = SAME_AXIS_RAD
 ) -> EquivalentLinkage | None:
     """Return a mechanism driven at pairs without contacts; None if some are of other kinds.
 
@@ -115,7 +116,7 @@ def hinged(
     EngineError
         If profiles of a contact curve into each other.
     """
-    joints = joints_of(mechanism)
+    joints = make_joints(mechanism)
     contacts = [n for n, joint in enumerate(joints) if joint.tracks]
     if not contacts or any(isinstance(x, ContactFriction) for x in mechanism.loads):
         return None

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import SolveError
 from spherekit.geometry.rotation import nans
-from spherekit.mechanism.joint_frames import SAME_AXIS
+from spherekit.mechanism.pair_frames import SAME_AXIS_SINE
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
@@ -187,10 +187,10 @@ class _Rows:
         for links, errors in self.errors.items():
             pole = wanted.plan.pole(*links)
             if pole and wanted.plan.rounds[pole] and pairs.get(pole) in rounded:
-                slack = SAME_AXIS * self._aside[-2]
+                slack = SAME_AXIS_SINE * self._aside[-2]
                 self.apart[links] = slack / norm(self.relative(links)[0])
                 dv = norm(self.relative(links)[1])
-                bent = SAME_AXIS * self._aside[-1] + self.apart[links] * dv
+                bent = SAME_AXIS_SINE * self._aside[-1] + self.apart[links] * dv
                 turned = (bent + self.apart[links] * dv) / norm(self.relative(links)[0])
                 errors += self.apart[links], slack, bent, turned
         lost = np.isinf(self.loss) & (self.status == Status.OK)

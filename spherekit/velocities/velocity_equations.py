@@ -33,7 +33,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import EngineError
-from spherekit.mechanism.joint_frames import joints_of
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, driven_at, plan_assembly
 from spherekit.positions.linearisation import LoopTree
@@ -147,7 +147,7 @@ class Structure:
                         "independent equations; give a range of the input where it closes"
                     )
                 values = motion.values[int(np.argmin(motion.failed))]
-            closure = Closure.of(mechanism, joints_of(mechanism))
+            closure = Closure.of(mechanism, make_joints(mechanism))
             return closure.at(values[None]).vectors[0]
 
         groups = (GroupEquations(mechanism, assembly, x, vectors) for x in assembly.groups)

@@ -26,8 +26,9 @@ from spherekit.files.number_change import document_of
 from spherekit.files.study import Crossings
 from spherekit.mechanism.elements import Input
 from spherekit.mechanism.friction import need_no_rubbing
-from spherekit.mechanism.joint_frames import joints_of, link_axes
+from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load_dependence import wound_pairs
+from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.assembly_plan import driven_at, driven_pairs
 from spherekit.planning.plan_text import describe, pole_name
 from spherekit.planning.pole_plan import (
@@ -459,7 +460,7 @@ class PageMaker:
     def _link(self, link: str) -> Facts:
         """Return the pairs of a link, and its profiles as points in its axes."""
         mechanism, profiles = self.mechanism, []
-        for pair, joint in zip(mechanism.pairs, joints_of(mechanism), strict=True):
+        for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
             if pair.profiles is None or link not in pair.links:
                 continue
             which = pair.links.index(link)

@@ -11,8 +11,8 @@ from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.errors import SolveError
 from spherekit.escaping import markdown_text
 from spherekit.geometry.triangle import arc
-from spherekit.mechanism.joint_frames import link_axes
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_planner import plans
 from spherekit.positions.motion import Motion, PositionAnalysis
 from spherekit.scenes.link_scenes import link_shapes, motion_scenes, static_scene

@@ -15,9 +15,9 @@ from spherekit.geometry.rotation import max_abs
 from spherekit.mechanism.changed_axes import restated, turned_vector
 from spherekit.mechanism.changed_axes import turned as turned_profile
 from spherekit.mechanism.elements import Pair, PoseGeometry, Profile, SizeGeometry
-from spherekit.mechanism.joint_frames import pair_frames
 from spherekit.mechanism.locking import sizes_by_frames
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.numerics.angles import wrap
 from spherekit.tables.table import Column, Table, TableArrays, row_count
 

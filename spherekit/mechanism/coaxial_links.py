@@ -1,0 +1,101 @@
+"""Links relative to which a wheel rotates about a line that is fixed in both.
+
+A wheel and its carrier are joined by an R pair on the axis of the wheel, or by several
+coaxial R pairs in a chain.
+"""
+
+from collections.abc import Hashable, Mapping
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.geometry.rotation import cross
+
+SAME_AXIS_RAD = 1e-9
+"""Angle (rad) below which two axes are the same axis.
+
+It is also the gap below which two circles touch. Larger: axes that differ slightly count as
+coaxial. Smaller: rounded axes in a file are not recognized as coaxial.
+"""
+
+PairName = TypeVar("PairName", bound=Hashable)
+LinkName = TypeVar("LinkName", bound=Hashable)
+
+
+class CoaxialLink(NamedTuple, Generic[PairName]):
+    """A link relative to which a wheel rotates about a fixed line.
+
+    Attributes
+    ----------
+    line
+        (3,) unit vector of the line in the axes of this link.
+    angle_signs
+        1.0 or -1.0 for each R pair between the wheel and the link. The angle by which the
+        wheel rotates about `line` relative to this link is the sum of the pair variables
+        times these signs.
+    path
+        The R pairs from the wheel to the link. With each is the position (0 or 1) of the
+        link nearer to the wheel among the two links of the pair.
+    """
+
+    line: Floats
+    angle_signs: Mapping[PairName, float]
+    path: tuple[tuple[PairName, int], ...]
+
+
+def find_coaxial_links(
+    links_by_pair: Mapping[PairName, tuple[LinkName, LinkName]],
+    axes_by_pair: Mapping[PairName, tuple[Floats, Floats]],
+    wheel: LinkName,
+    wheel_line: Floats,
+) -> dict[LinkName, CoaxialLink[PairName]]:
+    """Find all links that coaxial R pairs join to a wheel, breadth first.
+
+    Parameters
+    ----------
+    links_by_pair
+        The two links of each pair.
+    axes_by_pair
+        The unit axis (3,) of each R pair, in the axes of its first and its second link.
+    wheel
+        The link from which the search starts. It is in the result, with an empty path.
+    wheel_line
+        (3,) unit vector in the axes of the wheel.
+
+    Returns
+    -------
+    The links in the order in which they are reached.
+    """
+    reached: dict[LinkName, CoaxialLink[PairName]] = {
+        wheel: CoaxialLink(wheel_line, {}, ())
+    }
+    queue = [wheel]
+    for link in queue:  # new links are appended during the loop
+        coaxial_link = reached[link]
+        for pair, axes in axes_by_pair.items():
+            if link not in links_by_pair[pair]:
+                continue
+            near_side = links_by_pair[pair].index(link)
+            far_side = 1 - near_side
+            next_link = links_by_pair[pair][far_side]
+            if next_link in reached or not are_same_line(
+                axes[near_side], coaxial_link.line
+            ):
+                continue
+            sense = float(np.sign(axes[near_side] @ coaxial_link.line))
+            # The pair variable moves the second link relative to the first. It counts with
+            # the opposite sign where the wheel is on the side of the first link.
+            sign = sense if near_side else -sense
+            reached[next_link] = CoaxialLink(
+                line=sense * axes[far_side],
+                angle_signs={**coaxial_link.angle_signs, pair: sign},
+                path=(*coaxial_link.path, (pair, near_side)),
+            )
+            queue.append(next_link)
+    return reached
+
+
+def are_same_line(axis_a: Floats, axis_b: Floats) -> bool:
+    """Return whether two unit vectors (3,) are on one line, in equal or opposite sense."""
+    return bool(np.linalg.norm(cross(axis_a, axis_b)) < SAME_AXIS_RAD)

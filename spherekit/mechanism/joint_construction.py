@@ -1,0 +1,150 @@
+"""Construction of the joints of a mechanism from its geometry and the profiles of contacts.
+
+R pairs get their frames from `spherekit.mechanism.pair_frames`. Contacts get the curves of
+their profiles.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import ModelError
+from spherekit.geometry.curve_contact import nearest_frames
+from spherekit.geometry.profile_curve import Curve, circle, fourier, great_circle, through
+from spherekit.mechanism.elements import Pair, PoseGeometry, Profile
+from spherekit.mechanism.joint import Ends, Joint, Revolute, Rolling, Sliding
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import pair_frames
+
+PROFILE_GAP_RAD = 1e-6
+"""Largest distance (rad) of two profiles that touch, as their numbers in a file say.
+
+Profiles with a smaller gap are moved so that they touch exactly. Larger: rougher numbers
+are accepted and changed more. Smaller: rounded numbers are refused.
+"""
+
+
+def make_joints(
+    mechanism: Mechanism, profile_gap: float = PROFILE_GAP_RAD
+) -> tuple[Joint, ...]:
+    """Return the joints of a mechanism in the order of its pairs.
+
+    See `make_joints_in_pose` for the parameters and errors.
+    """
+    return make_joints_in_pose(mechanism, profile_gap)[0]
+
+
+def make_joints_in_pose(
+    mechanism: Mechanism, profile_gap: float = PROFILE_GAP_RAD
+) -> tuple[tuple[Joint, ...], Floats | None]:
+    """Return the joints of a mechanism and its variables in the reference pose.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism given by sizes of links or by a reference pose.
+    profile_gap
+        Largest gap (rad) of two profiles in the reference pose. Profiles with a smaller gap
+        touch where they are nearest to each other.
+
+    Returns
+    -------
+    joints
+        The joints in the order of the mechanism's pairs.
+    pose_variables
+        (variables,) pair variables in the reference pose (rad). None if the mechanism is
+        given by sizes.
+
+    Raises
+    ------
+    ModelError
+        If the numbers of a profile define no curve, or profiles do not touch in the
+        reference pose.
+    """
+    geometry = mechanism.geometry
+    pose = geometry if isinstance(geometry, PoseGeometry) else None
+    first_frames, second_frames = pair_frames(mechanism)
+    joints: list[Joint] = []
+    pose_variables: list[float] = []
+    for pair in mechanism.pairs:
+        if pair.kind.has_axis:
+            joints.append(Revolute(first_frames[pair.name], second_frames[pair.name]))
+            pose_variables.append(pose.values.get(pair.name, 0.0) if pose else 0.0)
+            continue
+        curves = make_contact_curves(mechanism, pair)
+        # In a reference pose the profiles themselves show where they touch.
+        start = (
+            find_contact_lengths(mechanism, pair, curves, profile_gap)
+            if pose
+            else pair.start
+        )
+        if pair.type == "Cr":
+            joints.append(Rolling(*curves, start))
+            pose_variables.append(0.0)
+        else:
+            joints.append(Sliding(*curves))
+            pose_variables += start
+    return tuple(joints), np.array(pose_variables) if pose else None
+
+
+def make_contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
+    """Return the curves of both links of a contact, each in the axes of its link.
+
+    The tangents of the two curves agree at the contact. In an external contact the second
+    curve is therefore reversed.
+    """
+    assert pair.profiles is not None
+    curves = []
+    for link, profile in zip(pair.links, pair.profiles, strict=True):
+        try:
+            curves.append(_make_curve(profile))
+        except ValueError as problem:
+            raise ModelError(
+                f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: {problem}"
+            ) from None
+    first, second = curves
+    return first, second.reversed() if pair.contact == "external" else second
+
+
+# Planning, position analysis and kernels construct the joints of the same mechanism.
+@lru_cache(maxsize=64)
+def _make_curve(profile: Profile) -> Curve:
+    """Return the curve of a profile."""
+    if profile.kind == "points":
+        return through(np.array(profile.points), profile.closed)
+    centre = np.array(profile.centre)
+    if profile.kind == "circle":
+        return circle(centre, float(profile.radius or 0.0))
+    if profile.kind == "great_circle":
+        return great_circle(centre)
+    return fourier(centre, np.array(profile.cosines), np.array(profile.sines))
+
+
+def find_contact_lengths(
+    mechanism: Mechanism, pair: Pair, curves: tuple[Curve, Curve], profile_gap: float
+) -> Ends:
+    """Return the arc lengths (rad) at which two profiles touch in the reference pose.
+
+    Parameters
+    ----------
+    mechanism, pair
+        The contact, and its mechanism given in a reference pose.
+    curves
+        Curves of the two profiles. Link axes coincide in the reference pose.
+    profile_gap
+        Largest difference (rad) of the moving frames of the curves where they are nearest.
+
+    Raises
+    ------
+    ModelError
+        If the moving frames differ by more.
+    """
+    lengths, gap = nearest_frames(*curves)
+    if not gap < profile_gap:
+        raise ModelError(
+            f"{mechanism.name}: pairs.{pair.name}: the profiles do not touch in the "
+            f"reference pose: the nearest frames differ by {gap:.3g} rad; "
+            'move a profile, or set contact = "internal" or "external"'
+        )
+    return float(lengths[0]), float(lengths[1])

@@ -1,0 +1,180 @@
+"""Axes and frames of R pairs in the links that they join.
+
+The frame of an R pair in a link is a rotation (3, 3) from pair axes to link axes. Its z
+axis is the axis of the pair, and its x axis is the zero direction of the pair variable.
+Frames follow from the sizes of the links, or from the axes in a reference pose.
+`spherekit.mechanism.joint_construction` makes joints of them.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import ModelError
+from spherekit.geometry.rotation import cross
+from spherekit.geometry.tilt_torsion import about_z
+from spherekit.geometry.triangle import frame_from, perpendicular
+from spherekit.mechanism.elements import LinkSizes, Pair, SizeGeometry, as_vector
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.sizes import Vector
+from spherekit.tolerances import EPS
+from spherekit.wording import choices
+
+PairFrames = dict[str, Floats]
+"""Frames (3, 3) of R pairs in one of their links, by the name of the pair."""
+
+AxesOfLink = dict[str, Floats]
+"""Unit axes (3,) of R pairs in link axes, by the name of the pair."""
+
+LinkAxes = Mapping[str, Mapping[str, Floats]]
+"""Unit axes (3,) of R pairs in link axes, by the names of the link and of the pair."""
+
+SAME_AXIS_SINE = 16 * EPS
+"""Sine of the angle below which two axes of a link are the same axis.
+
+The value covers the rounding errors of the sines and cosines of arcs and angles. Larger:
+nearly coincident axes count as one. Smaller: coincident axes can be missed.
+"""
+
+COLLINEAR_SINE = 1e-9
+"""Sine of the angle below which two directions lie on one line.
+
+Such directions define no great-circle arc. Larger: more mechanisms are refused or get an
+arbitrary zero direction. Smaller: a zero direction can consist of rounding errors.
+"""
+
+
+def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
+    """Return the frames of all R pairs in their first and in their second link.
+
+    If v is the pair variable (rad) and Z(v) the rotation matrix about z, the orientations
+    of the two links are related by R_second = R_first F_first Z(v) F_second^T. The angle at
+    which the variable reads zero is therefore contained in one of the two frames.
+    """
+    geometry = mechanism.geometry
+    if isinstance(geometry, SizeGeometry):
+        return pair_frames_from_sizes(mechanism.pairs, geometry)
+    first_frames = {}
+    second_frames = {}
+    for name, axis_numbers in geometry.axes.items():
+        # Link axes and ground axes coincide in the reference pose. The zero direction is
+        # arbitrary there, because only the difference of two angles counts.
+        axis = np.array(axis_numbers, dtype=float)
+        first_frames[name] = frame_from(axis, perpendicular(axis))
+        second_frames[name] = first_frames[name] @ about_z(geometry.values.get(name, 0.0))
+    return first_frames, second_frames
+
+
+def pair_frames_from_sizes(
+    pairs: Sequence[Pair], geometry: SizeGeometry
+) -> tuple[PairFrames, PairFrames]:
+    """Return the frames of all R pairs in their first and in their second link.
+
+    Parameters
+    ----------
+    pairs
+        All pairs of the mechanism. Contacts have no frame and are passed over.
+    geometry
+        Sizes of the links, and the zero angle of each pair, by which its frame in the first
+        link is rotated.
+    """
+    axes_by_link = {
+        link: axes_from_sizes(geometry.links.get(link, LinkSizes(())))
+        for pair in pairs
+        for link in pair.links
+    }
+    first_frames = {}
+    second_frames = {}
+    for pair in pairs:
+        if pair.kind.has_axis:
+            first_link, second_link = pair.links
+            first_reference = reference_frame(axes_by_link[first_link], pair.name)
+            zero_angle = geometry.zeros.get(pair.name, 0.0)
+            first_frames[pair.name] = first_reference @ about_z(zero_angle)
+            second_frames[pair.name] = reference_frame(axes_by_link[second_link], pair.name)
+    return first_frames, second_frames
+
+
+def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
+    """Return the unit axes (3,) of a link in link axes, in the order of `sizes.axes`.
+
+    The first axis is z, and the second one is in the half-plane x = 0, y > 0.
+    """
+    axes: AxesOfLink = {name: np.array([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
+    # The angle of the second axis is zero by definition. Missing sizes leave out the axes
+    # after them: the mechanism refuses such links with a message of its own.
+    azimuths = (0.0, *sizes.angles)
+    for name, arc, azimuth in zip(sizes.axes[1:], sizes.arcs, azimuths, strict=False):
+        sine = np.sin(arc)
+        axes[name] = np.array(
+            [-sine * np.sin(azimuth), sine * np.cos(azimuth), np.cos(arc)]
+        )
+    return axes
+
+
+def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
+    """Return the frame (3, 3) of an axis in its link, before it is rotated to the zero.
+
+    Parameters
+    ----------
+    axes
+        Unit axes (3,) of the link, in link axes.
+    name
+        The axis that becomes z. The x axis points to the first other axis of the link that
+        is not on the same line, or in an arbitrary direction if there is none.
+    """
+    axis = axes[name]
+    for other_axis in axes.values():
+        toward = cross(cross(axis, other_axis), axis)
+        length = np.linalg.norm(toward)
+        if length > COLLINEAR_SINE:
+            return frame_from(axis, toward / length)
+    return frame_from(axis, perpendicular(axis))
+
+
+def link_axes(mechanism: Mechanism) -> LinkAxes:
+    """Return the unit axis (3,) of every R pair in each of its two links, in link axes."""
+    axes: dict[str, AxesOfLink] = {link: {} for link in mechanism.links}
+    both_frames = pair_frames(mechanism)
+    for pair in mechanism.pairs:
+        if pair.kind.has_axis:
+            for link, frames in zip(pair.links, both_frames, strict=True):
+                axes[link][pair.name] = frames[pair.name][:, 2]
+    return axes
+
+
+def axis_in_link(axes: LinkAxes, link: str, pair: str) -> Vector:
+    """Return the unit axis of an R pair in the axes of one of its links.
+
+    Raises
+    ------
+    ModelError
+        If the link has no R pair of this name.
+    """
+    if pair not in axes[link]:
+        raise ModelError(
+            f'link "{link}" has no R pair "{pair}"'
+            f"{choices(pair, axes[link], 'R pairs on it')}"
+        )
+    return as_vector(axes[link][pair])
+
+
+def arc_pole(first: Vector, second: Vector) -> Vector:
+    """Return the pole of the great-circle arc from one unit vector to another.
+
+    A counter-clockwise rotation about the pole moves the first vector towards the second.
+
+    Raises
+    ------
+    ModelError
+        If the two are equal or opposite, so that many great circles join them.
+    """
+    pole = cross(np.array(first), np.array(second))
+    length = np.linalg.norm(pole)
+    if length < COLLINEAR_SINE:
+        raise ModelError(
+            "the two directions are equal or opposite: they define no arc; give two that "
+            "the arc passes through"
+        )
+    return as_vector(pole / length)

@@ -1,0 +1,70 @@
+"""Arcs and angles between the axes of a link, measured in a reference pose."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.geometry.rotation import cross
+from spherekit.mechanism.elements import PoseGeometry
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE
+
+
+class PoseSize(NamedTuple):
+    """An arc or an angle of a link, as it is in the reference pose.
+
+    An arc starts at the axis of the link's first R pair. An angle is measured about that
+    axis, counter-clockwise from the arc to the second axis.
+
+    Attributes
+    ----------
+    kind
+        Whether it is one of the link's arcs or one of its angles.
+    pair
+        Name of the pair to whose axis the arc leads, or the arc that the angle leads to.
+    value
+        Arc or angle (rad).
+    growth_axis
+        (3,) unit vector in ground axes. If the size grows, the axis of `pair` rotates about
+        it, counter-clockwise.
+    """
+
+    kind: Literal["arcs", "angles"]
+    pair: str
+    value: float
+    growth_axis: Floats
+
+
+def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
+    """Return the arcs and angles of a link of a mechanism given in a reference pose.
+
+    The axes are taken in the order of the mechanism's pairs. An axis on the line of the
+    first one has no arc and no angle, because its arc has no direction. The arc to an axis
+    comes before the angle of this arc.
+    """
+    assert isinstance(mechanism.geometry, PoseGeometry)
+    axes = [
+        (pair.name, np.array(mechanism.geometry.axes[pair.name], dtype=float))
+        for pair in mechanism.pairs
+        if pair.kind.has_axis and link in pair.links
+    ]
+    _, first_axis = axes[0]
+    sizes: list[PoseSize] = []
+    first_normal: Floats | None = None  # of the plane of the arc at which angles are zero
+    for name, axis in axes[1:]:
+        normal = cross(first_axis, axis)
+        sine = float(np.linalg.norm(normal))
+        if sine < COLLINEAR_SINE:
+            continue
+        normal = normal / sine
+        arc = float(np.arctan2(sine, first_axis @ axis))
+        sizes.append(PoseSize("arcs", name, arc, normal))
+        if first_normal is None:
+            first_normal = normal
+        else:
+            angle = float(
+                np.arctan2(cross(first_normal, normal) @ first_axis, first_normal @ normal)
+            )
+            sizes.append(PoseSize("angles", name, angle, first_axis))
+    return tuple(sizes)

@@ -1,0 +1,227 @@
+"""The contact point of two wheels at given angles of their shafts.
+
+A wheel is a link with a circular profile in a rolling contact. The phase of two wheels is
+stated in files by the values of their shafts in one configuration. From it follow the arc
+lengths along both circles at which they touch when the variable of the contact is zero.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import ModelError
+from spherekit.geometry.profile_curve import Curve
+from spherekit.geometry.rotation import cross
+from spherekit.geometry.tilt_torsion import about_z
+from spherekit.mechanism.elements import Angles, Pair, PoseGeometry
+from spherekit.mechanism.joint import Ends
+from spherekit.mechanism.joint_construction import make_contact_curves
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE, pair_frames
+from spherekit.wording import listing
+
+
+class Wheel(NamedTuple):
+    """A circle on the unit sphere in the axes of its link.
+
+    Attributes
+    ----------
+    centre
+        (3,) unit vector to the centre of the circle, on the side to which the normal of the
+        curve points.
+    zero_direction
+        (3,) unit vector perpendicular to `centre`. Azimuths about the centre are counted
+        from it, counter-clockwise.
+    radius
+        Angle between centre and circle (rad), between 0 and pi.
+    start
+        Arc length (rad) along the circle at which lengths are zero.
+    """
+
+    centre: Floats
+    zero_direction: Floats
+    radius: float
+    start: float
+
+    @staticmethod
+    def from_curve(curve: Curve, start: float = 0.0) -> "Wheel":
+        """Return the wheel whose circle is a curve of constant curvature."""
+        origin = curve.at(np.zeros(1))
+        _, normal, point = origin.frame[0].T
+        # The geodesic curvature of a circle is the cotangent of its radius.
+        curvature = float(origin.curvature[0])
+        size = np.hypot(1.0, curvature)
+        return Wheel(
+            (normal + curvature * point) / size,
+            (point - curvature * normal) / size,
+            float(np.arctan2(1.0, curvature)),
+            start,
+        )
+
+    def arc_length(self, direction: Floats) -> float:
+        """Return the arc length (rad) at which the circle has the azimuth of a direction.
+
+        `direction` is a vector (3,) in link axes. The result is the length next to the
+        `zero_direction`, within half a circumference, less `start`.
+        """
+        side = cross(self.centre, self.zero_direction)
+        azimuth = np.arctan2(side @ direction, self.zero_direction @ direction)
+        return float(np.sin(self.radius) * azimuth - self.start)
+
+
+class WheelShaft(NamedTuple):
+    """The R pair about which a wheel rotates.
+
+    Attributes
+    ----------
+    pair
+        Name of the R pair.
+    carrier
+        Name of the other link of the pair.
+    orientation
+        Function that returns, for an angle of the pair (rad), the rotation (3, 3) from the
+        axes of the wheel to those of the carrier.
+    """
+
+    pair: str
+    carrier: str
+    orientation: Callable[[float], Floats]
+
+
+def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> Ends:
+    """Return the arc lengths at which two wheels touch in a configuration of their shafts.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism given by arcs and angles. A reference pose states the phase by itself.
+    contact
+        A rolling contact of circles. Both its links rotate about R pairs of one carrier.
+    phase
+        The value (rad) of each of these two R pairs, by its name.
+
+    Returns
+    -------
+    Arc lengths (rad) along the circles of the first and the second link. If one of the
+    shafts is driven, the wheels are rolled to the configuration where this shaft reads
+    zero, from which revolutions are counted.
+
+    Raises
+    ------
+    ModelError
+        If these are not the shafts of the wheels, or the mechanism is given in a reference
+        pose.
+    """
+    if isinstance(mechanism.geometry, PoseGeometry):
+        raise ModelError(
+            "the reference pose says how the wheels are put together; give the value of "
+            "each shaft there instead"
+        )
+    shafts = [_find_shaft(mechanism, contact, link, phase) for link in contact.links]
+    if shafts[0].carrier != shafts[1].carrier:
+        raise ModelError(
+            f"the pairs {shafts[0].pair} and {shafts[1].pair} lead to the links "
+            f"{shafts[0].carrier} and {shafts[1].carrier}; they have to join the wheels to "
+            "the one link that carries both; give start instead"
+        )
+    wheels = [Wheel.from_curve(curve) for curve in make_contact_curves(mechanism, contact)]
+
+    def contact_lengths(angles: Sequence[float]) -> list[float]:
+        rotations = [
+            shaft.orientation(angle) for shaft, angle in zip(shafts, angles, strict=True)
+        ]
+        return find_wheel_contact(wheels, rotations)
+
+    angles = [phase[shaft.pair] for shaft in shafts]
+    driven_sides = [
+        side for side, shaft in enumerate(shafts) if shaft.pair in mechanism.input_pairs
+    ]
+    if driven_sides:
+        driven = driven_sides[0]
+        other = 1 - driven
+        # The length along a circle grows by the sine of its radius times the angle of the
+        # shaft, in a sense that a test rotation of 0.1 rad shows. A jump by a whole
+        # circumference does not change the sine.
+        circle_sines = np.sin([wheel.radius for wheel in wheels])
+        growth = np.subtract(
+            contact_lengths([angle + 0.1 for angle in angles]), contact_lengths(angles)
+        )
+        lengths_per_angle = np.sign(np.sin(growth / circle_sines)) * circle_sines
+        # In rolling, both lengths grow by the same amount.
+        ratio = float(lengths_per_angle[driven] / lengths_per_angle[other])
+        angles[other] -= ratio * angles[driven]
+        angles[driven] = 0.0
+    first_length, second_length = contact_lengths(angles)
+    return first_length, second_length
+
+
+def _find_shaft(
+    mechanism: Mechanism, contact: Pair, wheel: str, phase: Angles
+) -> WheelShaft:
+    """Find the R pair, among those of a phase, about which a wheel of a contact rotates.
+
+    Raises
+    ------
+    ModelError
+        If none of the pairs is an R pair of the wheel, or the wheel has no circle.
+    """
+    pairs = [mechanism.pair(name) for name in phase]
+    shaft = next((x for x in pairs if x.kind.has_axis and wheel in x.links), None)
+    if shaft is None:
+        raise ModelError(
+            f"none of {listing(phase)} is an R pair of link {wheel}; name the shafts of "
+            "both wheels"
+        )
+    side = contact.links.index(wheel)
+    if contact.profiles is None or contact.profiles[side].round_axis is None:
+        raise ModelError(f"the profile of {wheel} is no circle about a shaft")
+    first_frames, second_frames = pair_frames(mechanism)
+    first = first_frames[shaft.name]
+    second = second_frames[shaft.name]
+    if shaft.links[1] == wheel:
+        return WheelShaft(
+            shaft.name, shaft.links[0], lambda angle: first @ about_z(angle) @ second.T
+        )
+    return WheelShaft(
+        shaft.name, shaft.links[1], lambda angle: second @ about_z(-angle) @ first.T
+    )
+
+
+def find_wheel_contact(
+    wheels: Sequence[Wheel], orientations: Sequence[Floats]
+) -> list[float]:
+    """Return the arc lengths (2,) along two wheels at the point where they touch.
+
+    Parameters
+    ----------
+    wheels
+        The two wheels.
+    orientations
+        Rotations (3, 3) from the axes of each wheel to those of the carrier.
+
+    Raises
+    ------
+    ModelError
+        If both wheels have the same centre, and touch everywhere.
+    """
+    first_radius, second_radius = (wheel.radius for wheel in wheels)
+    first_centre, second_centre = (
+        rotation @ wheel.centre
+        for wheel, rotation in zip(wheels, orientations, strict=True)
+    )
+    # The contact point is on the great circle through both centres. Seen from the first
+    # centre it is towards the second centre if the first circle is the larger one.
+    across = second_centre - (first_centre @ second_centre) * first_centre
+    size = np.linalg.norm(across)
+    if size < COLLINEAR_SINE:
+        raise ModelError("both wheels turn about one line, so they touch everywhere")
+    sense = np.sign(np.sin(first_radius - second_radius))
+    point = (
+        np.cos(first_radius) * first_centre + np.sin(first_radius) * sense * across / size
+    )
+    return [
+        wheel.arc_length(rotation.T @ point)
+        for wheel, rotation in zip(wheels, orientations, strict=True)
+    ]
