@@ -13,6 +13,12 @@ import spherekit as sk
 
 PUBLIC = [name for name in dir(sk) if not name.startswith("_")]
 START = sk.Start(q=0.3, dq=1.0)
+TWO_STARTS = sk.Start(q=(1.0, 1.2), dq=(0.3, 0.2))
+
+
+def compiled_simulation(name, start):
+    pytest.importorskip("heyoka")
+    return sk.simulate(name, start, 0.1, engine="compiled")
 
 
 def again(value):
@@ -86,6 +92,8 @@ OBJECTS = {
     "motion over a grid": lambda: sk.trace("five_bar", samples=(3, 3)),
     "simulation": lambda: sk.simulate("four_bar", START, 0.3),
     "simulation by numpy": lambda: sk.simulate("four_bar", START, 0.3, engine="numpy"),
+    "compiled simulation": lambda: compiled_simulation("four_bar", START),
+    "compiled with two inputs": lambda: compiled_simulation("five_bar", TWO_STARTS),
     "reduced model": lambda: sk.reduced_model(sk.load("four_bar")),
     "coupling": lambda: sk.coupling_table(sk.load("four_bar")),
     "inverse": lambda: sk.InverseKinematics(sk.load("agile_eye")),
@@ -98,6 +106,8 @@ ASKED = {
     "motion over a grid": lambda x: x.values,
     "simulation": lambda x: x.at(np.linspace(0.0, 0.3, 5)).q,
     "simulation by numpy": lambda x: x.at(np.linspace(0.0, 0.3, 5)).q,
+    "compiled simulation": lambda x: x.at(np.linspace(0.0, 0.1, 5)).ddq,
+    "compiled with two inputs": lambda x: x.at(np.linspace(0.0, 0.1, 5)).inputs,
     "reduced model": lambda x: x.torque(0.3, 1.0, 0.2, 0.1),
 }
 

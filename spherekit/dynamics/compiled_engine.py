@@ -16,10 +16,10 @@ from spherekit.dynamics.coordinates import (
 )
 from spherekit.dynamics.several_freedoms import STEEPEST, mass_size
 from spherekit.dynamics.simulated_path import (
+    CoordinateFrames,
+    CurveFrames,
     Frames,
     StatePath,
-    in_coordinates,
-    on_curve,
     through_runs,
 )
 from spherekit.dynamics.simulation import (
@@ -144,10 +144,12 @@ def _run(
             unit = float(np.sqrt(inertia_matrix(mechanism, motion)[0, 0, 0]))
             along = made.rates(problem.values[None])[0, 0] @ problem.frame[0]
             sense = float(np.copysign(1.0, along))
-            momenta, frames = sense * unit * problem.speed, on_curve(made, sense)
+            momenta = sense * unit * problem.speed
+            frames: Frames = CurveFrames(made, sense)
         else:
             unit = float(np.sqrt(mass_size(mechanism)))
-            momenta, frames = unit * rates[places], in_coordinates(equation, frame)
+            momenta = unit * rates[places]
+            frames = CoordinateFrames(equation, frame)
         run = Integration(
             made,
             mechanism,

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from threading import Lock
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,6 +51,20 @@ COARSEST = 1e-7
 to go on with `LOOSEST`."""
 
 
+class EquationArguments(NamedTuple):
+    """The arguments of `compiled_equation`, by which an equation is compiled again.
+
+    An equation is pickled as its arguments. Whoever loads it compiles it again, or uses the
+    equation that this process has compiled before.
+    """
+
+    mechanism: Mechanism
+    tolerance: float
+    compact: bool
+    coordinates: Sequence[str]
+    values: Floats | None
+
+
 @dataclass(frozen=True)
 class CompiledEquation:
     """The compiled equation of motion of a mechanism with its loads and joint limits.
@@ -71,7 +86,12 @@ class CompiledEquation:
     conditions: TermFunction | None
     steep: TermFunction | None
     tolerance: float
+    arguments: EquationArguments = field(repr=False, compare=False)
     lock: Lock = field(default_factory=Lock, repr=False, compare=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the arguments only, since machine code and locks do not pickle."""
+        return _compile_again, (self.arguments,)
 
     def rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
@@ -126,9 +146,15 @@ def compiled_equation(
             if values is None
             else several_freedoms(common, values, held)
         )
-        return _compile(common, system, step, compact)
+        arguments = EquationArguments(common, tolerance, compact, coordinates, values)
+        return _compile(common, system, step, compact, arguments)
 
     return COMPILED.get(common, request, make), not fresh
+
+
+def _compile_again(arguments: EquationArguments) -> CompiledEquation:
+    equation, _ = compiled_equation(*arguments)
+    return equation
 
 
 def compiling_time(
@@ -205,7 +231,11 @@ def _common(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
 
 
 def _compile(
-    mechanism: Mechanism, system: System, tolerance: float, compact: bool
+    mechanism: Mechanism,
+    system: System,
+    tolerance: float,
+    compact: bool,
+    equation_arguments: EquationArguments,
 ) -> CompiledEquation:
     layout = system.layout
     equations = [*zip(layout.state, system.changes, strict=True)]
@@ -248,6 +278,7 @@ def _compile(
         conditions,
         steep,
         tolerance,
+        equation_arguments,
     )
 
 

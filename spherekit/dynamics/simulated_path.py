@@ -226,34 +226,59 @@ Frames = Callable[[Floats, Floats], Floats]
 """Sets the momenta of a run's states and rates (n, states), returns their frames."""
 
 
-def on_curve(equation: CompiledEquation, sense: float) -> Frames:
-    """Return the frames of one freedom: homogeneous rates, in the sense of a tangent."""
-    count = equation.layout.variables
+@dataclass(frozen=True)
+class CurveFrames:
+    """Frames of a mechanism with one degree of freedom: the tangent of its curve.
 
-    def framed(states: Floats, changes: Floats) -> Floats:
+    It is a class and not a nested function, so that simulations can be pickled.
+
+    Attributes
+    ----------
+    equation
+        The equation of motion, which gives the homogeneous rates of the variables.
+    sense
+        +1 or -1, the sense of the tangent.
+    """
+
+    equation: CompiledEquation
+    sense: float
+
+    def __call__(self, states: Floats, changes: Floats) -> Floats:
+        """Turn momenta (n, states) into the sense of the tangent; return the frames."""
+        count = self.equation.layout.variables
         for array in (states, changes):
-            array[:, count] *= sense
-        return sense * equation.rates(states[:, :count])
-
-    return framed
+            array[:, count] *= self.sense
+        return self.sense * self.equation.rates(states[:, :count])
 
 
-def in_coordinates(equation: EquationOfMotion, frame: Floats) -> Frames:
-    """Return those of several freedoms: a frame (m, variables), momenta from rates."""
-    root = np.sqrt(mass_size(equation.mechanism))
-    momenta = equation.momenta
+@dataclass(frozen=True)
+class CoordinateFrames:
+    """The constant frame of a mechanism with several degrees of freedom.
 
-    def framed(states: Floats, changes: Floats) -> Floats:
+    Attributes
+    ----------
+    equation
+        The equation of motion, whose states are scaled rates.
+    frame
+        (m, variables) the rates of all variables for each of the m coordinates.
+    """
+
+    equation: EquationOfMotion
+    frame: Floats
+
+    def __call__(self, states: Floats, changes: Floats) -> Floats:
+        """Compute momenta (n, states) from scaled rates; return the frames."""
+        equation = self.equation
+        root = np.sqrt(mass_size(equation.mechanism))
+        momenta = equation.momenta
         u = states[:, momenta] / root
         change = changes[:, momenta] / root
-        motion = equation.motion(states[:, : equation.variables], frame, order=2)
+        motion = equation.motion(states[:, : equation.variables], self.frame, order=2)
         masses = inertia(equation.mechanism, motion)
         roots = Roots.of(masses.M)
         states[:, momenta] = roots.times(u)
         changes[:, momenta] = roots.changing(masses.dM, u) + roots.times(change)
-        return np.broadcast_to(frame, (len(states), *frame.shape))
-
-    return framed
+        return np.broadcast_to(self.frame, (len(states), *self.frame.shape))
 
 
 def through_runs(runs: Sequence[Run], framed: Sequence[Frames]) -> StatePath:

@@ -284,13 +284,13 @@ def _profile_side(
     # A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T, where the third column of U is the unit vector
     # along n + k p, in the axes (t, n, p).
     start = track.curve.at(np.zeros(1))
-    curvature = float(start.curvature[0])
-    scale = float(np.hypot(1.0, curvature))
-    axis = np.array([0.0, 1.0, curvature]) / scale
+    circle_curvature = float(start.curvature[0])
+    scale = float(np.hypot(1.0, circle_curvature))
+    axis = np.array([0.0, 1.0, circle_curvature]) / scale
     centre_frame = frame_from(axis, np.array([1.0, 0.0, 0.0]))
     rotation = AxisRotation(track.variable, scale, scale * track.start)
     constants = start.frame[0] @ centre_frame, transpose(centre_frame)
-    return ProfileSide(track, JointTransform(constants, (rotation,)), curvature, 0.0)
+    return ProfileSide(track, JointTransform(constants, (rotation,)), circle_curvature, 0.0)
 
 
 def _moving_frame(columns: Sequence[Expr]) -> Exprs:
