@@ -12,7 +12,8 @@ from benchmarks.harness import Cell, Section
 from spherekit.dynamics.compiled_engine import by_taylor_series
 from spherekit.dynamics.coordinates import by_variables
 from spherekit.dynamics.numpy_engine import Collocation
-from spherekit.dynamics.reduced_model_maker import reduced_model, simulate_reduced
+from spherekit.dynamics.reduced_model_maker import reduced_model
+from spherekit.dynamics.reduced_model_simulation import simulate_reduced
 from spherekit.dynamics.simulation_start import Problem, prepare
 from spherekit.errors import ModelError
 from spherekit.exchange.link_bodies import RigidBodies, rigid_bodies

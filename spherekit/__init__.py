@@ -52,7 +52,9 @@ if TYPE_CHECKING:
         reduced_grid_model as reduced_grid_model,
     )
     from spherekit.dynamics.reduced_model_maker import reduced_model as reduced_model
-    from spherekit.dynamics.reduced_model_maker import simulate_reduced as simulate_reduced
+    from spherekit.dynamics.reduced_model_simulation import (
+        simulate_reduced as simulate_reduced,
+    )
     from spherekit.dynamics.reference_simulation import (
         reference_simulation as reference_simulation,
     )

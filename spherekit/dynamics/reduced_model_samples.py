@@ -1,14 +1,16 @@
-"""Every function that a stored model keeps, exactly, at any places of its coordinates.
+"""Exact values of the functions that a reduced model stores, at any coordinates.
 
-Of one input the configuration curve is followed once, and its coordinate is the variable q
-of the input where that turns fully on a closed curve, else the curve's arc length s. Of
-several inputs the assembly mode is followed over a coarse grid of the box of their ranges.
-Configurations between are found by Newton's method from the nearest known one, predicted to
-the second order.
+`CurveSampler` is for one input: the configuration curve is followed once, and its
+coordinate is the input variable q if the input turns fully on a closed curve without dead
+centres, otherwise the arc length s. `BoxSampler` is for several inputs: the assembly mode
+is computed over a coarse grid of the box of the input ranges.
+
+Configurations between known ones are found by Newton's method, which starts from a
+prediction of second order at the nearest known configuration.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,6 +28,7 @@ from spherekit.dynamics.coordinates import (
     inertia,
 )
 from spherekit.dynamics.reduced_model_archive import StoredHeading, StoredLoad
+from spherekit.dynamics.reduced_model_functions import FunctionKind, FunctionLabel
 from spherekit.dynamics.transmitted_forces import Loads
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_writer import mechanism_hash
@@ -45,47 +48,104 @@ from spherekit.velocities.pole_sequence import PlannedPoles
 from spherekit.version import __version__
 
 PROBED_INPUTS = 24
-"""Places in the input's range where a configuration of the assembly mode is looked for."""
+"""Input values at which a configuration of the assembly mode is looked for.
 
-FLAT = 1e-3
-"""An input whose rate along the curve falls below this is not a crank to count by."""
+Smaller: a mode that exists in a small part of the range is missed.
+"""
+
+MIN_CRANK_RATE = 1e-3
+"""Smallest rate of the input along the curve at which q can be the coordinate.
+
+Smaller: functions of q grow steep near places where the input almost stops.
+"""
 
 CURVE_NODES = 512
-"""Known configurations of a curve, between which Newton's method finds others."""
+"""Known configurations of a curve, between which Newton's method finds others.
 
-MARKS = 2**13
-"""Places along the curve where the sense of each pole axis is noted."""
+Smaller: its starting points are farther apart. Larger: more memory.
+"""
 
-SURE_AXES = 1e-14
-"""Pole axes whose error bound is below this are taken from the plan unquestioned."""
+SENSE_SAMPLES = 2**13
+"""Places along one lap of the curve at which the sense of each pole axis is stored.
 
-TRUST = 0.2
-"""Largest change (rad) of a variable in a step of Newton's method."""
+Smaller: an axis that turns fast can be stored in the wrong sense.
+"""
 
-APART = 0.02
-"""A configuration farther (rad) than this from where the trapezoidal rule leads from the
-nearest known one is not of the same mode."""
+MIN_AXIS_COSINE = 0.7
+"""Smallest cosine of the angle by which a pole axis may turn between two such places."""
 
-SURE = 0.02
-"""Inputs that determine the motion less surely than this are too near a singularity."""
+TRUSTED_AXIS_ERROR_RAD = 1e-14
+"""Error bound of a pole axis below which the axis of the plan is used without comparison.
+
+An axis with a larger bound is replaced by the direction of the relative angular velocity
+if that is known better. Larger: axes are less accurate. Smaller: more comparisons.
+"""
+
+MAX_NEWTON_STEP_RAD = 0.2
+"""Largest change of a variable in a step of Newton's method.
+
+Larger: it can leave the assembly mode. Smaller: it can fail where variables move fast.
+"""
+
+MAX_PREDICTION_ERROR_RAD = 0.02
+"""Largest distance of a configuration from its prediction by the trapezoidal rule.
+
+Larger: configurations of another assembly mode are accepted. Smaller: configurations of
+this mode are rejected between nodes that are far apart.
+"""
+
+MIN_DETERMINACY = 0.02
+"""Smallest value of `coordinates.determined` at which inputs may be coordinates.
+
+Smaller: the model reaches nearer to singularities, where its functions are steep.
+"""
 
 
-def own_velocities(loads: Loads) -> dict[int, str]:
-    """Return the names of velocities of components that no pair's rate is, by number."""
-    owners, names = loads.owners, {}
-    for k, owner in enumerate(owners):
-        if not loads.components[k].pair:
-            names[k] = f"load {loads.names[owner]}"
-            if owners.count(owner) > 1:
-                names[k] += f" {'xyz'[k - owners.index(owner)]}"
+@dataclass(frozen=True)
+class ClosedConfigurations:
+    """Closed configurations at n places of m inputs.
+
+    Attributes
+    ----------
+    linearisation
+        The configurations with their closure residuals.
+    nodes
+        (n,) index of the known configuration from which each was found.
+    steps
+        (n, m) difference of the inputs from those of the known configuration, rad.
+    """
+
+    linearisation: Linearisation
+    nodes: Indices
+    steps: Floats
+
+
+def load_velocity_names(loads: Loads) -> dict[int, str]:
+    """Return the names of stored velocities by the index of the load's component.
+
+    Components that act at a pair are left out: they work on the stored rate of the pair.
+    """
+    names = {}
+    for component, load in enumerate(loads.owners):
+        if loads.components[component].pair:
+            continue
+        names[component] = f"load {loads.names[load]}"
+        if loads.owners.count(load) > 1:
+            names[component] += f" {'xyz'[component - loads.owners.index(load)]}"
     return names
 
 
 class Sampler:
-    """Every function to be stored, exactly, at any places of the coordinates.
+    """Exact values of the functions that depend on the configuration alone.
 
-    `nodes` is the motion at configurations by the inputs, whose variables are `driven`;
-    `by`, `low`, `high`, `rise` and `periodic` are those of the heading.
+    Attributes
+    ----------
+    nodes
+        The motion by the inputs at known configurations.
+    driven
+        Numbers of the variables of the inputs.
+    by, low, high, rise, periodic
+        Coordinates and their ranges as in `StoredHeading`.
     """
 
     nodes: CoordinateMotion
@@ -96,276 +156,479 @@ class Sampler:
     rise: Floats = np.zeros(0)
     periodic = False
 
-    def __init__(self, tracer: PositionAnalysis, poles: tuple[Pole, ...]) -> None:
-        self.tracer, self.mechanism, self.poles = tracer, tracer.mechanism, poles
-        self.closure = tracer.solver.closure
+    def __init__(
+        self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
+    ) -> None:
+        self.position_analysis = position_analysis
+        self.mechanism = position_analysis.mechanism
+        self.poles = poles
+        self.closure = position_analysis.solver.closure
         self.loads = Loads(self.mechanism)
-        self.velocities = own_velocities(self.loads)
-        self.heavy = bool(self.mechanism.masses or self.mechanism.loads)
+        self.load_velocities = load_velocity_names(self.loads)
+        self.has_dynamics = bool(self.mechanism.masses or self.mechanism.loads)
 
-    def heading(self, assembly_mode: int) -> StoredHeading:
-        """Return the heading of a model of an assembly mode, without its functions."""
-        made = self.mechanism
-        low, high, rise = (tuple(x.tolist()) for x in (self.low, self.high, self.rise))
+    def make_heading(self, assembly_mode: int) -> StoredHeading:
+        """Return the heading of the model of an assembly mode, without its functions."""
+        mechanism = self.mechanism
         return StoredHeading(
-            made.name,
-            mechanism_hash(made),
-            __version__,
-            assembly_mode,
-            made.variable_names,
-            tuple(made.angles),
-            tuple(pole_name(made, pole) for pole in self.poles),
-            _stored_loads(self.loads, self.velocities),
-            self.tracer.inputs,
-            self.by,
-            low,
-            high,
-            rise,
-            self.periodic,
+            mechanism=mechanism.name,
+            mechanism_sha256=mechanism_hash(mechanism),
+            made_by=__version__,
+            assembly_mode=assembly_mode,
+            variables=mechanism.variable_names,
+            angles=tuple(mechanism.angles),
+            poles=tuple(pole_name(mechanism, pole) for pole in self.poles),
+            loads=_describe_loads(self.loads, self.load_velocities),
+            inputs=self.position_analysis.inputs,
+            by=self.by,
+            low=tuple(self.low.tolist()),
+            high=tuple(self.high.tolist()),
+            rise=tuple(self.rise.tolist()),
+            periodic=self.periodic,
         )
 
-    def names(self, heading: StoredHeading) -> dict[str, str]:
-        """Return the names of what the motion needs, with their units."""
-        made = self.mechanism
-        units = dict.fromkeys(made.variable_names, "rad")
-        for name in made.variable_names:
-            units |= dict.fromkeys(heading.by_coordinates(name), "")
-        if self.heavy:
-            units |= dict.fromkeys(heading.inertia, "kg m2")
-            for symbols in heading.christoffel:
-                units |= dict.fromkeys(symbols, "kg m2" + "/rad" * heading.alone)
-        for k, name in self.velocities.items():
-            unit = made.loads[self.loads.owners[k]].velocity_unit
-            units |= dict.fromkeys(heading.by_coordinates(name), unit)
-        return units
+    def label_motion_functions(self, heading: StoredHeading) -> list[FunctionLabel]:
+        """Return the labels of the functions that the motion needs.
 
-    def of_motion(self, motion: CoordinateMotion, bend: float) -> Floats:
-        """Return the values (n, F) of these, at rows of a motion by the coordinates.
+        They are the pair variables, their derivatives, the inertia, its derivatives, and
+        the velocities on which loads act, in the order of `evaluate_motion`.
+        """
+        labels = [
+            FunctionLabel(
+                variable,
+                "rad",
+                FunctionKind.ANGLE if self._is_angle(number) else FunctionKind.CONTACT_ARC,
+            )
+            for number, variable in enumerate(heading.variables)
+        ]
+        for number, variable in enumerate(heading.variables):
+            kind = FunctionKind.CONTACT_ARC_DERIVATIVE
+            if self._is_angle(number):
+                kind = FunctionKind.ANGLE_DERIVATIVE
+            for name in heading.by_coordinates(variable):
+                labels.append(FunctionLabel(name, "", kind, derivative_of=variable))
+        if self.has_dynamics:
+            labels += self._label_inertia(heading)
+        for component, velocity_name in self.load_velocities.items():
+            load = self.loads.owners[component]
+            unit = self.mechanism.loads[load].velocity_unit
+            # Along a curve the components of one load share a scale. Over a box each
+            # component has its own.
+            vector = f"load {self.loads.names[load]}" if heading.alone else ""
+            for name in heading.by_coordinates(velocity_name):
+                kind = FunctionKind.LOAD_VELOCITY
+                labels.append(FunctionLabel(name, unit, kind, vector))
+        return labels
 
-        Christoffel symbols times `bend`.
+    def _is_angle(self, variable: int) -> bool:
+        return variable in self.mechanism.angles.values()
+
+    def _label_inertia(self, heading: StoredHeading) -> list[FunctionLabel]:
+        """Return the labels of the inertia matrix and of its Christoffel symbols."""
+        labels = [
+            FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
+        ]
+        for symbols in heading.christoffel:
+            for name in symbols:
+                if heading.alone:
+                    # The only Christoffel symbol is 1/2 dB/dx, and dB/dx is stored.
+                    (inertia_name,) = heading.inertia
+                    label = FunctionLabel(
+                        name,
+                        "kg m2/rad",
+                        FunctionKind.INERTIA_DERIVATIVE,
+                        derivative_of=inertia_name,
+                    )
+                else:
+                    label = FunctionLabel(name, "kg m2", FunctionKind.CHRISTOFFEL)
+                labels.append(label)
+        return labels
+
+    def _evaluate_motion(
+        self, motion: CoordinateMotion, christoffel_factor: float
+    ) -> Floats:
+        """Return the functions (n, F) of `label_motion_functions` at n configurations.
+
+        Parameters
+        ----------
+        motion
+            n configurations by m coordinates.
+        christoffel_factor
+            Factor of the stored Christoffel symbols: 2 along a curve, where dB/dx is
+            stored, and 1 over a box.
         """
         n, m = motion.rates.shape[:2]
-        parts = [motion.values, np.swapaxes(motion.rates, 1, 2).reshape(n, -1)]
-        if self.heavy:
-            masses, (rows, columns) = inertia(self.mechanism, motion), np.tril_indices(m)
-            symbols = bend * christoffel(masses.dM)[:, :, rows, columns]
-            parts += [masses.M[:, rows, columns], symbols.reshape(n, -1)]
-        if self.velocities:
-            works = self.loads.velocities(motion)[..., list(self.velocities)]
-            parts.append(np.swapaxes(works, 1, 2).reshape(n, -1))
-        return np.concatenate(parts, axis=1)
+        # The derivatives of one variable by all coordinates stand side by side.
+        derivatives = np.swapaxes(motion.rates, 1, 2).reshape(n, -1)
+        functions = [motion.values, derivatives]
+        if self.has_dynamics:
+            masses = inertia(self.mechanism, motion)
+            rows, columns = np.tril_indices(m)
+            symbols = christoffel_factor * christoffel(masses.dM)[:, :, rows, columns]
+            functions += [masses.M[:, rows, columns], symbols.reshape(n, -1)]
+        if self.load_velocities:
+            velocities = self.loads.velocities(motion)[..., list(self.load_velocities)]
+            functions.append(np.swapaxes(velocities, 1, 2).reshape(n, -1))
+        return np.concatenate(functions, axis=1)
 
     @cached_property
-    def _nearest(self) -> Callable[[Floats], Indices]:
+    def _find_nearest_nodes(self) -> Callable[[Floats], Indices]:
+        """A function of inputs (n, m) that returns the index (n,) of the nearest nodes."""
         from scipy.spatial import cKDTree
 
         tree = cKDTree(self.nodes.values[:, self.driven])
-        return lambda q: np.asarray(tree.query(q)[1])
+        return lambda inputs: np.asarray(tree.query(inputs)[1])
 
-    def closed(self, q: Floats) -> tuple[Linearisation, Indices, Floats]:
-        """Return closed configurations at inputs (n, m), which known one each is from.
-
-        And the step (n, m) from that.
-        """
-        nodes, near = self.nodes, self._nearest(q)
-        step = q - nodes.values[near][:, self.driven]
-        ahead = np.einsum("ni,niv->nv", step, nodes.rates[near])
-        bend = np.einsum("ni,nk,nikv->nv", step, step, nodes.second[near])
-        values = nodes.values[near] + ahead + 0.5 * bend
-        values[:, self.driven] = q
+    def close_loops(self, inputs: Floats) -> ClosedConfigurations:
+        """Return closed configurations at inputs (n, m), found from the nearest nodes."""
+        nodes = self.nodes
+        near = self._find_nearest_nodes(inputs)
+        steps = inputs - nodes.values[near][:, self.driven]
+        # A Taylor series of second order; n places, i and k coordinates, v variables.
+        first_order = np.einsum("ni,niv->nv", steps, nodes.rates[near])
+        second_order = np.einsum("ni,nk,nikv->nv", steps, steps, nodes.second[near])
+        values = nodes.values[near] + first_order + 0.5 * second_order
+        values[:, self.driven] = inputs
         with np.errstate(all="ignore"):
-            return self.closure.solve(values, self.driven, trust=TRUST), near, step
+            solution = self.closure.solve(values, self.driven, trust=MAX_NEWTON_STEP_RAD)
+        return ClosedConfigurations(solution, near, steps)
 
 
-class AlongCurve(Sampler):
-    """These along the whole curve of one input, and all that is asked of its poles."""
+class CurveSampler(Sampler):
+    """Exact values of stored functions along the whole configuration curve of one input.
 
-    def __init__(self, tracer: PositionAnalysis, poles: tuple[Pole, ...]) -> None:
-        super().__init__(tracer, poles)
-        self.curve, values = _followed(tracer)
-        curve, driven = self.curve, tracer.solver.single
+    The functions are in groups: group 0 has those of the motion, each further group the
+    five functions of one pole.
+
+    Attributes
+    ----------
+    curve
+        The configuration curve by its arc length.
+    is_by_input
+        Whether the coordinate is the variable q of the input; otherwise it is s.
+    input_sense
+        1 or -1, the sign of the input's rate along the curve; 1 if the coordinate is s.
+    lap
+        Length of the coordinate over one lap of a closed curve, or of an open curve.
+    laps
+        Laps of the curve in one period of the model: 2 if a pole axis comes back reversed
+        after one lap.
+    """
+
+    def __init__(
+        self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
+    ) -> None:
+        super().__init__(position_analysis, poles)
+        self.curve, values = _follow_curve(position_analysis)
+        curve = self.curve
+        driven = position_analysis.solver.single
         self.driven = [driven]
-        self.plan = plan(self.mechanism, list(poles), tracer.inputs[0], tracer.by_rank)
-        along, turns = curve.nodes.tangents[:, driven], int(curve.winding[driven])
-        self.by_input = bool(
+        self.plan = plan(
+            self.mechanism,
+            list(poles),
+            position_analysis.inputs[0],
+            position_analysis.by_rank,
+        )
+        input_rates = curve.nodes.tangents[:, driven]
+        revolutions = int(curve.winding[driven])
+        self.is_by_input = bool(
             curve.closed
-            and np.all(along * np.sign(turns) > FLAT)
+            and np.all(input_rates * np.sign(revolutions) > MIN_CRANK_RATE)
             and not len(curve.dead_points(driven).places)
         )
-        self.sense, self.lap = 1.0, curve.length
-        if self.by_input:
-            self.sense, self.lap = float(np.sign(turns)), abs(turns) * TURN
+        self.input_sense = 1.0
+        self.lap = curve.length
+        if self.is_by_input:
+            self.input_sense = float(np.sign(revolutions))
+            self.lap = abs(revolutions) * TURN
+            # The curve may start whole turns away from the configuration found first.
             offset = curve.at(curve.find(values[None])).values[0] - values
-            every = curve.at(np.linspace(0.0, curve.length, CURVE_NODES)).values - offset
-            self.nodes = by_variables(self.closure, every, self.driven)
-        self.periodic, self.laps = curve.closed, 1
-        self._note_senses()
-        self.by, self.low = ("q" if self.by_input else "s",), np.zeros(1)
+            arc_lengths = np.linspace(0.0, curve.length, CURVE_NODES)
+            node_values = curve.at(arc_lengths).values - offset
+            self.nodes = by_variables(self.closure, node_values, self.driven)
+        self.periodic = curve.closed
+        self.laps = 1
+        self._store_axis_senses()
+        self.by = ("q" if self.is_by_input else "s",)
+        self.low = np.zeros(1)
         self.high = np.array([self.laps * self.lap])
-        self.rise = curve.rise * self.sense * self.laps
+        self.rise = curve.rise * self.input_sense * self.laps
 
-    def columns(self, groups: Sequence[int], x: Floats) -> Floats:
-        """Return the functions (n, F) of some groups: that of the motion, or of poles."""
-        motion, parts = self._motion(x), []
-        directions = self._directions(x, motion) if any(groups) else {}
-        for number in groups:
-            if number:
-                pole = self.poles[number - 1]
-                parts.append(_of_pole(motion, pole, directions[pole]))
+    def label_pole_functions(
+        self, pole: str, heading: StoredHeading
+    ) -> list[FunctionLabel]:
+        """Return the labels of the five functions of a pole.
+
+        They are the components of its unit vector in ground axes, its velocity
+        coefficient, and the derivative of this coefficient.
+        """
+        labels = [
+            FunctionLabel(
+                f"pole {pole} {axis}", "", FunctionKind.POLE_AXIS, vector=f"pole {pole}"
+            )
+            for axis in "xyz"
+        ]
+        coefficient = f"rate {pole}"
+        labels.append(FunctionLabel(coefficient, "", FunctionKind.VELOCITY_COEFFICIENT))
+        labels.append(
+            FunctionLabel(
+                heading.derivative(coefficient),
+                "1/rad",
+                FunctionKind.ACCELERATION_COEFFICIENT,
+                derivative_of=coefficient,
+            )
+        )
+        return labels
+
+    def evaluate_groups(self, groups: Sequence[int], x: Floats) -> Floats:
+        """Return the functions (n, F) of some groups at coordinates x (n,), in rad."""
+        motion = self._compute_motion(x)
+        directions = self._evaluate_directions(x, motion) if any(groups) else {}
+        functions = []
+        for group in groups:
+            if group == 0:
+                functions.append(self._evaluate_motion(motion, 2.0))
             else:
-                parts.append(self.of_motion(motion, 2.0))
-        return np.concatenate(parts, axis=1)
+                pole = self.poles[group - 1]
+                functions.append(_evaluate_pole(motion, pole, directions[pole]))
+        return np.concatenate(functions, axis=1)
 
-    def _motion(self, x: Floats) -> CoordinateMotion:
-        if self.by_input:
-            sense, lap = self.sense, self.lap
+    def _compute_motion(self, x: Floats) -> CoordinateMotion:
+        """Return the motion by the model's coordinate at x (n,), in rad."""
+        if self.is_by_input:
+            sense = self.input_sense
+            lap = self.lap
+            # The nodes cover one lap, so whole laps are taken off before Newton's method
+            # and added to the variables afterwards.
             laps = np.floor(sense * (x - self.nodes.values[0, self.driven]) / lap)
-            solution, *_ = self.closed((x - sense * laps * lap)[:, None])
-            values = solution.values + np.outer(laps, self.curve.rise)
+            closed = self.close_loops((x - sense * laps * lap)[:, None])
+            values = closed.linearisation.values + np.outer(laps, self.curve.rise)
             values[:, self.driven[0]] = x
             return by_variables(self.closure, values, self.driven)
         points = self.curve.at(x)
         motion = by_arc_length(self.closure, points.values)
+        # The null vector has either sense; the tangent of the curve decides.
         return motion.turned(np.sign(np.vecdot(motion.rates[:, 0], points.tangents)))
 
-    def _directions(self, x: Floats, motion: CoordinateMotion) -> dict[Pole, Floats]:
-        """Return the unit vectors (n, 3) of the poles, in the sense that was noted."""
-        units = self._lines(motion)
-        nearest = np.rint(x / self.lap * MARKS).astype(int)
+    def _evaluate_directions(
+        self, x: Floats, motion: CoordinateMotion
+    ) -> dict[Pole, Floats]:
+        """Return the unit vectors (n, 3) of the poles in ground axes, in a smooth sense."""
+        directions = self._compute_axes(motion)
+        nearest = np.rint(x / self.lap * SENSE_SAMPLES).astype(int)
         if self.periodic:
-            nearest %= MARKS * self.laps
-        for pole, unit in units.items():
-            if pole in self.marks:
-                side = np.vecdot(unit, self.marks[pole][nearest])
-                unit[side < 0.0] *= -1.0
-        return units
+            nearest %= SENSE_SAMPLES * self.laps
+        for pole, direction in directions.items():
+            if pole in self.stored_directions:
+                cosines = np.vecdot(direction, self.stored_directions[pole][nearest])
+                direction[cosines < 0.0] *= -1.0
+        return directions
 
-    def _lines(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
-        """Return unit vectors along the pole axes, in either sense."""
-        planned = PlannedPoles(self.plan, self._as_motion(motion))
-        units: dict[Pole, Floats] = {}
+    def _compute_axes(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
+        """Return unit vectors (n, 3) along the pole axes in ground axes, in either sense.
+
+        Raises
+        ------
+        SolveError
+            If the two links of a pole do not move relative to each other somewhere.
+        """
+        planned = PlannedPoles(self.plan, self._convert_motion(motion))
+        axes: dict[Pole, Floats] = {}
         w = motion.w[:, 0]
-        size = np.max(np.linalg.norm(w, axis=2), axis=1)
+        max_speeds = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
-            unit = planned.unit[pole].T.copy()
+            axis = planned.unit[pole].T.copy()
             error = np.nan_to_num(planned.error[pole], nan=np.inf)
-            apart = w[:, pole[1]] - w[:, pole[0]]
-            length = np.linalg.norm(apart, axis=1)
+            relative_w = w[:, pole[1]] - w[:, pole[0]]
+            relative_speed = np.linalg.norm(relative_w, axis=1)
+            # The direction of the relative angular velocity has an error of a few roundings
+            # of the largest angular velocity. It replaces an axis whose bound is larger.
             with np.errstate(divide="ignore", invalid="ignore"):
-                better = (error > SURE_AXES) & (8.0 * EPS * size / length < error)
-                unit[better] = apart[better] / length[better, None]
-            if not all_finite(unit):
+                velocity_error = 8.0 * EPS * max_speeds / relative_speed
+                is_better = (error > TRUSTED_AXIS_ERROR_RAD) & (velocity_error < error)
+                axis[is_better] = relative_w[is_better] / relative_speed[is_better, None]
+            if not all_finite(axis):
                 raise SolveError(
                     f"{self.mechanism.name}: pole {pole_name(self.mechanism, pole)} has no "
                     "direction at places of the curve: the two links do not move relative "
                     "to each other there; leave it out"
                 )
-            units[pole] = unit
-        return units
+            axes[pole] = axis
+        return axes
 
-    def _as_motion(self, motion: CoordinateMotion) -> Motion:
-        return replace(motion_of(self.tracer.solver, motion.values), status=motion.status)
+    def _convert_motion(self, motion: CoordinateMotion) -> Motion:
+        """Return the motion in the form that the plan of the poles reads."""
+        return replace(
+            motion_of(self.position_analysis.solver, motion.values), status=motion.status
+        )
 
-    def _note_senses(self) -> None:
-        """Note the sense of every secondary axis along the curve.
+    def _store_axis_senses(self) -> None:
+        """Store directions of the secondary pole axes along the curve, in a smooth sense.
 
-        The first looks to the side where the sum of all pair axes lies; axes that come
-        back reversed make the period two laps.
+        The first direction of each looks to the side of the sum of all pair axes. The axes
+        of primary poles are pair axes, whose sense is known. If an axis comes back
+        reversed after one lap, the period of the model becomes two laps.
         """
         primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
-        motion = self._motion(self.lap * np.arange(MARKS + 1) / MARKS)
-        home = np.sum(self._as_motion(motion).frames[0, :, :, 2], axis=0)
-        senses = {p: u for p, u in self._lines(motion).items() if p not in primary}
-        steps = [np.abs(np.vecdot(u[1:], u[:-1])) for u in senses.values()]
-        if np.min(steps, initial=1.0) < 0.7:
-            raise SolveError(
-                f"{self.mechanism.name}: a pole axis turns too fast to be followed; "
-                "ask for fewer poles"
-            )
-        marks = {p: u * continued(u, home)[:, None] for p, u in senses.items()}
-        back = {p: np.sign(u[0] @ u[-1]) for p, u in marks.items()}
-        if self.periodic and -1.0 in back.values():
+        motion = self._compute_motion(
+            self.lap * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
+        )
+        pair_axes = self._convert_motion(motion).frames[0, :, :, 2]
+        reference = np.sum(pair_axes, axis=0)
+        axes = {
+            pole: axis
+            for pole, axis in self._compute_axes(motion).items()
+            if pole not in primary
+        }
+        for axis in axes.values():
+            if np.min(np.abs(np.vecdot(axis[1:], axis[:-1]))) < MIN_AXIS_COSINE:
+                raise SolveError(
+                    f"{self.mechanism.name}: a pole axis turns too fast to be followed; "
+                    "ask for fewer poles"
+                )
+        directions = {
+            pole: axis * continued(axis, reference)[:, None] for pole, axis in axes.items()
+        }
+        # 1 if an axis comes back as it started, -1 if it comes back reversed.
+        end_senses = {pole: np.sign(d[0] @ d[-1]) for pole, d in directions.items()}
+        if self.periodic and -1.0 in end_senses.values():
             self.laps = 2
-            marks = {p: np.concatenate([u[:-1], u * back[p]]) for p, u in marks.items()}
-        self.marks = marks
+            directions = {
+                pole: np.concatenate([d[:-1], d * end_senses[pole]])
+                for pole, d in directions.items()
+            }
+        self.stored_directions = directions
 
 
-class OverBox(Sampler):
-    """These over the ranges of several inputs."""
+class BoxSampler(Sampler):
+    """Exact values of stored functions over the box of the ranges of several inputs."""
 
-    def __init__(self, tracer: PositionAnalysis, poles: tuple[Pole, ...]) -> None:
-        super().__init__(tracer, poles)
-        self.driven = [self.mechanism.angles[pair] for pair in tracer.inputs]
-        self.low, self.high = np.array([item.range for item in self.mechanism.inputs]).T
-        self.by = tracer.inputs
-        motion = going_on(tracer.motion(), tracer.solver)
+    def __init__(
+        self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
+    ) -> None:
+        super().__init__(position_analysis, poles)
+        inputs = self.mechanism.inputs
+        self.driven = [self.mechanism.angles[pair] for pair in position_analysis.inputs]
+        self.low, self.high = np.array([item.range for item in inputs]).T
+        self.by = position_analysis.inputs
+        motion = going_on(position_analysis.motion(), position_analysis.solver)
         values = motion.values[motion.status == Status.OK]
         nodes = by_variables(self.closure, values, self.driven)
-        sure = all_finite(nodes.second, (1, 2, 3))
-        sure &= determined(nodes.rates) >= SURE
-        if not np.any(sure):
+        is_regular = all_finite(nodes.second, (1, 2, 3))
+        is_regular &= determined(nodes.rates) >= MIN_DETERMINACY
+        if not np.any(is_regular):
             raise SolveError(
                 f"{self.mechanism.name}: the assembly mode has no regular configuration on "
                 "a grid over the ranges of the inputs; give another assembly mode or range"
             )
-        self.nodes = nodes.rows(sure)
+        self.nodes = nodes.rows(is_regular)
 
-    def at(self, q: Floats, count: int) -> Floats:
-        """Return all functions (n, count) at inputs (n, m), NaN where the mode is not."""
-        solution, near, step = self.closed(q)
-        values, nodes = solution.values, self.nodes
+    def label_functions(self, heading: StoredHeading) -> list[FunctionLabel]:
+        """Return the labels of all functions: those of the motion, then those of poles.
+
+        A pole has one label for each component of the relative angular velocity in ground
+        axes and for each moving input.
+        """
+        labels = self.label_motion_functions(heading)
+        for pole in heading.poles:
+            for axis in "xyz":
+                for name in heading.by_coordinates(f"velocity {pole} {axis}"):
+                    labels.append(FunctionLabel(name, "", FunctionKind.ANGULAR_VELOCITY))
+        return labels
+
+    def evaluate(self, inputs: Floats, function_count: int) -> Floats:
+        """Return all functions at inputs (n, m), in rad.
+
+        Returns
+        -------
+        (n, function_count) values; NaN where the assembly mode does not exist, or is too
+        near to a singularity.
+        """
+        closed = self.close_loops(inputs)
+        values = closed.linearisation.values
+        near = closed.nodes
+        nodes = self.nodes
         with np.errstate(all="ignore"):
-            moving = by_variables(self.closure, values, self.driven, order=1)
-            both = nodes.rates[near] + moving.rates
-            led = nodes.values[near] + 0.5 * np.einsum("ni,niv->nv", step, both)
-            good = solution.gap < CLOSURE_TOLERANCE
-            good &= max_abs(led - values, axis=1) < APART
-            good &= (determined(moving.rates) >= SURE) & (moving.status == Status.OK)
-        functions = nans((len(q), count))
-        functions[good] = self.columns(
-            by_variables(self.closure, values[good], self.driven)
+            motion = by_variables(self.closure, values, self.driven, order=1)
+            # Newton's method can arrive on another assembly mode. On the mode of the node
+            # the trapezoidal rule leads from the node to the configuration.
+            rate_sums = nodes.rates[near] + motion.rates
+            change = 0.5 * np.einsum("ni,niv->nv", closed.steps, rate_sums)
+            predicted = nodes.values[near] + change
+            is_valid = closed.linearisation.gap < CLOSURE_TOLERANCE
+            is_valid &= max_abs(predicted - values, axis=1) < MAX_PREDICTION_ERROR_RAD
+            is_valid &= determined(motion.rates) >= MIN_DETERMINACY
+            is_valid &= motion.status == Status.OK
+        functions = nans((len(inputs), function_count))
+        functions[is_valid] = self.evaluate_motion(
+            by_variables(self.closure, values[is_valid], self.driven)
         )
         return functions
 
-    def columns(self, motion: CoordinateMotion) -> Floats:
-        """Return all functions (n, F) of a motion by the inputs."""
-        parts = [self.of_motion(motion, 1.0)]
+    def evaluate_motion(self, motion: CoordinateMotion) -> Floats:
+        """Return all functions (n, F) at n configurations by the inputs."""
+        functions = [self._evaluate_motion(motion, 1.0)]
         for first, second in self.poles:
-            w = motion.w[:, :, second] - motion.w[:, :, first]
-            parts.append(np.swapaxes(w, 1, 2).reshape(len(w), -1))
-        return np.concatenate(parts, axis=1)
+            relative_w = motion.w[:, :, second] - motion.w[:, :, first]
+            functions.append(np.swapaxes(relative_w, 1, 2).reshape(len(relative_w), -1))
+        return np.concatenate(functions, axis=1)
 
 
-def _followed(tracer: PositionAnalysis) -> tuple[ArcCurve, Floats]:
-    """Return the curve of the tracer's assembly mode, and a configuration on it."""
-    mechanism = tracer.mechanism
-    low, high = tracer.range
-    places = low + (high - low) * (np.arange(PROBED_INPUTS) + 0.5) / PROBED_INPUTS
-    motion = going_on(tracer.at(places), tracer.solver)
-    stops = {
-        mechanism.variables_of(mechanism.pair_number[stop.pair])[0]: (stop.low, stop.high)
-        for stop in mechanism.joint_limits
-    }
-    usable = motion.status == Status.OK
-    for variable, (least, most) in stops.items():
+def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats]:
+    """Return the configuration curve of an assembly mode, and a configuration on it.
+
+    Raises
+    ------
+    SolveError
+        If no configuration is found within the joint limits.
+    """
+    mechanism = position_analysis.mechanism
+    low, high = position_analysis.range
+    fractions = (np.arange(PROBED_INPUTS) + 0.5) / PROBED_INPUTS
+    probed_inputs = low + (high - low) * fractions
+    motion = going_on(position_analysis.at(probed_inputs), position_analysis.solver)
+    joint_limits = {}
+    for limit in mechanism.joint_limits:
+        variable = mechanism.variables_of(mechanism.pair_number[limit.pair])[0]
+        joint_limits[variable] = (limit.low, limit.high)
+    is_usable = motion.status == Status.OK
+    for variable, (lower_limit, upper_limit) in joint_limits.items():
         value = motion.values[:, variable]
-        usable &= (value > least) & (value < most)
-    if not np.any(usable):
+        is_usable &= (value > lower_limit) & (value < upper_limit)
+    if not np.any(is_usable):
         raise SolveError(
             f"{mechanism.name}: the assembly mode has no configuration within the joint "
             f"limits at any of {PROBED_INPUTS} inputs of its range; give another assembly "
             "mode or range"
         )
-    values = motion.values[np.argmax(usable)]
-    return follow_arc(tracer.solver.closure, values, stops), values
+    values = motion.values[np.argmax(is_usable)]
+    return follow_arc(position_analysis.solver.closure, values, joint_limits), values
 
 
-def _of_pole(motion: CoordinateMotion, pole: Pole, unit: Floats) -> Floats:
-    """Return direction, coefficient and the coefficient's derivative (n, 5)."""
+def _evaluate_pole(motion: CoordinateMotion, pole: Pole, direction: Floats) -> Floats:
+    """Return the five functions of a pole along a curve.
+
+    Parameters
+    ----------
+    motion
+        n configurations by one coordinate.
+    pole
+        Numbers of the two links.
+    direction
+        (n, 3) unit vector of the pole axis in ground axes.
+
+    Returns
+    -------
+    (n, 5) direction, velocity coefficient and the derivative of this coefficient.
+    """
     first, second = pole
     w = motion.w[:, 0, second] - motion.w[:, 0, first]
     dw = motion.dw[:, 0, 0, second] - motion.dw[:, 0, 0, first]
-    return np.column_stack([unit, np.vecdot(w, unit), np.vecdot(dw, unit)])
+    # w = coefficient * direction, and the derivative of a unit vector is normal to it. So
+    # the part of dw along the direction is the derivative of the coefficient.
+    coefficient = np.vecdot(w, direction)
+    coefficient_derivative = np.vecdot(dw, direction)
+    return np.column_stack([direction, coefficient, coefficient_derivative])
 
 
 def pole_name(mechanism: Mechanism, pole: Pole) -> str:
@@ -374,18 +637,32 @@ def pole_name(mechanism: Mechanism, pole: Pole) -> str:
     return f"{mechanism.links[second]}/{mechanism.links[first]}"
 
 
-def _stored_loads(loads: Loads, velocities: Mapping[int, str]) -> tuple[StoredLoad, ...]:
-    """Return what magnitudes of loads depend on besides the configuration."""
-    stored = []
-    for number, load in enumerate(loads.mechanism.loads):
-        works_on, texts = [], []
-        for k, part in enumerate(loads.components):
-            if loads.owners[k] == number:
-                works_on.append(velocities.get(k, f"theta_{part.pair}"))
-                if isinstance(part.magnitude, Expression):
-                    texts.append(part.magnitude.text)
+def _describe_loads(
+    loads: Loads, load_velocities: Mapping[int, str]
+) -> tuple[StoredLoad, ...]:
+    """Return the magnitudes of loads and the stored functions on which they work.
+
+    Parameters
+    ----------
+    loads
+        The loads of the mechanism.
+    load_velocities
+        Names of stored velocities by the index of the load's component.
+    """
+    stored_loads = []
+    for load_index, load in enumerate(loads.mechanism.loads):
+        works_on = []
+        expressions = []
+        for component_index, component in enumerate(loads.components):
+            if loads.owners[component_index] != load_index:
+                continue
+            works_on.append(load_velocities.get(component_index, f"theta_{component.pair}"))
+            if isinstance(component.magnitude, Expression):
+                expressions.append(component.magnitude.text)
         table: tuple[Any, ...] = ()
         if isinstance(load, TorqueTable):
-            table = load.times, load.torques, load.periodic
-        stored.append(StoredLoad(load.name, tuple(works_on), tuple(texts), *table))
-    return tuple(stored)
+            table = (load.times, load.torques, load.periodic)
+        stored_loads.append(
+            StoredLoad(load.name, tuple(works_on), tuple(expressions), *table)
+        )
+    return tuple(stored_loads)

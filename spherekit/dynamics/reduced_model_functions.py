@@ -1,0 +1,109 @@
+"""Labels of the functions of a reduced model, and the scales that their errors refer to.
+
+A label says what a function is, for example an angle, an inertia or a component of a pole
+axis, and so which functions are compared in size. The functions are labelled and computed
+in `spherekit.dynamics.reduced_model_samples`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.geometry.rotation import max_abs
+
+MIN_RELATIVE_SCALE = 0.03
+"""Smallest scale of a function, relative to the largest scale of its kind.
+
+Smaller: functions that are zero up to rounding are resolved into many cells. Larger: small
+functions are stored less accurately.
+"""
+
+
+class FunctionKind(Enum):
+    """The kinds of stored functions. The scales of functions of one kind are compared."""
+
+    ANGLE = auto()
+    ANGLE_DERIVATIVE = auto()
+    CONTACT_ARC = auto()
+    CONTACT_ARC_DERIVATIVE = auto()
+    INERTIA = auto()
+    INERTIA_DERIVATIVE = auto()
+    CHRISTOFFEL = auto()
+    LOAD_VELOCITY = auto()
+    POLE_AXIS = auto()
+    VELOCITY_COEFFICIENT = auto()
+    ACCELERATION_COEFFICIENT = auto()
+    ANGULAR_VELOCITY = auto()
+
+
+@dataclass(frozen=True)
+class FunctionLabel:
+    """The name, the unit and the kind of a stored function.
+
+    Attributes
+    ----------
+    name, unit
+        Name and unit in the heading of the model.
+    kind
+        What the function is.
+    vector
+        Name that the components of a vector share; empty if the function has its own scale.
+    derivative_of
+        Name of the function whose derivative by a coordinate this is, or empty.
+    """
+
+    name: str
+    unit: str
+    kind: FunctionKind
+    vector: str = ""
+    derivative_of: str = ""
+
+
+def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
+    """Return the scale of each function, to which its error is relative.
+
+    The scale is the largest absolute value, of a vector that of all its components. A
+    function that is zero up to rounding has no scale of its own, and the fit would resolve
+    its rounding errors. Each scale is therefore at least `MIN_RELATIVE_SCALE` times the
+    scale of
+
+    - the largest function of the same kind,
+    - the largest inertia, for Christoffel symbols: those of a constant inertia are zero,
+    - the function itself, for a derivative: that of a constant function is zero.
+
+    Parameters
+    ----------
+    labels
+        Labels of the F functions.
+    values
+        (samples, F) sampled values, in the unit of each function.
+
+    Returns
+    -------
+    (F,) scales in the unit of each function; 1.0 if a function and all others that it is
+    compared with are zero.
+    """
+    kinds = np.array([label.kind for label in labels])
+    vectors = np.array([label.vector for label in labels])
+    scales = np.array(max_abs(values, axis=0))
+    for vector in np.unique(vectors[vectors != ""]):
+        components = vectors == vector
+        scales[components] = np.max(scales[components])
+
+    min_scales = np.zeros(len(labels))
+    for kind in set(kinds):
+        compared = kinds == kind
+        if kind is FunctionKind.CHRISTOFFEL:
+            compared |= kinds == FunctionKind.INERTIA
+        min_scales[kinds == kind] = MIN_RELATIVE_SCALE * np.max(scales[compared])
+    scales = np.maximum(scales, min_scales)
+
+    index_of_name = {label.name: index for index, label in enumerate(labels)}
+    for index, label in enumerate(labels):
+        if label.derivative_of:
+            function_scale = scales[index_of_name[label.derivative_of]]
+            scales[index] = max(scales[index], MIN_RELATIVE_SCALE * function_scale)
+    return np.where(scales == 0.0, 1.0, scales)

@@ -1,0 +1,203 @@
+"""Integrates the motion of a reduced model of one input under its loads.
+
+The state is the coordinate x of the model (the input variable q or the arc length s), the
+momentum p = sqrt(B) dx/dt and the work W of all loads. The equations of
+`spherekit.dynamics.equation_of_motion` hold in any coordinate:
+
+    dx/dt = p / sqrt(B),   dp/dt = Q / sqrt(B),   dW/dt = Q dx/dt
+
+with the generalised inertia B(x) and the generalised force Q of all loads.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from math import sqrt
+
+import numpy as np
+
+from spherekit.argument_validation import checked
+from spherekit.arrays import Floats
+from spherekit.dynamics.reduced_model import StoredModel
+from spherekit.errors import SolveError
+from spherekit.geometry.rotation import all_finite, nans
+
+STEP_TOLERANCE_RATIO = 0.03
+"""Tolerance of an integration step, relative to the tolerance of the whole motion.
+
+The errors of steps add up. Larger: the final error exceeds the tolerance more often.
+Smaller: more steps.
+"""
+
+MIN_STEP_TOLERANCE = 1e-14
+"""Smallest tolerance of a step; with a smaller one rounding decides about steps."""
+
+
+@dataclass(frozen=True)
+class TabulatedMotion:
+    """The motion at n times; its rows are NaN after the curve has ended.
+
+    Attributes
+    ----------
+    t
+        (n,) times, s.
+    x
+        (n,) coordinate of the model, rad.
+    values, value_rates
+        (n, variables) pair variables and their rates, rad and rad/s.
+    q, dq
+        (n,) variable of the input and its rate, rad and rad/s.
+    kinetic
+        (n,) kinetic energy, J.
+    work
+        (n,) work of all loads since the start, J.
+    message
+        Why the motion ended early; empty if it did not.
+    evaluations
+        Number of evaluations of the right-hand side.
+    """
+
+    t: Floats
+    x: Floats
+    values: Floats
+    value_rates: Floats
+    q: Floats
+    dq: Floats
+    kinetic: Floats
+    work: Floats
+    message: str
+    evaluations: int
+
+    @property
+    def energy(self) -> float:
+        """Largest difference of the gained kinetic energy and the work of loads, J."""
+        return float(np.nanmax(np.abs(self.kinetic - self.kinetic[0] - self.work)))
+
+
+@checked(SolveError)
+def simulate_reduced(
+    model: StoredModel,
+    times: Sequence[float] | Floats,
+    x: float,
+    dx: float,
+    tolerance: float = 1e-9,
+    switches: Iterable[float] = (),
+) -> TabulatedMotion:
+    """Return the motion of a reduced model at given times, integrated by SciPy's LSODA.
+
+    Parameters
+    ----------
+    model
+        A model with masses; `StoredModel.with_torque` adds a driving torque.
+    times
+        (n,) increasing times, s, the first that of the start.
+    x, dx
+        Coordinate of the model (rad) and its rate (rad/s) at the start.
+    tolerance
+        Intended error of x, rad.
+    switches
+        Times (s) at which expressions have kinks; knots of torque tables are known.
+
+    Raises
+    ------
+    SolveError
+        If times do not increase, the model has no inertia or several inputs, x is outside
+        the curve, or the integrator gives up.
+    """
+    heading = model.heading
+    name = heading.mechanism
+    if not heading.alone:
+        raise SolveError(f"{name}: the model is of several inputs; a motion is of a curve")
+    t = np.atleast_1d(np.asarray(times, dtype=float))
+    if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
+        raise SolveError(f"{name}: give two or more finite, increasing times")
+    evaluate_dynamics, _ = model.dynamics
+    (low,) = heading.low
+    (high,) = heading.high
+    start_inertia = evaluate_dynamics(x)[0]
+    if not start_inertia > 0.0:
+        raise SolveError(f"{name}: has no inertia, so loads would accelerate it endlessly")
+
+    def state_rates(time: float, state: Floats) -> tuple[float, float, float]:
+        coordinate, momentum, _ = state.tolist()
+        # The integrator also tries states beyond the ends of an open curve.
+        if not heading.periodic:
+            coordinate = min(max(coordinate, low), high)
+        functions = evaluate_dynamics(coordinate)
+        inertia, inertia_derivative = functions[:2]
+        inverse_root = 1.0 / sqrt(inertia)
+        speed = momentum * inverse_root
+        # The torque at zero acceleration is 1/2 dB/dx (dx/dt)^2 - Q.
+        torque = model.torque_at(functions, coordinate, speed, 0.0, time)
+        force = 0.5 * inertia_derivative * speed * speed - torque
+        return speed, force * inverse_root, force * speed
+
+    step_tolerance = max(STEP_TOLERANCE_RATIO * tolerance, MIN_STEP_TOLERANCE)
+    start = float(t[0])
+    end = float(t[-1])
+    knots = [table.knots(start, end) for table in heading.tables]
+    kinks = sorted(time for time in {*chain(switches, *knots)} if start < time < end)
+    from scipy.integrate import odeint
+
+    states, report = odeint(
+        state_rates,
+        [x, sqrt(start_inertia) * dx, 0.0],
+        t,
+        tfirst=True,
+        rtol=step_tolerance,
+        atol=step_tolerance,
+        mxstep=100_000,
+        tcrit=kinks or None,
+        full_output=True,
+    )
+    if report["message"] != "Integration successful.":
+        raise SolveError(f"{name}: {report['message']}")
+    return _tabulate_motion(model, t, states, int(report["nfe"][-1]))
+
+
+def _tabulate_motion(
+    model: StoredModel, t: Floats, states: Floats, evaluations: int
+) -> TabulatedMotion:
+    """Return the motion of integrated states.
+
+    Parameters
+    ----------
+    model
+        The integrated model.
+    t
+        (n,) times, s.
+    states
+        (n, 3) coordinate (rad), momentum and work (J); set to NaN after the curve ends.
+    evaluations
+        Number of evaluations of the right-hand side.
+    """
+    heading = model.heading
+    message = ""
+    if not heading.periodic:
+        coordinates = states[:, 0]
+        is_outside = (coordinates < heading.low[0]) | (coordinates > heading.high[0])
+        outside_rows = np.flatnonzero(is_outside)
+        if len(outside_rows):
+            message = f"the curve ends before t = {t[outside_rows[0]]:.6g} s"
+            states[outside_rows[0] :] = np.nan
+    coordinates, momenta, work = states.T
+    finite = np.isfinite(coordinates)
+    speeds = momenta[finite] / np.sqrt(model.inertia(coordinates[finite]))
+    derivative_names = [heading.derivative(name) for name in heading.variables]
+    values, value_rates = nans((2, len(t), len(heading.variables)))
+    values[finite] = model.functions(heading.variables, coordinates[finite])
+    derivatives = model.functions(derivative_names, coordinates[finite])
+    value_rates[finite] = derivatives * speeds[:, None]
+    input_variable = heading.variables.index(f"theta_{heading.inputs[0]}")
+    return TabulatedMotion(
+        t=t,
+        x=coordinates,
+        values=values,
+        value_rates=value_rates,
+        q=values[:, input_variable],
+        dq=value_rates[:, input_variable],
+        kinetic=0.5 * momenta**2,
+        work=work,
+        message=message,
+        evaluations=evaluations,
+    )
