@@ -150,7 +150,7 @@ class Eksergian(AbstractAnalysis):
             )
         return Needs(
             time=True,
-            tracer=bool(Loads(mechanism).rubbing),
+            tracer=bool(Loads(mechanism).friction_components),
             links=acting_links(mechanism),
             derivatives=True,
             link_rates=links,
@@ -295,7 +295,7 @@ def _solution(batch: Batch) -> InverseSolution:
     The motion's status, with ILL_CONDITIONED where the rates of links are not known well
     enough.
     """
-    if Loads(batch.mechanism).rubbing:
+    if Loads(batch.mechanism).friction_components:
         return needed_torques(as_loads_see(batch))
     status = batch.status.copy()
     lost = ~(batch.rates_loss() < USABLE_RATES)

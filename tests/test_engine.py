@@ -14,7 +14,7 @@ from newton_euler import body, loaded
 from refusals import TABLES, check_call
 
 import spherekit as sk
-from spherekit.dynamics.compiled_equation import compiled_equation
+from spherekit.dynamics.compiled_equation import compile_equation
 from spherekit.dynamics.simulation_start import PoseStart
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.mechanism_reader import load
@@ -451,7 +451,7 @@ def test_a_short_run_is_not_compiled_and_a_long_one_is():
 def test_two_threads_may_use_one_compiled_equation_and_compile_it_once():
     made = with_torque(load("four_bar"), "21", "0.125*cos(t)")
     with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(lambda _: compiled_equation(made, 1e-9), range(2)))
+        found = list(pool.map(lambda _: compile_equation(made, 1e-9), range(2)))
     assert found[0][0] is found[1][0]
     assert sorted(known for _, known in found) == [False, True]
     made = load("four_bar")

@@ -138,7 +138,7 @@ def test_loads_and_masses_come_back(tmp_path):
 def _power(mechanism, values, placed):
     """Return the power of each load by name, while input 21 turns at 1 rad/s."""
     from spherekit.dynamics.coordinates import by_variables
-    from spherekit.dynamics.transmitted_forces import Loads
+    from spherekit.dynamics.generalised_forces import Loads
 
     closure = Closure.of(mechanism, make_joints(mechanism))
     values = make_joints_in_pose(mechanism)[1] if values is None else values

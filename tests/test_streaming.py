@@ -20,7 +20,7 @@ def simulated(engine, **given):
 
 
 def test_rows_are_those_of_the_engine_that_ends(monkeypatch):
-    monkeypatch.setattr(forward_dynamics, "compiling_time", lambda *_: 1e-3)
+    monkeypatch.setattr(forward_dynamics, "estimate_compile_seconds", lambda *_: 1e-3)
     result = simulated("auto")
     assert result.summary["simulation"]["engine"]["name"] == "compiled"
     for name in ("motion", "eksergian"):

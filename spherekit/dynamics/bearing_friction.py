@@ -1,14 +1,17 @@
 """Friction that depends on the reactions which it changes.
 
-What is carried at place j of a pair k, the force on a bearing or the push of a contact, is
-affine in the friction f of all pairs, a_kj + sum of b_kjl f_l. So friction solves
+A pair k with friction carries loads at one or two places j: the forces on its bearings, or
+the push of a contact. Each is affine in the friction torques f of all such pairs,
+a_kj + sum_l b_kjl f_l, so the friction solves
 
-    f_k = r_k sum over j of |a_kj + sum of b_kjl f_l|,   r_k = -grip_k tanh(v_k' / speed_k).
+    f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|,   r_k = -mu_k tanh(v_k / v0_k)
 
-The right-hand side changes by at most B_kl = |r_k| sum of |b_kjl| times a change of f.
-Where the largest eigenvalue of B, the feedback, is below 1, it contracts: there is one
-friction, and iteration leads to it. From 1 on there may be several or none, as in bearings
-that lock. Newton's step is taken where it leaves less than iteration does.
+with the friction coefficient mu_k, the rate v_k of the pair and the rate v0_k that smooths
+the friction. A change of f changes the right-hand side by at most B times that change, with
+B_kl = |r_k| sum_j |b_kjl|. The largest eigenvalue of B is called the feedback. If it is
+below 1, the iteration of this equation contracts, so there is exactly one solution and the
+iteration converges to it. Otherwise there may be several solutions or none: the bearings
+can lock. A Newton step replaces a step of the iteration if it leaves a smaller residual.
 """
 
 from collections.abc import Sequence
@@ -19,15 +22,18 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import Names
+from spherekit.dynamics.generalised_forces import Loads
 from spherekit.dynamics.transmitted_forces import (
-    DEPENDENT,
-    DETERMINED,
+    AXIAL_FORCE,
+    DEPENDENT_REACTIONS_RATIO,
+    DETERMINED_PART,
+    MOMENT_COMPONENTS,
+    DrivenEquilibrium,
     DrivenState,
-    Loads,
     NewtonEuler,
-    accelerating,
-    balanced,
-    without_centre,
+    acceleration_wrenches,
+    links_without_centre,
+    solve_equilibrium,
 )
 from spherekit.errors import SolveError
 from spherekit.geometry.rotation import max_abs, nans
@@ -35,15 +41,31 @@ from spherekit.mechanism.load import BearingFriction
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import listing
 
+CARRIED_LOAD_TOLERANCE = 1e-14
+"""Largest change of carried loads in the last iteration, relative to the largest load.
+
+Larger: friction is less accurate. Smaller: rounding keeps the iteration from ending.
+"""
+
+MAX_FRICTION_ITERATIONS = 100
+"""Iterations after which friction is reported as unknown."""
+
 
 @dataclass(frozen=True)
 class IndeterminateForces:
-    """What a file would have to say more.
+    """What a file would have to state in addition, so that all forces are determined.
 
-    `centres` are links with inertia without a centre of mass, `distances` contacts of which
-    it is not known how far from O their force acts, `floating` pairs that would have to let
-    their links slide along the axis as well; where all that is not `enough`, constraints
-    that repeat each other leave more open.
+    Attributes
+    ----------
+    centres
+        Links with inertia but without a centre of mass.
+    distances
+        Contacts whose distance from the centre O is not known.
+    floating
+        Pairs that would have to let their links slide along the axis.
+    enough
+        Whether all that determines the forces. If not, redundant constraints leave more
+        of them open.
     """
 
     centres: Names = ()
@@ -53,7 +75,7 @@ class IndeterminateForces:
 
     @property
     def wanted(self) -> list[str]:
-        """What that is, in words."""
+        """The missing statements in words."""
         wanted = []
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
@@ -71,19 +93,30 @@ class IndeterminateForces:
         return wanted
 
 
-def lacking(mechanism: Mechanism, frames: Floats) -> IndeterminateForces:
-    """Return what would determine all forces at one row, `frames` (pairs, 3, 3) its pairs.
+def diagnose_indeterminate_forces(
+    mechanism: Mechanism, frames: Floats
+) -> IndeterminateForces:
+    """Return what would determine all forces through O in one configuration.
 
-    The reactions that balance each other without loads are a linear space. Each pair that
-    floats takes one direction from it, if the force along its axis takes part in what is
-    left; the pair in which it does most is taken first.
+    Reactions that balance each other without loads form a linear space. Each pair that lets
+    its links slide removes one dimension of it, if the axial force of the pair takes part
+    in the remaining space. The pair with the largest part is chosen first.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism.
+    frames
+        (pairs, 3, 3) axes of the pairs in their columns, in ground axes.
     """
     distances = tuple(
         pair.name
         for pair in mechanism.pairs
         if not pair.kind.has_axis and pair.distance is None
     )
-    told = replace(
+    # Which reactions balance each other does not depend on the values of masses and
+    # distances, so any values stand for those that are not known.
+    complete_mechanism = replace(
         mechanism,
         masses=tuple(
             replace(mass, mass=1.0, centre=(0.0, 0.0, 0.0)) for mass in mechanism.masses
@@ -93,149 +126,229 @@ def lacking(mechanism: Mechanism, frames: Floats) -> IndeterminateForces:
             for pair in mechanism.pairs
         ),
     )
-    balance = NewtonEuler(told, frames[None], forces=True)
-    _, sizes, back = np.linalg.svd(balance.matrix[0])
-    free = back[np.count_nonzero(sizes > DEPENDENT * sizes[0]) :].T
-    along = [k for k, (_, component) in enumerate(balance.columns) if component == 5]
+    equations = NewtonEuler(complete_mechanism, frames[None], forces=True)
+    _, singular_values, right = np.linalg.svd(equations.matrix[0])
+    rank = np.count_nonzero(
+        singular_values > DEPENDENT_REACTIONS_RATIO * singular_values[0]
+    )
+    # (columns, k): an orthonormal basis of the reactions that balance each other
+    balanced = right[rank:].T
+    components = [component for _, component in equations.columns]
+    axial_columns = [
+        k for k, component in enumerate(components) if component == AXIAL_FORCE
+    ]
     from scipy.linalg import qr
 
-    # Pivots are what is left of the rows after those taken, the longest first.
-    turn, rows, order = qr(free[along].T, pivoting=True)
-    taken = np.count_nonzero(np.abs(np.diag(rows)) >= np.sqrt(DETERMINED))
-    floating = sorted(balance.columns[along[k]][0] for k in order[:taken])
-    free = free @ turn[:, taken:]
-    forces = [k for k, (_, component) in enumerate(balance.columns) if component > 2]
+    # Pivoting chooses the axial force with the largest part in the space that the pairs
+    # chosen before leave.
+    basis_change, triangle, order = qr(balanced[axial_columns].T, pivoting=True)
+    chosen = np.count_nonzero(np.abs(np.diag(triangle)) >= np.sqrt(DETERMINED_PART))
+    floating = sorted(equations.columns[axial_columns[k]][0] for k in order[:chosen])
+    remaining = balanced @ basis_change[:, chosen:]
+    is_force = [
+        k for k, component in enumerate(components) if component >= MOMENT_COMPONENTS
+    ]
     return IndeterminateForces(
-        tuple(without_centre(mechanism)),
-        distances,
-        tuple(mechanism.names_of(floating)),
-        not np.any(free[forces] ** 2 > DETERMINED),
+        centres=tuple(links_without_centre(mechanism)),
+        distances=distances,
+        floating=tuple(mechanism.names_of(floating)),
+        enough=not np.any(remaining[is_force] ** 2 > DETERMINED_PART),
     )
 
 
-SETTLED = 1e-14
-"""Part of the largest force by which forces may still change when friction is known."""
+@dataclass(frozen=True)
+class CarriedLoads:
+    """What pairs with friction carry at n rows.
+
+    Attributes
+    ----------
+    carried
+        (n, k) sums of the forces on bearings (N), or the push of a contact (N m), for each
+        of `Loads.friction_components`; NaN in rows that were left out.
+    is_unknown
+        (n,) whether the friction is not known: the feedback is not below 1, as where
+        bearings lock, or the iteration has not converged.
+    iterations
+        Number of iterations.
+    """
+
+    carried: Floats
+    is_unknown: Bools
+    iterations: int
 
 
-MOST_ROUNDS = 100
-
-
-def rubbed(
-    every: DrivenState, loads: Loads, good: Bools, inverse: Floats | None = None
-) -> tuple[Floats, Bools, int]:
-    """Return what pairs that rub carry, given how a mechanism moves without.
-
-    In rows that are `good`, (n, k) N on bearings and N m of contacts, in sum, else NaN;
-    where (n,) that is not known, since the feedback, what comes back of a change of the
-    friction, is not below 1; and in how many rounds of iteration it is found.
+def solve_bearing_friction(
+    frictionless: DrivenState,
+    loads: Loads,
+    is_finite: Bools,
+    inverse_inertia: Floats | None = None,
+) -> CarriedLoads:
+    """Return what pairs with friction carry, given the motion without their friction.
 
     Parameters
     ----------
-    every
-        Rows in which nothing rubs.
-    good
-        Which of them are finite.
-    inverse
-        That of the inertia matrix (n, m, m), by which friction changes the accelerations;
-        without it they are given, and it changes the torques at the inputs.
+    frictionless
+        n rows in which this friction does not act.
+    loads
+        The loads of the mechanism.
+    is_finite
+        (n,) which rows are to be solved.
+    inverse_inertia
+        (n, m, m) inverse of the inertia matrix, by which friction changes the
+        accelerations. Without it the accelerations are given, and friction changes the
+        torques at the inputs.
 
     Raises
     ------
     SolveError
-        If a reaction is open that friction follows from.
+        If a reaction from which friction follows is not determined.
     """
-    carried = nans((len(good), len(loads.rubbing)))
-    driven, locked = every.rows(good), np.zeros(len(good), dtype=bool)
-    mechanism, motion = driven.mechanism, driven.motion
-    velocities = np.swapaxes(loads.velocities(motion)[..., loads.rubbing], 1, 2)
-    faster, driving = 0.0 * velocities, -velocities
-    if inverse is not None:
-        faster, driving = velocities @ inverse[good], 0.0 * velocities
-    parts = [loads.components[k] for k in loads.rubbing]
-    bearings = [x.rubs for x in parts if x.rubs is not None]
-    balance = balanced(driven, any(one.asks_forces for one in bearings))
-    pairs = [mechanism.pair_number[one.pair] for one in bearings]
-    _need_determined(driven, balance, bearings)
-
-    def on_bearings(left: Floats) -> Floats:
-        # (n, k, 2, 3); 0 at a second place where there is none
-        wrenches = balance.on_pairs(balance.held(left)[0])
-        forces = np.zeros((len(left), len(pairs), 2, 3))
-        for k, (one, pair) in enumerate(zip(bearings, pairs, strict=True)):
-            through = wrenches[:, pair, 3:] if one.asks_forces else None
-            on_each = one.carried(wrenches[:, pair, :3], through)
-            forces[:, k, : on_each.shape[1]] = on_each
-        return forces
-
-    still = on_bearings(balance.left)
-    change = np.empty((*still.shape, len(pairs)))
-    inputs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
-    for k, pair in enumerate(pairs):
-        about = np.zeros((len(still), len(mechanism.pairs)))
-        about[:, inputs] = driving[:, k]
-        about[:, pair] += 1.0
-        needed = accelerating(mechanism, motion, faster[:, k])
-        change[..., k] = on_bearings(balance.left_by(needed, about))
-    laws, timing = [part.magnitude for part in parts], driven.timing
-    factors = loads.grips * loads.evaluated(laws, motion, timing.dq, timing.t)
-    carried[good], locked[good], rounds = _solved(still, change, factors)
-    return carried, locked, rounds
-
-
-def _need_determined(
-    driven: DrivenState, balance: NewtonEuler, rubbing: Sequence[BearingFriction]
-) -> None:
-    """Raise `SolveError` if a reaction is open that friction follows from."""
+    components = [loads.components[k] for k in loads.friction_components]
+    carried = nans((len(is_finite), len(components)))
+    is_unknown = np.zeros(len(is_finite), dtype=bool)
+    driven = frictionless.rows(is_finite)
     mechanism = driven.mechanism
-    for one in rubbing:
-        is_open = balance.opened[:, mechanism.pair_number[one.pair]]
-        if np.any(is_open[:, :3]) or not np.all(balance.settled):
+    motion = driven.motion
+    timing = driven.timing
+
+    frictions = [x.rubs for x in components if x.rubs is not None]
+    friction_pairs = [mechanism.pair_number[friction.pair] for friction in frictions]
+    needs_forces = any(friction.asks_forces for friction in frictions)
+    balance = solve_equilibrium(driven, needs_forces)
+    _check_determined(driven, balance, frictions)
+
+    def compute_carried(reaction_wrenches: Floats) -> Floats:
+        """Return the loads (n, k, 2, 3) at each place; 0 at a place that is missing."""
+        equations = balance.equations
+        reactions, _ = equations.solve_reactions(reaction_wrenches)
+        wrenches = equations.sum_wrenches(reactions)
+        places = np.zeros((len(reaction_wrenches), len(friction_pairs), 2, 3))
+        for k, (friction, pair) in enumerate(zip(frictions, friction_pairs, strict=True)):
+            moment = wrenches[:, pair, :3]
+            force = wrenches[:, pair, 3:] if friction.asks_forces else None
+            at_pair = friction.carried(moment, force)
+            places[:, k, : at_pair.shape[1]] = at_pair
+        return places
+
+    # a_kj of the module docstring
+    without_friction = compute_carried(balance.equilibrium.reaction_wrenches)
+
+    # A friction torque of 1 N m at a pair has the generalised force of a torque there, the
+    # pair's velocity. It changes accelerations, or the torques at the inputs balance it.
+    velocities = np.swapaxes(loads.velocities(motion)[..., loads.friction_components], 1, 2)
+    acceleration_changes = 0.0 * velocities
+    input_torque_changes = -velocities
+    if inverse_inertia is not None:
+        acceleration_changes = velocities @ inverse_inertia[is_finite]
+        input_torque_changes = 0.0 * velocities
+    input_pairs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
+
+    # b_kjl of the module docstring, l on the last axis
+    per_friction = np.empty((*without_friction.shape, len(friction_pairs)))
+    for k, pair in enumerate(friction_pairs):
+        torques = np.zeros((len(without_friction), len(mechanism.pairs)))
+        torques[:, input_pairs] = input_torque_changes[:, k]
+        torques[:, pair] += 1.0
+        needed = acceleration_wrenches(mechanism, motion, acceleration_changes[:, k])
+        supplied = balance.equations.subtract_torques(needed, torques)
+        per_friction[..., k] = compute_carried(supplied)
+
+    # r_k of the module docstring
+    laws = [component.magnitude for component in components]
+    factors = loads.friction_coefficients * loads.evaluate_laws(
+        laws, motion, timing.dq, timing.t
+    )
+    solution = _solve_friction(without_friction, per_friction, factors)
+    carried[is_finite] = solution.carried
+    is_unknown[is_finite] = solution.is_unknown
+    return CarriedLoads(carried, is_unknown, solution.iterations)
+
+
+def _check_determined(
+    driven: DrivenState, balance: DrivenEquilibrium, frictions: Sequence[BearingFriction]
+) -> None:
+    """Raise `SolveError` if a reaction from which friction follows is not determined."""
+    mechanism = driven.mechanism
+    equations = balance.equations
+    open_components = equations.open_components
+    for friction in frictions:
+        is_open = open_components[:, mechanism.pair_number[friction.pair]]
+        if np.any(is_open[:, :3]) or not np.all(balance.is_settled):
             raise SolveError(
-                f"{mechanism.name}: loads.{one.name}: redundant constraints leave the "
-                f"reaction of pair {one.pair} open, and so the friction that follows from "
-                "it; take a load of kind friction, or give gears their pressure_angle"
+                f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
+                f"reaction of pair {friction.pair} open, and so the friction that follows "
+                "from it; take a load of kind friction, or give gears their pressure_angle"
             )
-        if one.asks_forces and (np.any(is_open) or np.any(balance.slides)):
-            wanted = lacking(mechanism, driven.motion.frames[0]).wanted
+        if friction.asks_forces and (np.any(is_open) or np.any(equations.slides)):
+            frames = driven.motion.frames[0]
+            wanted = diagnose_indeterminate_forces(mechanism, frames).wanted
             more = f"; a file that says {listing(wanted)} determines it" if wanted else ""
             raise SolveError(
-                f"{mechanism.name}: loads.{one.name}: the force through the centre in pair "
-                f"{one.pair} is not determined, and so the friction of its bearings that "
-                f"axial asks for{more}; without axial it is that of the couple alone"
+                f"{mechanism.name}: loads.{friction.name}: the force through the centre in "
+                f"pair {friction.pair} is not determined, and so the friction of its "
+                f"bearings that axial asks for{more}; without axial it is that of the "
+                "couple alone"
             )
 
 
-def _solved(still: Floats, change: Floats, factors: Floats) -> tuple[Floats, Bools, int]:
-    """Return what is carried, and what is not known, given a, b and r of the module."""
-    sizes = np.sum(np.linalg.norm(change, axis=3), axis=2)
-    feedback = max_abs(np.linalg.eigvals(np.abs(factors)[..., None] * sizes), axis=1)
+def _solve_friction(
+    without_friction: Floats, per_friction: Floats, factors: Floats
+) -> CarriedLoads:
+    """Return what pairs carry, with the equation of the module docstring solved.
 
-    def at(friction: Floats) -> Floats:
-        return still + np.einsum("nkjal,nl->nkja", change, friction)
+    Parameters
+    ----------
+    without_friction
+        (n, k, 2, 3) loads a at each place without friction, N or N m.
+    per_friction
+        (n, k, 2, 3, k) changes b of these by the friction of each pair, per N m.
+    factors
+        (n, k) factors r of the friction.
+    """
+    sensitivities = np.sum(np.linalg.norm(per_friction, axis=3), axis=2)
+    feedback = max_abs(
+        np.linalg.eigvals(np.abs(factors)[..., None] * sensitivities), axis=1
+    )
+    is_contracting = feedback < 1.0
 
-    def load(friction: Floats) -> Floats:
-        return np.sum(np.linalg.norm(at(friction), axis=3), axis=2)
+    def compute_loads(friction: Floats) -> Floats:
+        # n rows, k and l pairs, j places, a components
+        return without_friction + np.einsum("nkjal,nl->nkja", per_friction, friction)
+
+    def sum_loads(friction: Floats) -> Floats:
+        return np.sum(np.linalg.norm(compute_loads(friction), axis=3), axis=2)
 
     friction = np.zeros_like(factors)
-    one = np.eye(factors.shape[1])
-    carried = load(friction)
-    for rounds in count(1):
-        before = carried
-        plain = factors * carried
-        forces = at(friction)
-        strengths = np.linalg.norm(forces, axis=3, keepdims=True)
+    identity = np.eye(factors.shape[1])
+    carried = sum_loads(friction)
+    for iterations in count(1):
+        previous = carried
+        fixed_point = factors * carried
+
+        # The derivative of |load| is the unit vector of the load times its derivative.
+        load_vectors = compute_loads(friction)
+        lengths = np.linalg.norm(load_vectors, axis=3, keepdims=True)
         with np.errstate(invalid="ignore", divide="ignore"):
-            along = np.nan_to_num(forces / strengths)
-        slope = np.einsum("nk,nkja,nkjal->nkl", factors, along, change)
-        regular = feedback < 1.0
-        matrix = np.where(regular[:, None, None], one - slope, one)
-        newton = friction + np.linalg.solve(matrix, (plain - friction)[..., None])[..., 0]
-        tried = [(guess, load(guess)) for guess in (plain, newton)]
-        left = [max_abs(guess - factors * size, axis=1) for guess, size in tried]
-        better = (left[1] < left[0])[:, None]
-        friction, carried = (np.where(better, b, a) for a, b in zip(*tried, strict=True))
-        gap = max_abs(carried - before, axis=1)
-        moved = regular & ~(gap <= SETTLED * np.max(carried, axis=1))
-        if rounds == MOST_ROUNDS or not np.any(moved):
+            directions = np.nan_to_num(load_vectors / lengths)
+        slope = np.einsum("nk,nkja,nkjal->nkl", factors, directions, per_friction)
+        # Rows that do not contract have no certain solution, and their matrix may be
+        # singular.
+        matrix = np.where(is_contracting[:, None, None], identity - slope, identity)
+        correction = np.linalg.solve(matrix, (fixed_point - friction)[..., None])[..., 0]
+        newton = friction + correction
+
+        fixed_point_loads = sum_loads(fixed_point)
+        newton_loads = sum_loads(newton)
+        fixed_point_residual = max_abs(fixed_point - factors * fixed_point_loads, axis=1)
+        newton_residual = max_abs(newton - factors * newton_loads, axis=1)
+        is_newton_better = (newton_residual < fixed_point_residual)[:, None]
+        friction = np.where(is_newton_better, newton, fixed_point)
+        carried = np.where(is_newton_better, newton_loads, fixed_point_loads)
+
+        change = max_abs(carried - previous, axis=1)
+        # The negation also finds NaN.
+        is_converged = change <= CARRIED_LOAD_TOLERANCE * np.max(carried, axis=1)
+        is_moving = is_contracting & ~is_converged
+        if iterations == MAX_FRICTION_ITERATIONS or not np.any(is_moving):
             break
-    return carried, moved | ~regular, rounds
+    return CarriedLoads(carried, is_moving | ~is_contracting, iterations)

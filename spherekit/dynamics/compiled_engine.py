@@ -8,18 +8,23 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN, Names
-from spherekit.dynamics.compiled_equation import COARSEST, LOOSEST, compiled_equation
+from spherekit.dynamics.compiled_equation import (
+    MAX_COARSE_STEP_TOLERANCE,
+    MAX_STEP_TOLERANCE,
+    compile_equation,
+)
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     inertia_matrix,
     reciprocal_condition,
 )
-from spherekit.dynamics.several_freedoms import STEEPEST, mass_size
+from spherekit.dynamics.generalised_forces import rates_by_time
+from spherekit.dynamics.multi_dof_equation import MAX_RATE_SQUARES, total_moment_of_inertia
 from spherekit.dynamics.simulated_path import (
-    CoordinateFrames,
-    CurveFrames,
     Frames,
     StatePath,
+    in_coordinates,
+    on_curve,
     through_runs,
 )
 from spherekit.dynamics.simulation import (
@@ -41,13 +46,13 @@ from spherekit.dynamics.simulation import (
 )
 from spherekit.dynamics.simulation_start import Problem
 from spherekit.dynamics.taylor_integration import (
-    CROSSED,
-    MOST_STEPS,
-    Integration,
-    Run,
+    CROSSING_RATIO,
+    MAX_TAYLOR_STEPS,
     RunEnd,
+    RunStart,
+    TaylorIntegration,
+    TaylorRun,
 )
-from spherekit.dynamics.transmitted_forces import rates_by_time
 from spherekit.errors import EngineError
 from spherekit.geometry.rotation import all_finite
 from spherekit.status import STATUS_MEANING, Status
@@ -57,13 +62,14 @@ NO_CROSSING = 1e-3
 
 NEAR = 1e-3
 """Where independence is less than this part of its largest, steps are made fine enough to
-see a crossing; a configuration off its curve by `COARSEST` misses one by 3e-4."""
+see a crossing; a configuration off its curve by `MAX_COARSE_STEP_TOLERANCE` misses one by
+3e-4."""
 
 NO_COORDINATES = "no pair variables say surely enough how all others move"
 BY_NUMPY = 'use NumPy\'s simulate(engine="numpy"), or --engine numpy'
 
 ENOUGH = 0.5
-"""Part of `STEEPEST` with which coordinates may be taken."""
+"""Part of `MAX_RATE_SQUARES` with which coordinates may be taken."""
 
 STICKS = (
     "a load that is not smooth would turn back at once, as dry friction does at rest; "
@@ -73,7 +79,7 @@ STICKS = (
 SAID: dict[RunEnd, tuple[EndKind, str]] = {
     "singularity": ("singularity", CROSSING),
     "sticking": ("sticking", STICKS),
-    "too_many": ("too_fast", too_many(MOST_STEPS)),
+    "too_many": ("too_fast", too_many(MAX_TAYLOR_STEPS)),
 }
 
 
@@ -85,7 +91,7 @@ def by_taylor_series(
     Parameters
     ----------
     tolerance
-        See `spherekit.dynamics.compiled_equation.compiled_equation`.
+        See `spherekit.dynamics.compiled_equation.compile_equation`.
     reason, forecast
         Why it is this engine that runs.
 
@@ -96,7 +102,7 @@ def by_taylor_series(
         series at the start.
     """
     started = time.perf_counter()
-    motion = problem.equation.motion(problem.values[None], problem.frame)
+    motion = problem.equation.compute_motion(problem.values[None], problem.frame)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
@@ -119,61 +125,55 @@ def by_taylor_series(
 
 def _run(
     problem: Problem, motion: CoordinateMotion, tolerance: float
-) -> tuple[list[Run], list[Frames], float]:
+) -> tuple[list[TaylorRun], list[Frames], float]:
     """Return the runs, of several freedoms by other pair variables where it has to be.
 
     With their frames, and what compiling took (s).
     """
     equation = problem.equation
     mechanism = problem.equation.mechanism
-    runs: list[Run] = []
+    runs: list[TaylorRun] = []
     framed: list[Frames] = []
     values, turns = problem.values, problem.turns
     rates = rates_by_time(motion, problem.speed[None])[0]
-    before: Run | None = None
-    gap, most, compiling = 0.0, COARSEST, 0.0
+    before: TaylorRun | None = None
+    gap, most, compiling = 0.0, MAX_COARSE_STEP_TOLERANCE, 0.0
     while True:
         pairs = coordinates_at(problem, values)
         started = time.perf_counter()
         finest, held = min(tolerance, most), values if pairs else None
-        made, reused = compiled_equation(mechanism, finest, problem.compact, pairs, held)
+        made, reused = compile_equation(mechanism, finest, problem.compact, pairs, held)
         compiling += 0.0 if reused else time.perf_counter() - started
         places = [mechanism.angles[pair] for pair in pairs]
-        fine, frame = made.tolerance <= LOOSEST, np.eye(equation.variables)[places]
+        fine = made.tolerance <= MAX_STEP_TOLERANCE
+        frame = np.eye(equation.variable_count)[places]
         if equation.freedoms == 1:
             unit = float(np.sqrt(inertia_matrix(mechanism, motion)[0, 0, 0]))
-            along = made.rates(problem.values[None])[0, 0] @ problem.frame[0]
+            along = made.homogeneous_rates(problem.values[None])[0, 0] @ problem.frame[0]
             sense = float(np.copysign(1.0, along))
-            momenta = sense * unit * problem.speed
-            frames: Frames = CurveFrames(made, sense)
+            momenta, frames = sense * unit * problem.speed, on_curve(made, sense)
         else:
-            unit = float(np.sqrt(mass_size(mechanism)))
-            momenta = unit * rates[places]
-            frames = CoordinateFrames(equation, frame)
-        run = Integration(
+            unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
+            momenta, frames = unit * rates[places], in_coordinates(equation, frame)
+        run = TaylorIntegration(
             made,
             mechanism,
-            values,
-            turns,
-            momenta,
-            unit,
-            equation.closed,
-            CROSSED if fine else NEAR,
-            before,
-            gap,
-        ).run([t for t in problem.targets if before is None or t > before.time])
-        if not run.stretches and runs:
+            RunStart(values, turns, momenta, unit, before, gap),
+            equation.project_once,
+            CROSSING_RATIO if fine else NEAR,
+        ).run([t for t in problem.targets if before is None or t > before.end_time])
+        if not run.segments and runs:
             break
-        _need_stretches(problem, run)
+        _need_segments(problem, run)
         runs.append(run)
         framed.append(frames)
         if run.end == "singularity" and not fine:
-            most = LOOSEST
+            most = MAX_STEP_TOLERANCE
         elif run.end != "coordinates":
             break
-        state, turns = run.last, run.stretches[-1].turns
-        values, gap = equation.closed(state[: equation.variables])
-        motion = equation.motion(values[None], frame)
+        state, turns = run.last_state, run.segments[-1].turns
+        values, gap = equation.project_once(state[: equation.variable_count])
+        motion = equation.compute_motion(values[None], frame)
         rates = rates_by_time(motion, state[None, equation.momenta] / unit)[0]
         before = run
     return runs, framed, compiling
@@ -202,48 +202,50 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
 
     best = min(combinations(sorted(pairs), equation.freedoms), key=spread)
     for places in (problem.driven, best):
-        if spread(places) < ENOUGH * STEEPEST:
+        if spread(places) < ENOUGH * MAX_RATE_SQUARES:
             return tuple(pairs[v] for v in places)
     raise EngineError(f"{equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
 
 
-def _need_stretches(problem: Problem, run: Run) -> None:
+def _need_segments(problem: Problem, run: TaylorRun) -> None:
     """Raise an error where a motion has not even a first step."""
-    if run.stretches:
+    if run.segments:
         return
-    state = problem.equation.state(problem.values, problem.speed, problem.frame)
+    state = problem.equation.make_state(problem.values, problem.speed, problem.frame)
     if _has_value(problem, 0.0, state, problem.frame, problem.whole):
         raise EngineError(f"{problem.equation.mechanism.name}: at the start {NO_SERIES}")
     raise cannot_leave(problem, JUMPS)
 
 
-def _need_crossing(problem: Problem, run: Run) -> None:
+def _need_crossing(problem: Problem, run: TaylorRun) -> None:
     """Raise `EngineError` where no curves cross at the end of a run.
 
     Of redundant equations those that are independent where they were chosen are compiled;
     elsewhere they may depend on each other though the others hold the mechanism.
     """
     equation = problem.equation
-    values = run.last[: equation.variables]
+    values = run.last_state[: equation.variable_count]
     if reciprocal_condition(equation.closure, values, equation.freedoms) > NO_CROSSING:
         raise EngineError(
             f"{equation.mechanism.name}: of its redundant equations those that were chosen "
-            f"depend on each other at t = {run.time:.6g} s",
+            f"depend on each other at t = {run.end_time:.6g} s",
             BY_NUMPY,
         )
 
 
-def _events(problem: Problem, path: StatePath, runs: Sequence[Run]) -> tuple[Event, ...]:
+def _events(
+    problem: Problem, path: StatePath, runs: Sequence[TaylorRun]
+) -> tuple[Event, ...]:
     pairs = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
     passages: list[tuple[float, EventKind, int]] = [
         (t, kind, place)
         for run in runs
-        for t, kind, place in run.passages
+        for t, kind, place in run.events
         if kind != "singularity"
         and kind != "coordinates"
         and (t > 0.0 or kind in ("switch", "joint_limit"))
     ]
-    passages += [(t, "switch", -1) for t in problem.switches if t < runs[-1].time]
+    passages += [(t, "switch", -1) for t in problem.switches if t < runs[-1].end_time]
     passages.sort(key=lambda passage: passage[0])
     inputs = path.at(np.array([t for t, *_ in passages])).values[:, problem.driven]
     return tuple(
@@ -252,24 +254,24 @@ def _events(problem: Problem, path: StatePath, runs: Sequence[Run]) -> tuple[Eve
     )
 
 
-def _end(problem: Problem, path: StatePath, run: Run) -> SimulationEnd:
+def _end(problem: Problem, path: StatePath, run: TaylorRun) -> SimulationEnd:
     if run.end == "time":
         return SimulationEnd("time", problem.until, OVER)
     if run.end in SAID:
         kind, words = SAID[run.end]
-        return SimulationEnd(kind, run.time, words)
-    traced = path.at(np.array([run.time]))
+        return SimulationEnd(kind, run.end_time, words)
+    traced = path.at(np.array([run.end_time]))
     if run.end == "joint_limit":
-        place = run.passages[-1][2]
+        place = run.events[-1][2]
         mechanism = problem.equation.mechanism
         name = mechanism.pairs[mechanism.variable_owners[place]].name
-        return stop_end(run.time, name, float(traced.values[0, place]))
+        return stop_end(run.end_time, name, float(traced.values[0, place]))
     if run.end == "not_finite" and _has_value(
-        problem, run.time, traced.states[0], traced.frames[0], TURN * traced.turns[0]
+        problem, run.end_time, traced.states[0], traced.frames[0], TURN * traced.turns[0]
     ):
-        return SimulationEnd("too_fast", run.time, NO_SERIES)
+        return SimulationEnd("too_fast", run.end_time, NO_SERIES)
     why = f"no step is short enough; {JUMPS}"
-    return given_up(problem.equation, path, run.time, why)
+    return given_up(problem.equation, path, run.end_time, why)
 
 
 def _has_value(
@@ -277,5 +279,5 @@ def _has_value(
 ) -> bool:
     """Return whether all loads have values at a state."""
     with np.errstate(all="ignore"):
-        dynamics = problem.equation.at(np.array([t]), state[None], frame, whole)
+        dynamics = problem.equation.evaluate(np.array([t]), state[None], frame, whole)
     return bool(all_finite(dynamics.forces))

@@ -1,8 +1,8 @@
-"""The equation of motion as a system that the Taylor integrator runs.
+"""Compiles the equation of motion of a mechanism into a Taylor integrator.
 
-Of one freedom it is that of `spherekit.dynamics.motion_expressions`, of several that of
-`spherekit.dynamics.motion_expressions` in given coordinates; loads, joint limits and
-switches are the same.
+The expressions are those of `spherekit.dynamics.single_dof_equation` or of
+`spherekit.dynamics.multi_dof_equation`; joint limits, switches of loads and checks of steep
+loads are added here.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,16 +15,16 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.dynamics.motion_expressions import (
-    MOMENT,
-    ParameterLayout,
-    System,
-    constant,
-    stop_events,
+    TIME,
+    EquationExpressions,
+    EquationLayout,
+    make_joint_limit_events,
+    parameter_symbol,
 )
-from spherekit.dynamics.one_freedom import one_freedom
-from spherekit.dynamics.several_freedoms import several_freedoms
+from spherekit.dynamics.multi_dof_equation import derive_multi_dof_equation
+from spherekit.dynamics.single_dof_equation import derive_single_dof_equation
 from spherekit.errors import EngineError
-from spherekit.mechanism.load import BearingFriction, TorqueTable, not_written
+from spherekit.mechanism.load import BearingFriction, Load, TorqueTable, not_written
 from spherekit.mechanism.load_kinds import JointLimit, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.compiler import (
@@ -35,24 +35,29 @@ from spherekit.symbolic.compiler import (
     heyoka,
 )
 from spherekit.symbolic.expression_graph import TermFunction, derivatives, in_order
-from spherekit.velocities.axis_rotations import pair_rotations
+from spherekit.velocities.axis_rotations import turning_pairs
 from spherekit.velocities.dyad_expressions import COMPILED
 from spherekit.velocities.load_expressions import steep_arguments
 
-LOOSEST = 1e-12
-"""Largest tolerance of a step.
+MAX_STEP_TOLERANCE = 1e-12
+"""Largest tolerance of a step, relative to the largest element of the state.
 
-A larger one saves little, for the order of the series grows with the digits, not the
-number of steps; and crossings of curves need closed configurations to be seen.
+Larger: crossings of curves are missed, since they are seen in closed configurations only,
+while little time is saved: the order of the series grows with the digits, the number of
+steps hardly does. Smaller: more time.
 """
 
-COARSEST = 1e-7
-"""Largest tolerance of a step of several freedoms, whose runs end well before a crossing
-to go on with `LOOSEST`."""
+MAX_COARSE_STEP_TOLERANCE = 1e-7
+"""Largest tolerance of a step with several degrees of freedom.
+
+Such an integration ends well before a crossing and continues with `MAX_STEP_TOLERANCE`, so
+the tolerance is not limited by the detection of crossings. Larger: it ends later and can
+miss a crossing.
+"""
 
 
 class EquationArguments(NamedTuple):
-    """The arguments of `compiled_equation`, by which an equation is compiled again.
+    """The arguments of `compile_equation`, by which an equation is compiled again.
 
     An equation is pickled as its arguments. Whoever loads it compiles it again, or uses the
     equation that this process has compiled before.
@@ -69,22 +74,37 @@ class EquationArguments(NamedTuple):
 class CompiledEquation:
     """The compiled equation of motion of a mechanism with its loads and joint limits.
 
-    The state of the integrator is the pair variables less whole turns, the momenta in
-    their unit, and the work of each load in the square of that unit. `tau` gives the
-    homogeneous rates of all variables by each coordinate, and the measure that vanishes
-    where sets of configurations cross. `conditions` gives
-    what the switches depend on, then its rates by time, from the state, the time and all
-    parameters. `steep` gives from the same the rates of the momenta, then the arguments at
-    whose zeros and turns loads may change faster than a series shows, None where no load
-    does; `tolerance` is that of a step. The integrator holds the state of a run, so `lock`
-    is held while one lasts; the functions may be called by several threads at once.
+    The state of the integrator has the pair variables less whole turns, the momenta in
+    their unit, and the work of each load in the square of that unit.
+
+    Attributes
+    ----------
+    layout
+        Layout of the state and of the parameters.
+    integrator
+        The Taylor integrator. It stores the state of a run, so `lock` is acquired for a
+        run. The functions may be called by several threads at once.
+    rates_function
+        From the variables the homogeneous rates of all variables by each coordinate, then
+        the measure of independence.
+    switch_function
+        From state, time and parameters the switch conditions, then their rates by time;
+        None without conditions.
+    probe_function
+        From state, time and parameters the rates of the momenta, then the arguments at
+        whose zeros and extrema loads may change faster than a series shows; None if no
+        load has such arguments.
+    tolerance
+        Tolerance of a step, relative to the largest element of the state.
+    arguments
+        Arguments of `compile_equation`, as which the equation is pickled.
     """
 
-    layout: ParameterLayout
+    layout: EquationLayout
     integrator: Integrator
-    tau: TermFunction
-    conditions: TermFunction | None
-    steep: TermFunction | None
+    rates_function: TermFunction
+    switch_function: TermFunction | None
+    probe_function: TermFunction | None
     tolerance: float
     arguments: EquationArguments = field(repr=False, compare=False)
     lock: Lock = field(default_factory=Lock, repr=False, compare=False)
@@ -93,17 +113,21 @@ class CompiledEquation:
         """Pickle the arguments only, since machine code and locks do not pickle."""
         return _compile_again, (self.arguments,)
 
-    def rates(self, values: Floats) -> Floats:
+    def homogeneous_rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
-        columns: Floats = self.tau(values.T)
-        return columns[:-1].T.reshape(-1, self.layout.freedoms, self.layout.variables)
+        outputs: Floats = self.rates_function(values.T)
+        layout = self.layout
+        return outputs[:-1].T.reshape(-1, layout.freedoms, layout.variable_count)
 
-    def measure(self, values: Floats) -> Floats:
-        """Return (n,) what vanishes where sets of configurations cross."""
-        return self.tau(values.T)[-1]
+    def measure_independence(self, values: Floats) -> Floats:
+        """Return the measure (n,) of independence at variables (n, variables).
+
+        It is zero where sets of configurations cross.
+        """
+        return self.rates_function(values.T)[-1]
 
 
-def compiled_equation(
+def compile_equation(
     mechanism: Mechanism,
     tolerance: float,
     compact: bool = True,
@@ -115,17 +139,20 @@ def compiled_equation(
     Parameters
     ----------
     mechanism
-        All its loads act. Of one freedom its first input is the input. The values of torque
-        tables and joint limits are set for each run, so mechanisms that differ in them only
-        share one equation.
+        All its loads act. With one degree of freedom its first input is the input. Values
+        of torque tables and joint limits are set for each run, so mechanisms that differ
+        in these only share one equation.
     tolerance
-        Error of each step, in states of size one, at most `LOOSEST`, of several freedoms
-        `COARSEST`.
+        Error of each step relative to the largest element of the state. At most
+        `MAX_STEP_TOLERANCE`, with several degrees of freedom `MAX_COARSE_STEP_TOLERANCE`,
+        is used.
     compact
-        heyoka's compact mode: compiles faster, runs slower.
-    coordinates, values
-        Of several freedoms the R pairs whose variables it is integrated by, and a closed
-        configuration (variables,) at which these say how all variables move.
+        Whether to use heyoka's compact mode, which compiles faster and runs slower.
+    coordinates
+        With several degrees of freedom the R pairs whose variables are the coordinates.
+    values
+        With several degrees of freedom a closed configuration (variables,) in which the
+        coordinates determine the rates of all variables.
 
     Raises
     ------
@@ -134,61 +161,72 @@ def compiled_equation(
     PlanError
         If the coordinates are not independent.
     """
-    _need_written(mechanism)
-    common, step, request = _request(mechanism, tolerance, compact, coordinates)
-    held = [mechanism.angles[pair] for pair in mechanism.input_pairs]
-    fresh: list[bool] = []
+    _check_expressible(mechanism)
+    common_mechanism = _remove_run_data(mechanism, coordinates)
+    step_tolerance = _limit_tolerance(tolerance, coordinates)
+    key = _cache_key(mechanism, step_tolerance, compact)
+    input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
+    was_compiled = True
 
-    def make() -> CompiledEquation:
-        fresh.append(True)
-        system = (
-            one_freedom(common)
-            if values is None
-            else several_freedoms(common, values, held)
+    def compile_now() -> CompiledEquation:
+        nonlocal was_compiled
+        was_compiled = False
+        if values is None:
+            expressions = derive_single_dof_equation(common_mechanism)
+        else:
+            expressions = derive_multi_dof_equation(
+                common_mechanism, values, input_variables
+            )
+        arguments = EquationArguments(
+            common_mechanism, tolerance, compact, coordinates, values
         )
-        arguments = EquationArguments(common, tolerance, compact, coordinates, values)
-        return _compile(common, system, step, compact, arguments)
+        return _compile_expressions(expressions, step_tolerance, arguments)
 
-    return COMPILED.get(common, request, make), not fresh
+    equation = COMPILED.get(common_mechanism, key, compile_now)
+    return equation, was_compiled
 
 
 def _compile_again(arguments: EquationArguments) -> CompiledEquation:
-    equation, _ = compiled_equation(*arguments)
+    """Return the equation of a pickle."""
+    equation, _ = compile_equation(*arguments)
     return equation
 
 
-def compiling_time(
+def estimate_compile_seconds(
     mechanism: Mechanism, tolerance: float, compact: bool, coordinates: Sequence[str] = ()
 ) -> float:
-    """Return about how long `compiled_equation` will take (s), 0 where it is kept.
+    """Return the estimated time of `compile_equation` (s), 0 if it was compiled before.
 
-    Fitted to the shipped mechanisms with up to ten loads, on one core; half and twice as
-    much occur. Machine code that heyoka has kept on disk takes less and is not noticed.
+    The estimate was fitted to the shipped mechanisms with up to ten loads, on one core.
+    Actual times are between half and twice as long. Machine code that heyoka has stored on
+    disk takes less and is not noticed. The parameters are those of `compile_equation`.
 
     Raises
     ------
     EngineError
         If heyoka is not installed, or a profile cannot be compiled.
     """
-    _need_written(mechanism)
-    pair_rotations(mechanism)
+    _check_expressible(mechanism)
+    turning_pairs(mechanism)
     if not available():
         heyoka()
-    common, _, request = _request(mechanism, tolerance, compact, coordinates)
-    if COMPILED.known(common, request):
+    step_tolerance = _limit_tolerance(tolerance, coordinates)
+    common_mechanism = _remove_run_data(mechanism, coordinates)
+    if COMPILED.known(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):
         return 0.0
     variables = len(mechanism.variable_names)
-    on_links = sum("pair" not in load.keys for load in mechanism.loads)
-    at_pairs = len(mechanism.loads) - on_links
+    loads_on_links = sum("pair" not in load.keys for load in mechanism.loads)
+    loads_at_pairs = len(mechanism.loads) - loads_on_links
     if compact:
-        more = 0.5 if coordinates else 0.0
-        return more + max(0.22 * variables - 0.55, 0.3) + 0.07 * on_links + 0.02 * at_pairs
-    plain = 0.36 if coordinates else 0.06
-    return plain * variables**2 * (1.0 + 0.25 * on_links + 0.03 * at_pairs)
+        base = 0.5 if coordinates else 0.0
+        kinematics = max(0.22 * variables - 0.55, 0.3)
+        return base + kinematics + 0.07 * loads_on_links + 0.02 * loads_at_pairs
+    kinematics = (0.36 if coordinates else 0.06) * variables**2
+    return kinematics * (1.0 + 0.25 * loads_on_links + 0.03 * loads_at_pairs)
 
 
-def _need_written(mechanism: Mechanism) -> None:
-    """Raise `EngineError` where a load is no expression of the state."""
+def _check_expressible(mechanism: Mechanism) -> None:
+    """Raise `EngineError` if a load is not an expression of the state."""
     for load in mechanism.loads:
         if isinstance(load, PairTorque) and callable(load.torque):
             raise EngineError(not_written(load.pair))
@@ -200,96 +238,124 @@ def _need_written(mechanism: Mechanism) -> None:
             )
 
 
-def _request(
-    mechanism: Mechanism, tolerance: float, compact: bool, coordinates: Sequence[str]
-) -> tuple[Mechanism, float, str]:
-    """Return what `_common` does, the tolerance of a step, and what is asked for."""
-    step = min(tolerance, COARSEST if coordinates else LOOSEST)
-    asked = repr(("motion", step, compact, mechanism.input_pairs))
-    return _common(mechanism, coordinates), step, asked
+def _limit_tolerance(tolerance: float, coordinates: Sequence[str]) -> float:
+    """Return the tolerance of a step."""
+    return min(tolerance, MAX_COARSE_STEP_TOLERANCE if coordinates else MAX_STEP_TOLERANCE)
 
 
-def _common(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
-    """Return the mechanism without what is set for each run, driven at its coordinates."""
+def _cache_key(mechanism: Mechanism, step_tolerance: float, compact: bool) -> str:
+    """Return what distinguishes compiled equations of one mechanism."""
+    return repr(("motion", step_tolerance, compact, mechanism.input_pairs))
+
+
+def _remove_run_data(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
+    """Return the mechanism with fixed values for what is set for each run.
+
+    These are the numbers of torque tables and joint limits. The coordinates, if there are
+    any, are its inputs.
+    """
     if coordinates and tuple(coordinates) != mechanism.input_pairs:
         mechanism = mechanism.with_inputs(*coordinates)
-    tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
-    if not tables and not mechanism.joint_limits:
+    has_tables = any(isinstance(load, TorqueTable) for load in mechanism.loads)
+    if not has_tables and not mechanism.joint_limits:
         return mechanism
-    return replace(
-        mechanism,
-        loads=tuple(
-            replace(load, times=(0.0, 1.0), torques=(0.0, 0.0), periodic=False)
-            if isinstance(load, TorqueTable)
-            else load
-            for load in mechanism.loads
-        ),
-        joint_limits=tuple(
-            JointLimit(stop.pair, -1.0, 1.0) for stop in mechanism.joint_limits
-        ),
-    )
+    loads: list[Load] = []
+    for load in mechanism.loads:
+        if isinstance(load, TorqueTable):
+            load = replace(load, times=(0.0, 1.0), torques=(0.0, 0.0), periodic=False)
+        loads.append(load)
+    joint_limits = [JointLimit(limit.pair, -1.0, 1.0) for limit in mechanism.joint_limits]
+    return replace(mechanism, loads=tuple(loads), joint_limits=tuple(joint_limits))
 
 
-def _compile(
-    mechanism: Mechanism,
-    system: System,
-    tolerance: float,
-    compact: bool,
-    equation_arguments: EquationArguments,
+def _compile_expressions(
+    expressions: EquationExpressions, step_tolerance: float, arguments: EquationArguments
 ) -> CompiledEquation:
-    layout = system.layout
-    equations = [*zip(layout.state, system.changes, strict=True)]
-    arguments = dict.fromkeys(
+    """Return the compiled equation of expressions.
+
+    Parameters
+    ----------
+    expressions
+        The equation of motion.
+    step_tolerance
+        Tolerance of a step.
+    arguments
+        The arguments of `compile_equation`. Loads and joint limits are those of their
+        mechanism.
+    """
+    mechanism = arguments.mechanism
+    compact = arguments.compact
+    layout = expressions.layout
+    equations = [*zip(layout.state, expressions.state_rates, strict=True)]
+    # A dictionary keeps each argument once, in order.
+    probed_arguments = dict.fromkeys(
         argument
         for load in mechanism.loads
-        for argument in steep_arguments(load, system.moving)
+        for argument in steep_arguments(load, expressions.load_state)
     )
-    moved = {*layout.variable_terms, *layout.momentum_terms}
+    # An event that does not depend on the motion cannot occur.
+    moving_symbols = {*layout.variables, *layout.momenta}
     events = [
         event
-        for event in (*system.events, *stop_events(mechanism, layout))
-        if moved & {*in_order([event.expression])}
+        for event in (*expressions.events, *make_joint_limit_events(mechanism, layout))
+        if moving_symbols & {*in_order([event.expression])}
     ]
-    count = len(layout.conditions)
-    parameters = [constant(k) for k in range(layout.side + count)]
-    given = [*layout.state, MOMENT, *parameters]
-    conditions = None
-    if count:
-        rates = derivatives(layout.conditions, dict(equations) | {MOMENT: 1.0})
-        conditions = compile_function([*layout.conditions, *rates], given, compact=True)
-        events += [
-            EventFunction(
+    conditions = layout.switch_conditions
+    parameters = [
+        parameter_symbol(k) for k in range(layout.switch_parameters + len(conditions))
+    ]
+    inputs = [*layout.state, TIME, *parameters]
+
+    switch_function = None
+    if conditions:
+        condition_rates = derivatives(conditions, dict(equations) | {TIME: 1.0})
+        switch_function = compile_function(
+            [*conditions, *condition_rates], inputs, compact=True
+        )
+        for index, condition in enumerate(conditions):
+            switch_event = EventFunction(
                 condition,
                 "switch",
-                switch=layout.side + which,
-                sticks=_sticking(conditions, which, layout),
+                switch=layout.switch_parameters + index,
+                sticks=_make_sticking_test(switch_function, index, layout),
             )
-            for which, condition in enumerate(layout.conditions)
-        ]
-    steep = None
-    if arguments:
-        looked_at = [*system.changes[layout.momenta], *arguments]
-        steep = compile_function(looked_at, given, compact=True)
-    homogeneous = [*chain(*system.tau), system.measure]
+            events.append(switch_event)
+
+    probe_function = None
+    if probed_arguments:
+        momentum_rates = expressions.state_rates[layout.momentum_slice]
+        probe_function = compile_function(
+            [*momentum_rates, *probed_arguments], inputs, compact=True
+        )
+
+    rate_outputs = [*chain(*expressions.homogeneous_rates), expressions.independence]
     return CompiledEquation(
-        layout,
-        Integrator(equations, MOMENT, parameters, tolerance, compact, events),
-        compile_function(homogeneous, layout.variable_terms, compact=True),
-        conditions,
-        steep,
-        tolerance,
-        equation_arguments,
+        layout=layout,
+        integrator=Integrator(
+            equations, TIME, parameters, step_tolerance, compact, events
+        ),
+        rates_function=compile_function(rate_outputs, layout.variables, compact=True),
+        switch_function=switch_function,
+        probe_function=probe_function,
+        tolerance=step_tolerance,
+        arguments=arguments,
     )
 
 
-def _sticking(
-    conditions: TermFunction, which: int, layout: ParameterLayout
+def _make_sticking_test(
+    switch_function: TermFunction, index: int, layout: EquationLayout
 ) -> Callable[[Floats, float, Floats], bool]:
-    """Return whether a condition, now of its new sign, goes back at once."""
+    """Return a function that says whether a switch would turn back at once.
 
-    def stuck(state: Floats, time: float, constants: Floats) -> bool:
-        row = np.concatenate([state, [time], constants])[:, None]
-        sides = constants[layout.side :]
-        return bool(conditions(row)[len(sides) + which, 0] * sides[which] < 0.0)
+    It is called with the state, the time and the parameters after the condition of this
+    index has changed its sign. If the rate of the condition has the opposite sign, the
+    motion sticks, as with dry friction at rest.
+    """
 
-    return stuck
+    def sticks(state: Floats, time: float, parameters: Floats) -> bool:
+        inputs = np.concatenate([state, [time], parameters])[:, None]
+        signs = parameters[layout.switch_parameters :]
+        condition_rate = switch_function(inputs)[len(signs) + index, 0]
+        return bool(condition_rate * signs[index] < 0.0)
+
+    return sticks

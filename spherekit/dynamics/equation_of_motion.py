@@ -1,22 +1,23 @@
-"""The equation of motion on the configurations of a mechanism, of any mobility.
+"""The equation of motion on the configurations of a mechanism, of any mobility m.
 
-The state is the pair variables v, the momenta p = R u, with u the rates of m coordinates
-and R the symmetric root of the inertia matrix M = R R, and the work W of each load. With
-the rates N of the variables by the coordinates, and M u' + C u = Q,
+The state consists of the pair variables v, the momenta p = R u and the work W of each
+load. Here u are the rates of m coordinates, and R is the symmetric root of the inertia
+matrix, M = R R. With the rates N of the variables by the coordinates, the Coriolis matrix C
+and the generalised forces Q, M du/dt + C u = Q becomes
 
     dv/dt = N u,   dp/dt = R^-1 Q + S p,   dW/dt = Q u,   u = R^-1 p,
-    S p = R' u - R^-1 C u.
+    S p = (dR/dt) u - R^-1 C u.
 
-S is skew, for R^-1 (M' - 2 C) R^-1 is; so the kinetic energy p^2 / 2 changes by the work of
-the loads alone. Of one freedom S is zero: p is constant where no load acts, the rate of the
-arc length in the metric of the kinetic energy, and no derivative of M is needed.
+S is skew because R^-1 (dM/dt - 2 C) R^-1 is, so the kinetic energy p^2 / 2 changes by the
+work of the loads alone. With one degree of freedom S is zero: p is constant if no load
+acts, and no derivative of M is needed.
 
-Of one freedom the coordinate is the arc length s of the configuration curve, along which
-every dead centre is an ordinary point (Eksergian's equation B du/dt + 1/2 dB/ds u^2 = Q, Di
-Gregorio 2024, eq. (9)). Of several the coordinates are sums of the pair variables whose
-factors, the frame, are an orthonormal basis of the velocities somewhere near: so all
-configurations are ordinary points at which the velocity equations are regular, whether or
-not the inputs hold the mechanism there.
+With one degree of freedom the coordinate is the arc length s of the configuration curve,
+along which every dead centre is an ordinary point (Eksergian's equation B du/dt + 1/2 dB/ds
+u^2 = Q, Di Gregorio 2024, eq. (9)). With several, each coordinate is a sum of pair
+variables. The coefficients are the rows of the frame, an orthonormal basis of the possible
+velocities in a configuration nearby. All configurations in which the velocity equations are
+regular are then ordinary points, whether or not the inputs determine the motion there.
 """
 
 from dataclasses import dataclass, replace
@@ -24,7 +25,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.dynamics.bearing_friction import rubbed
+from spherekit.dynamics.bearing_friction import solve_bearing_friction
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     Inertia,
@@ -36,7 +37,8 @@ from spherekit.dynamics.coordinates import (
     inertia,
     inertia_matrix,
 )
-from spherekit.dynamics.transmitted_forces import DrivenState, Loads, rates_by_time
+from spherekit.dynamics.generalised_forces import Loads, rates_by_time
+from spherekit.dynamics.transmitted_forces import DrivenState
 from spherekit.geometry.rotation import all_finite, transpose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.linearisation import Linearisation
@@ -44,74 +46,114 @@ from spherekit.positions.loop_closure import Closure
 from spherekit.positions.timing import Timing
 from spherekit.status import Status
 
-PROJECTIONS = 3
-"""Steps of Newton's method that lead an iterate near its set of configurations onto it."""
+PROJECTION_STEPS = 3
+"""Newton steps that project an iterate onto the closed configurations.
 
-LONGEST = 0.05
-"""Longest of these (rad): near a crossing the first may lead far away."""
+Smaller: configurations far from closed ones stay open. Larger: only more time, since steps
+converge quadratically.
+"""
+
+MAX_PROJECTION_STEP_RAD = 0.05
+"""Longest of these steps.
+
+Larger: near a crossing of curves, where the equations are nearly singular, the first step
+can lead far away. Smaller: configurations farther from closed ones stay open.
+"""
+
+PROJECTION_RANK_RATIO = 1e-10
+"""Relative singular value below which closure equations count as redundant in a step."""
 
 
 @dataclass(frozen=True)
-class Roots:
-    """The symmetric roots R of inertia matrices (n, m, m), by their eigenvectors.
+class InertiaRoots:
+    """The symmetric roots R of n inertia matrices M = R R, as eigenvectors and eigenvalues.
 
-    `vectors` (n, m, m) in columns, `sizes` (n, m) the eigenvalues of R; NaN where M is not
-    positive.
+    Attributes
+    ----------
+    vectors
+        (n, m, m) orthonormal eigenvectors in the columns.
+    sizes
+        (n, m) eigenvalues of R, rising; NaN where M is not positive.
     """
 
     vectors: Floats
     sizes: Floats
 
     @classmethod
-    def of(cls, M: Floats) -> "Roots":
-        """Return the roots of M (n, m, m)."""
+    def from_inertia(cls, M: Floats) -> "InertiaRoots":
+        """Return the roots of inertia matrices M (n, m, m), kg m2."""
         finite = all_finite(M, (1, 2))[:, None, None]
         squares, vectors = np.linalg.eigh(np.where(finite, M, 0.0))
         return cls(vectors, np.sqrt(np.where(squares > 0.0, squares, np.nan)))
 
     @property
-    def inverse(self) -> Floats:
-        """(n, m, m) that of M."""
+    def inverse_inertia(self) -> Floats:
+        """(n, m, m) the inverse of M."""
         return (self.vectors / self.sizes[:, None] ** 2) @ transpose(self.vectors)
 
-    def times(self, x: Floats) -> Floats:
+    def multiply(self, x: Floats) -> Floats:
         """Return R x (n, m)."""
-        return self._scaled(x, self.sizes)
+        return self._scale(x, self.sizes)
 
-    def solved(self, x: Floats) -> Floats:
+    def solve(self, x: Floats) -> Floats:
         """Return R^-1 x (n, m)."""
-        return self._scaled(x, 1.0 / self.sizes)
+        return self._scale(x, 1.0 / self.sizes)
 
-    def _scaled(self, x: Floats, by: Floats) -> Floats:
-        turned = by[..., None] * (transpose(self.vectors) @ x[..., None])
-        return (self.vectors @ turned)[..., 0]
+    def _scale(self, x: Floats, factors: Floats) -> Floats:
+        """Return x (n, m) with its components along the eigenvectors multiplied."""
+        components = factors[..., None] * (transpose(self.vectors) @ x[..., None])
+        return (self.vectors @ components)[..., 0]
 
-    def changing(self, dM: Floats, u: Floats) -> Floats:
-        """Return R' u (n, m) at rates u (n, m), given the derivatives of M (n, m, m, m)."""
-        back = transpose(self.vectors)
-        change = back @ (dM @ u[:, None, :, None])[..., 0] @ self.vectors
-        change /= self.sizes[:, :, None] + self.sizes[:, None]
-        return (self.vectors @ change @ back @ u[..., None])[..., 0]
+    def multiply_derivative(self, dM: Floats, u: Floats) -> Floats:
+        """Return (dR/dt) u (n, m).
+
+        R dR/dt + dR/dt R = dM/dt is solved for dR/dt along the eigenvectors of R, where R
+        is diagonal.
+
+        Parameters
+        ----------
+        dM
+            (n, m, m, m) derivatives of M by the coordinates, on the last axis.
+        u
+            (n, m) rates of the coordinates.
+        """
+        to_eigenvectors = transpose(self.vectors)
+        rate = to_eigenvectors @ (dM @ u[:, None, :, None])[..., 0] @ self.vectors
+        rate /= self.sizes[:, :, None] + self.sizes[:, None]
+        return (self.vectors @ rate @ to_eigenvectors @ u[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
-class Dynamics:
+class StateDynamics:
     """Motion, inertia and generalised forces at n states.
 
-    `motion`, with its variables as loads see them, is of the first order where there is one
-    coordinate, no bearing rubs and no more was asked for, otherwise of the second, and then
-    there are `masses`; its status is NOT_CONVERGED where bearings lock. `roots` are those
-    of M (n, m, m), `forces` (n, m, loads) the Q of each load, `speed` (n, m) is u, `pull`
-    (n, m) is C u, as far as masses are known, `carried` (n, k) N what bearings that rub
-    carry, None without any.
+    Attributes
+    ----------
+    motion
+        Configurations by m coordinates; angles include the whole turns that loads see. Its
+        derivatives are of first order with one coordinate, without bearing friction and
+        unless more was asked for, otherwise of second order. The status is NOT_CONVERGED
+        where bearings lock.
+    masses
+        Inertia with its derivatives; None if `motion` is of first order.
+    roots
+        Roots of the inertia matrices.
+    forces
+        (n, m, loads) generalised force of each load.
+    speed
+        (n, m) rates u of the coordinates.
+    coriolis_forces
+        (n, m) C u; 0 if `masses` are None.
+    carried
+        (n, k) what pairs with bearing friction carry, see `CarriedLoads`; None without any.
     """
 
     motion: CoordinateMotion
     masses: Inertia | None
-    roots: Roots
+    roots: InertiaRoots
     forces: Floats
     speed: Floats
-    pull: Floats
+    coriolis_forces: Floats
     carried: Floats | None = None
 
     @property
@@ -120,129 +162,203 @@ class Dynamics:
         return (self.speed[:, None] @ self.forces)[:, 0]
 
     @property
-    def change(self) -> Floats:
-        """(n, m) accelerations u'; those that masses say, which have to be known."""
-        drive = np.sum(self.forces, axis=2) - self.pull
-        return self.roots.solved(self.roots.solved(drive))
+    def accelerations(self) -> Floats:
+        """(n, m) accelerations du/dt = M^-1 (Q - C u); needs `masses`."""
+        net_forces = np.sum(self.forces, axis=2) - self.coriolis_forces
+        return self.roots.solve(self.roots.solve(net_forces))
 
     @property
-    def push(self) -> Floats:
-        """(n, m) rates of the momenta."""
-        push = self.roots.solved(np.sum(self.forces, axis=2))
-        if self.masses is None or push.shape[1] == 1:
-            return push
-        bend = self.roots.changing(self.masses.dM, self.speed)
-        return push + (bend - self.roots.solved(self.pull))
+    def momentum_rates(self) -> Floats:
+        """(n, m) rates dp/dt of the momenta."""
+        load_part = self.roots.solve(np.sum(self.forces, axis=2))
+        # With one degree of freedom S is zero.
+        if self.masses is None or load_part.shape[1] == 1:
+            return load_part
+        root_part = self.roots.multiply_derivative(self.masses.dM, self.speed)
+        return load_part + (root_part - self.roots.solve(self.coriolis_forces))
 
 
 class EquationOfMotion:
-    """Rates of the state (n, variables + m + loads) of one mechanism with its loads."""
+    """Rates of the state of one mechanism with its loads.
+
+    A state (variables + m + loads,) has the pair variables, the momenta and the work of
+    each load.
+
+    Attributes
+    ----------
+    freedoms
+        Number m of degrees of freedom.
+    variable_count
+        Number of pair variables.
+    momenta, works
+        Slices of the momenta and of the works in a state.
+    """
 
     def __init__(self, mechanism: Mechanism, closure: Closure, freedoms: int = 1) -> None:
         self.mechanism = mechanism
         self.closure = closure
         self.freedoms = freedoms
         self.loads = Loads(mechanism)
-        self.variables = len(mechanism.variable_names)
-        self.momenta = slice(self.variables, self.variables + freedoms)
-        self.works = slice(self.variables + freedoms, None)
+        self.variable_count = len(mechanism.variable_names)
+        self.momenta = slice(self.variable_count, self.variable_count + freedoms)
+        self.works = slice(self.variable_count + freedoms, None)
 
-    def state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
-        """Return the state (states,) at rates (m,), where no work has been done."""
-        roots = Roots.of(inertia_matrix(self.mechanism, self.motion(values[None], frame)))
-        momenta = roots.times(speed[None])[0]
+    def make_state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
+        """Return the state (states,) in which no load has done any work.
+
+        Parameters
+        ----------
+        values
+            (variables,) pair variables of a closed configuration, rad.
+        speed
+            (m,) rates of the coordinates.
+        frame
+            (m, variables) see `compute_motion`.
+        """
+        motion = self.compute_motion(values[None], frame)
+        roots = InertiaRoots.from_inertia(inertia_matrix(self.mechanism, motion))
+        momenta = roots.multiply(speed[None])[0]
         return np.concatenate([values, momenta, np.zeros(len(self.loads.names))])
 
-    def framed(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
-        """Return a state in a frame that is orthonormal there, and that frame."""
-        dynamics = self.at(np.zeros(1), state[None], frame)
-        rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
-        rows = dynamics.motion.rates[0]
-        squares, turn = np.linalg.eigh(rows @ rows.T)
-        frame = (turn / np.sqrt(squares)) @ turn.T @ rows
-        framed = self.state(state[: self.variables], frame @ rates, frame)
-        framed[self.works] = state[self.works]
-        return framed, frame
+    def renew_frame(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
+        """Return the same state in a frame that is orthonormal there, and that frame.
 
-    def motion(self, values: Floats, frame: Floats, order: Order = 1) -> CoordinateMotion:
-        """Return the motion at pair variables (n, variables).
+        Parameters
+        ----------
+        state
+            (states,) a state whose momenta are those of `frame`.
+        frame
+            (m, variables) a frame that was orthonormal in a configuration nearby.
+        """
+        dynamics = self.evaluate(np.zeros(1), state[None], frame)
+        variable_rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
+        velocity_basis = dynamics.motion.rates[0]
+        # The orthonormal basis nearest to the given one (symmetric orthogonalisation).
+        squares, vectors = np.linalg.eigh(velocity_basis @ velocity_basis.T)
+        frame = (vectors / np.sqrt(squares)) @ vectors.T @ velocity_basis
+        values = state[: self.variable_count]
+        new_state = self.make_state(values, frame @ variable_rates, frame)
+        new_state[self.works] = state[self.works]
+        return new_state, frame
 
-        Of one freedom it is by arc length: the first tangent points to the side of the
-        frame (1, variables), each further one to the side of the one before; with frames
-        (n, 1, variables) each to that of its row. Of several it is by the combinations in
-        the frame (m, variables), or in that of each row.
+    def compute_motion(
+        self, values: Floats, frame: Floats, order: Order = 1
+    ) -> CoordinateMotion:
+        """Return the motion by the coordinates at closed configurations.
+
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables.
+        frame
+            With several degrees of freedom (m, variables) or (n, m, variables): the
+            coefficients of the pair variables in each coordinate. With one, vectors to the
+            side of which the tangents of the curve point: (1, variables) for the first row,
+            while each further tangent points to the side of the one before, or
+            (n, 1, variables) for each row.
+        order
+            Order of the derivatives.
         """
         if self.freedoms > 1:
             return by_combinations(self.closure, values, frame, order)
         motion = by_arc_length(self.closure, values, order)
         if frame.ndim == 2:
             return motion.turned(continued(motion.rates[:, 0], frame[0]))
-        side = np.sum(frame * motion.rates, axis=(1, 2))
-        return motion.turned(np.where(side < 0.0, -1.0, 1.0))
+        cosines = np.sum(frame * motion.rates, axis=(1, 2))
+        return motion.turned(np.where(cosines < 0.0, -1.0, 1.0))
 
-    def closed(self, values: Floats) -> tuple[Floats, float]:
-        """Return a configuration (variables,) put back among the closed ones, and its gap.
+    def project_once(self, values: Floats) -> tuple[Floats, float]:
+        """Return a configuration (variables,) after one Newton step to a closed one.
 
-        By a step of Newton's method; the gap is its residual (rad).
+        The second value is the closure residual before the step, rad.
         """
-        at = self.closure.at(values[None])
-        return _nearer(at)[0], float(at.gap[0])
+        linearisation = self.closure.at(values[None])
+        return _project_step(linearisation)[0], float(linearisation.gap[0])
 
-    def nearest_closed(self, values: Floats) -> Floats:
-        """Return configurations (n, variables) after `PROJECTIONS` steps to closed ones."""
-        for _ in range(PROJECTIONS):
-            values = _nearer(self.closure.at(values))
+    def project(self, values: Floats) -> Floats:
+        """Return configurations (n, variables) after `PROJECTION_STEPS` Newton steps."""
+        for _ in range(PROJECTION_STEPS):
+            values = _project_step(self.closure.at(values))
         return values
 
-    def at(
+    def evaluate(
         self,
         t: Floats,
         states: Floats,
         frame: Floats,
-        whole: Floats | float = 0.0,
-        second: bool = False,
-    ) -> Dynamics:
-        """Return what acts at successive times t (n,); `frame` as in `motion`.
+        whole_turns: Floats | float = 0.0,
+        needs_second_order: bool = False,
+    ) -> StateDynamics:
+        """Return motion, inertia and forces at n states.
 
-        `whole` (n, variables) rad are turns by which the states' variables are less than
-        those that the loads see; `second` asks for the motion to the second order.
+        Parameters
+        ----------
+        t
+            (n,) times, s, in order along the motion.
+        states
+            (n, states) states.
+        frame
+            See `compute_motion`.
+        whole_turns
+            (n, variables) angles (rad) by which the variables that loads see exceed those
+            of the states.
+        needs_second_order
+            Whether `StateDynamics.masses` are needed.
         """
-        second = second or self.freedoms > 1 or bool(self.loads.rubbing)
-        motion = self.motion(states[:, : self.variables], frame, 2 if second else 1)
+        has_friction = bool(self.loads.friction_components)
+        has_second_order = needs_second_order or self.freedoms > 1 or has_friction
+        order: Order = 2 if has_second_order else 1
+        motion = self.compute_motion(states[:, : self.variable_count], frame, order)
         momenta = states[:, self.momenta]
-        masses = inertia(self.mechanism, motion) if second else None
-        roots = Roots.of(masses.M if masses else inertia_matrix(self.mechanism, motion))
-        speed = roots.solved(momenta)
-        pull = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
-        motion = replace(motion, values=motion.values + whole)
-        forces = self.loads.parts(motion, speed, t)
-        dynamics = Dynamics(motion, masses, roots, forces, speed, pull)
-        if not self.loads.rubbing:
-            return dynamics
-        timing = Timing(t, speed, dynamics.change)
-        driven = DrivenState(self.mechanism, motion, timing, np.zeros_like(speed))
-        carried, locked, _ = rubbed(
-            driven, self.loads, all_finite(timing.ddq, 1), roots.inverse
+        masses = inertia(self.mechanism, motion) if has_second_order else None
+        M = masses.M if masses else inertia_matrix(self.mechanism, motion)
+        roots = InertiaRoots.from_inertia(M)
+        speed = roots.solve(momenta)
+        coriolis_forces = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
+        motion = replace(motion, values=motion.values + whole_turns)
+        forces = self.loads.evaluate_forces(motion, speed, t)
+        dynamics = StateDynamics(motion, masses, roots, forces, speed, coriolis_forces)
+        if has_friction:
+            return self._add_bearing_friction(t, dynamics)
+        return dynamics
+
+    def _add_bearing_friction(self, t: Floats, dynamics: StateDynamics) -> StateDynamics:
+        """Return the dynamics with friction that follows from the reactions of bearings."""
+        motion = dynamics.motion
+        timing = Timing(t, dynamics.speed, dynamics.accelerations)
+        no_torques = np.zeros_like(dynamics.speed)
+        friction = solve_bearing_friction(
+            DrivenState(self.mechanism, motion, timing, no_torques),
+            self.loads,
+            all_finite(timing.ddq, 1),
+            dynamics.roots.inverse_inertia,
         )
-        status = np.where(locked, Status.NOT_CONVERGED, motion.status)
+        status = np.where(friction.is_unknown, Status.NOT_CONVERGED, motion.status)
         return replace(
             dynamics,
             motion=replace(motion, status=status.astype(np.int8)),
-            forces=self.loads.parts(motion, speed, t, carried),
-            carried=carried,
+            forces=self.loads.evaluate_forces(motion, dynamics.speed, t, friction.carried),
+            carried=friction.carried,
         )
 
-    def rates(self, dynamics: Dynamics) -> Floats:
-        """Return the rates of the states (n, states)."""
-        rates = rates_by_time(dynamics.motion, dynamics.speed)
-        return np.concatenate([rates, dynamics.push, dynamics.power], axis=1)
+    def state_rates(self, dynamics: StateDynamics) -> Floats:
+        """Return the rates (n, states) of the states."""
+        variable_rates = rates_by_time(dynamics.motion, dynamics.speed)
+        return np.concatenate(
+            [variable_rates, dynamics.momentum_rates, dynamics.power], axis=1
+        )
 
 
-def _nearer(at: Linearisation) -> Floats:
-    """Return the values (n, variables) after a step of Newton's method towards closed ones.
+def _project_step(linearisation: Linearisation) -> Floats:
+    """Return the values (n, variables) after one Newton step to closed configurations.
 
-    Along the normal space, so that no travel is added, and no longer than `LONGEST` (rad).
+    The step is normal to the closed configurations, so that it does not move the mechanism
+    along them, and is at most `MAX_PROJECTION_STEP_RAD` long.
     """
-    moved = (np.linalg.pinv(at.jacobian, rcond=1e-10) @ at.residual[..., None])[..., 0]
-    size = np.linalg.norm(moved, axis=1, keepdims=True)
-    return at.values - moved * np.minimum(1.0, LONGEST / np.maximum(size, LONGEST))
+    inverse = np.linalg.pinv(linearisation.jacobian, rcond=PROJECTION_RANK_RATIO)
+    steps = (inverse @ linearisation.residual[..., None])[..., 0]
+    lengths = np.linalg.norm(steps, axis=1, keepdims=True)
+    limit = MAX_PROJECTION_STEP_RAD
+    return linearisation.values - steps * np.minimum(
+        1.0, limit / np.maximum(lengths, limit)
+    )

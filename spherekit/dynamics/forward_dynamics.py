@@ -8,7 +8,10 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.dynamics.compiled_engine import by_taylor_series, coordinates_at
-from spherekit.dynamics.compiled_equation import LOOSEST, compiling_time
+from spherekit.dynamics.compiled_equation import (
+    MAX_STEP_TOLERANCE,
+    estimate_compile_seconds,
+)
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.simulated_path import BLOCK
 from spherekit.dynamics.simulation import (
@@ -162,7 +165,7 @@ def _checked(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
     """
     simulation = _solved(problem, tolerance, engine)
     engine = simulation.engine.name
-    made_for = min(tolerance, LOOSEST) if engine == "compiled" else tolerance
+    made_for = min(tolerance, MAX_STEP_TOLERANCE) if engine == "compiled" else tolerance
     least = 0.1 * LEAST[engine]
     while True:
         tighter = max(TIGHTER * made_for, least)
@@ -215,7 +218,7 @@ def _cheaper(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
         if problem.passes:
             raise EngineError("only NumPy's engine passes crossings")
         pairs = coordinates_at(problem, problem.values)
-        compiling = compiling_time(mechanism, tolerance, problem.compact, pairs)
+        compiling = estimate_compile_seconds(mechanism, tolerance, problem.compact, pairs)
         why = "it was compiled before" if compiling == 0.0 else ""
         if tolerance < LEAST["numpy"]:
             why = "NumPy does not reach the tolerance"

@@ -1,5 +1,216 @@
-"""Generalised forces of the loads on a mechanism, load by load, at rows of a motion."""
+"""Generalised forces of the loads on a mechanism, load by load, at rows of a motion.
+
+A load consists of components. Each has a magnitude, given by an expression, a function or a
+table, and works on the rate of a pair or on the angular velocities of links. The kinds of
+loads are in `spherekit.mechanism.load_kinds`; the same loads as symbolic expressions are in
+`spherekit.velocities.load_expressions`.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.dynamics.coordinates import CoordinateMotion
+from spherekit.geometry.rotation import cross
+from spherekit.mechanism.friction import sliding_rate
+from spherekit.mechanism.load import Called, Component, TorqueTable
+from spherekit.mechanism.load_dependence import steep
+from spherekit.mechanism.load_expression import Expression
+from spherekit.mechanism.mechanism import Mechanism
 
 
-# What links need and what loads give: wrenches (6,), a moment about the centre O (N m) and
-# then a force (N), in ground axes.
+@dataclass(frozen=True)
+class UnitWrench:
+    """What a component of magnitude 1 does to a link, in ground axes.
+
+    Attributes
+    ----------
+    link
+        Number of the link.
+    moment
+        (n, 3) or (3,) moment about the centre, per unit of the magnitude.
+    force
+        (n, 3) or (3,) force of which this is the moment; 0 for a couple.
+    """
+
+    link: int
+    moment: Floats
+    force: Floats
+
+
+class Loads:
+    """The loads of a mechanism, ready to be evaluated at any configurations.
+
+    Attributes
+    ----------
+    names
+        Names of the loads.
+    components
+        Components of all loads, one load after the other.
+    owners
+        Index of the load that each component belongs to.
+    steep_arguments
+        Arguments at whose zeros and extrema loads may change abruptly, see
+        `spherekit.mechanism.load_dependence.steep`.
+    friction_components
+        Indices of the components whose friction follows from reactions.
+    friction_coefficients
+        (k,) friction (N m) of each of these per unit of what it carries (N on bearings,
+        N m of contacts).
+    needs_step_probes
+        Whether loads may change abruptly within an integration step: they have steep
+        arguments, or are functions of which nothing is known.
+    """
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.names = tuple(load.name for load in mechanism.loads)
+        components: list[Component] = []
+        self.owners: list[int] = []
+        for load_index, load in enumerate(mechanism.loads):
+            load_components = load.components(mechanism)
+            components += load_components
+            self.owners += [load_index] * len(load_components)
+        self.components = tuple(components)
+        self.steep_arguments = steep(mechanism)
+        self.friction_components: list[int] = []
+        coefficients: list[float] = []
+        for index, component in enumerate(self.components):
+            if component.rubs is not None and component.rubs.grip > 0.0:
+                self.friction_components.append(index)
+                coefficients.append(component.rubs.grip)
+        self.friction_coefficients = np.array(coefficients)
+        self.needs_step_probes = bool(self.steep_arguments) or any(
+            isinstance(component.magnitude, Called) for component in self.components
+        )
+        self._first_components = np.unique(self.owners, return_index=True)[1]
+
+    def velocities(self, motion: CoordinateMotion) -> Floats:
+        """Return the velocities on which the components work.
+
+        Returns
+        -------
+        (n, m, components) velocity per unit rate of each of the m coordinates, such that
+        the power of a component is its magnitude times this velocity times the rate.
+        """
+        velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
+        for index, component in enumerate(self.components):
+            if component.pair:
+                velocities[..., index] = self._pair_rate(motion.rates, component.pair)
+            for wrench in self.unit_wrenches(component, motion.rotations):
+                # All moments are about the centre, which rests, so forces do no other work.
+                work = motion.w[:, :, wrench.link] @ wrench.moment[..., None]
+                velocities[..., index] += work[..., 0]
+        return velocities
+
+    def unit_wrenches(
+        self, component: Component, rotations: Floats
+    ) -> Iterator[UnitWrench]:
+        """Yield the wrenches on links that a component has per unit of its magnitude.
+
+        Parameters
+        ----------
+        component
+            A component of a load.
+        rotations
+            (n, links, 3, 3) rotations from link axes to ground axes.
+        """
+        for link_moment in component.moments:
+            link = self.mechanism.link_number[link_moment.link]
+            rotation = rotations[:, link]
+            direction = np.array(link_moment.direction)
+            if link_moment.axes == "link":
+                direction = rotation @ direction
+            if link_moment.arm is None:
+                yield UnitWrench(link, moment=direction, force=0.0 * direction)
+            else:
+                moment = cross(rotation @ link_moment.arm, direction)
+                yield UnitWrench(link, moment, force=direction)
+
+    def _pair_rate(self, rates: Floats, pair: str) -> Floats:
+        """Return the rate (...) of an R pair, or the sliding rate of a contact.
+
+        `rates` (..., variables) are those of all variables. The variables of a contact are
+        arcs along its two profiles, and it slides at the difference of their rates.
+        """
+        first, *second = self.mechanism.variables_of(self.mechanism.pair_number[pair])
+        return rates[..., first] - np.sum(rates[..., second], axis=-1)
+
+    def evaluate_magnitudes(
+        self, motion: CoordinateMotion, speed: Floats, t: Floats, carried: Floats | None
+    ) -> Floats:
+        """Return the magnitude (n, components) of each component, N m or N.
+
+        Parameters
+        ----------
+        motion
+            n configurations by m coordinates.
+        speed
+            (n, m) rates of these coordinates by time.
+        t
+            (n,) time, s.
+        carried
+            (n, k) what each of the `friction_components` carries, N on bearings and N m of
+            contacts. Without it their friction is zero.
+        """
+        laws = [component.magnitude for component in self.components]
+        magnitudes = self.evaluate_laws(laws, motion, speed, t)
+        loads_carried = 0.0 if carried is None else carried
+        magnitudes[:, self.friction_components] *= (
+            self.friction_coefficients * loads_carried
+        )
+        return magnitudes
+
+    def evaluate_laws(
+        self,
+        laws: Sequence[Expression | Called | TorqueTable],
+        motion: CoordinateMotion,
+        speed: Floats,
+        t: Floats,
+    ) -> Floats:
+        """Return the values (n, laws) of expressions, functions and tables.
+
+        A law of friction gives the friction per unit of coefficient and of carried load.
+        The parameters are those of `evaluate_magnitudes`.
+        """
+        values_by_name = {"t": t}
+        variable_of_pair = self.mechanism.angles
+        rates = rates_by_time(motion, speed)
+        for pair, variable in variable_of_pair.items():
+            values_by_name[f"theta_{pair}"] = motion.values[:, variable]
+            values_by_name[f"dtheta_{pair}"] = rates[:, variable]
+        for index in self.friction_components:
+            pair = self.components[index].pair
+            if pair not in variable_of_pair:
+                values_by_name[sliding_rate(pair)] = self._pair_rate(rates, pair)
+        results = np.empty((len(t), len(laws)))
+        for column, law in enumerate(laws):
+            if isinstance(law, TorqueTable):
+                results[:, column] = law.at(t)
+            else:
+                arguments = {name: values_by_name[name] for name in law.names}
+                results[:, column] = law.evaluate(arguments)
+        return results
+
+    def evaluate_forces(
+        self,
+        motion: CoordinateMotion,
+        speed: Floats,
+        t: Floats,
+        carried: Floats | None = None,
+    ) -> Floats:
+        """Return the generalised forces (n, m, loads) of each load, N m.
+
+        They are the power of the load per unit rate of each coordinate. The parameters are
+        those of `evaluate_magnitudes`.
+        """
+        magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
+        component_forces = magnitudes[:, None] * self.velocities(motion)
+        return np.add.reduceat(component_forces, self._first_components, axis=2)
+
+
+def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
+    """Return the rates by time (n, variables), given those (n, m) of the coordinates."""
+    return (speed[:, None] @ motion.rates)[:, 0]

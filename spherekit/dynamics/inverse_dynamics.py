@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Integers, SmallIntegers
-from spherekit.dynamics.bearing_friction import rubbed
+from spherekit.dynamics.bearing_friction import solve_bearing_friction
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     Inertia,
@@ -19,8 +19,9 @@ from spherekit.dynamics.coordinates import (
     inertia,
     single,
 )
+from spherekit.dynamics.generalised_forces import Loads
 from spherekit.dynamics.simulation_start import at_inputs
-from spherekit.dynamics.transmitted_forces import DrivenState, Loads
+from spherekit.dynamics.transmitted_forces import DrivenState
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.time_law import TimeLaw
@@ -322,13 +323,16 @@ def needed_torques(motion: Motion) -> InverseSolution:
     of = mechanism, rows, timing, coordinates, status
     solution = balancing(*of)
     loads = Loads(mechanism)
-    if loads.rubbing:
+    if loads.friction_components:
         good = all_finite(solution.torques, 1)
         every = DrivenState(mechanism, coordinates, timing, solution.torques)
         with np.errstate(over="ignore", invalid="ignore"):
-            carried, locked, rounds = rubbed(every, loads, good)
-        carried[~good] = 0.0
-        solution = replace(balancing(*of, locked, carried), rounds=rounds)
+            friction = solve_bearing_friction(every, loads, good)
+        friction.carried[~good] = 0.0
+        solution = replace(
+            balancing(*of, friction.is_unknown, friction.carried),
+            rounds=friction.iterations,
+        )
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
     return solution
@@ -357,7 +361,7 @@ def balancing(
     sample, assembly_mode, inputs, residual = rows
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, coordinates)
-        forces = Loads(mechanism).parts(coordinates, timing.dq, timing.t, carried)
+        forces = Loads(mechanism).evaluate_forces(coordinates, timing.dq, timing.t, carried)
         Q = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
     return InverseSolution(

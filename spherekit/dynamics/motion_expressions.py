@@ -1,7 +1,10 @@
-"""The equations of a mechanism under its loads as terms, before they are compiled.
+"""Layout and expressions of an equation of motion, before it is compiled.
 
-The state is the pair variables, the momenta in a unit of their own, and the work of each
-load in the square of that unit. What is set for each run are parameters.
+The state consists of the pair variables, the momenta in units of a momentum chosen for each
+run, and the work of each load in the square of that unit. Quantities that are set for each
+run, such as joint limits, are parameters of the compiled integrator.
+`spherekit.dynamics.single_dof_equation` and `spherekit.dynamics.multi_dof_equation` derive
+the expressions, and `spherekit.dynamics.compiled_equation` compiles them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,90 +18,162 @@ from spherekit.symbolic.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.velocities.load_expressions import LoadState
 from spherekit.velocities.velocity_equations import CoordinateRates
 
-(MOMENT,) = symbols(["moment"])
+(TIME,) = symbols(["moment"])
+"""The variable that stands for the time, s."""
 
 
-def constant(number: int) -> ExpressionNode:
+def parameter_symbol(number: int) -> ExpressionNode:
     """Return the variable that stands for one of the integrator's parameters."""
     return symbols([f"constant_{number}"])[0]
 
 
-class ParameterLayout:
-    """The terms of the state, and where what is set for each run stands.
+class EquationLayout:
+    """Positions of quantities in the state and among the parameters of an equation.
 
-    The state is all `variable_terms`, `momentum_terms` and `work_terms`: so many
-    `variables`, as many `freedoms` as inputs, whose `momenta` are there, and `works` of the
-    loads. What is set are the integrator's parameters, in this order: whole turns of each
-    variable; the `unit` of momentum and its reciprocal; the `least` measure of
-    independence; low and high of each `stop`; the time from which each `table` runs, value
-    and slope of each; the `side` of the first of the switches, which are those of
-    `conditions` that loads switch on.
+    The state is `variables`, `momenta`, `works`. The parameters are, in this order:
+
+    - the whole turns by which each variable is reduced,
+    - the unit of momentum and its reciprocal,
+    - the smallest measure of independence, at which an integration ends,
+    - the lower and the upper value of each joint limit,
+    - the time at which the current interval of the torque tables begins,
+    - value and slope of each torque table in this interval,
+    - the sign of each switch condition, 1 or -1.
+
+    Attributes
+    ----------
+    variable_count, freedoms
+        Numbers of the pair variables and of the degrees of freedom.
+    variables, momenta, works, state
+        Symbols of the parts of the state, and of all of it.
+    momentum_slice, work_slice
+        Positions of momenta and works in a state.
+    unit_parameter, min_independence_parameter, limit_parameters, table_parameters,
+    switch_parameters
+        Number of the (first) parameter of the unit, the smallest measure of independence,
+        the joint limits, the torque tables (their time) and the switches.
+    table_names
+        Names of the loads given by torque tables.
+    switch_conditions
+        Expressions at whose zeros a load changes abruptly. Loads append them while they are
+        written as expressions.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        self.variables = v = len(mechanism.variable_names)
-        self.freedoms = m = len(mechanism.inputs)
-        self.variable_terms = symbols(mechanism.variable_names)
-        self.momentum_terms = symbols(f"momentum_{k}" for k in range(m))
-        self.work_terms = symbols(f"work_{k}" for k in range(len(mechanism.loads)))
-        self.state = [*self.variable_terms, *self.momentum_terms, *self.work_terms]
-        self.momenta, self.works = slice(v, v + m), slice(v + m, None)
-        self.tables = [x.name for x in mechanism.loads if isinstance(x, TorqueTable)]
-        self.unit, self.least, self.stop = v, v + 2, v + 3
-        self.table = self.stop + 2 * len(mechanism.joint_limits)
-        self.side = self.table + 1 + 2 * len(self.tables)
-        self.conditions: list[Expr] = []
+        self.variable_count = len(mechanism.variable_names)
+        self.freedoms = len(mechanism.inputs)
+        self.variables = symbols(mechanism.variable_names)
+        self.momenta = symbols(f"momentum_{k}" for k in range(self.freedoms))
+        self.works = symbols(f"work_{k}" for k in range(len(mechanism.loads)))
+        self.state = [*self.variables, *self.momenta, *self.works]
+        work_start = self.variable_count + self.freedoms
+        self.momentum_slice = slice(self.variable_count, work_start)
+        self.work_slice = slice(work_start, None)
 
-    def moving(self, flow: CoordinateRates, rates: Sequence[Expr]) -> LoadState:
-        """Return what loads see of a motion by the coordinates; see `LoadState`."""
+        self.table_names = [
+            load.name for load in mechanism.loads if isinstance(load, TorqueTable)
+        ]
+        self.unit_parameter = self.variable_count
+        self.min_independence_parameter = self.unit_parameter + 2
+        self.limit_parameters = self.min_independence_parameter + 1
+        self.table_parameters = self.limit_parameters + 2 * len(mechanism.joint_limits)
+        self.switch_parameters = self.table_parameters + 1 + 2 * len(self.table_names)
+        self.switch_conditions: list[Expr] = []
+
+    @property
+    def momentum_unit(self) -> ExpressionNode:
+        """The symbol of the unit of momentum."""
+        return parameter_symbol(self.unit_parameter)
+
+    @property
+    def inverse_momentum_unit(self) -> ExpressionNode:
+        """The symbol of the reciprocal of the unit of momentum."""
+        return parameter_symbol(self.unit_parameter + 1)
+
+    @property
+    def min_independence(self) -> ExpressionNode:
+        """The symbol of the smallest measure of independence."""
+        return parameter_symbol(self.min_independence_parameter)
+
+    def make_load_state(
+        self, coordinate_rates: CoordinateRates, variable_rates: Sequence[Expr]
+    ) -> LoadState:
+        """Return the moving mechanism on which loads depend.
+
+        Parameters
+        ----------
+        coordinate_rates
+            Homogeneous rates by each coordinate.
+        variable_rates
+            Rates of the variables by time.
+        """
         return LoadState(
-            flow.mechanism,
-            flow.placed,
-            flow.tau,
-            flow.w,
-            self.variable_terms,
-            [constant(k) for k in range(self.variables)],
-            rates,
-            MOMENT,
-            self._switch,
-            self._table,
+            mechanism=coordinate_rates.mechanism,
+            placed=coordinate_rates.placed,
+            tau=coordinate_rates.tau,
+            w=coordinate_rates.w,
+            variables=self.variables,
+            turns=[parameter_symbol(k) for k in range(self.variable_count)],
+            rates=variable_rates,
+            time=TIME,
+            switch=self._switch_symbol,
+            table=self._table_torque,
         )
 
-    def _switch(self, condition: Expr) -> Expr:
-        """Return the factor of a condition."""
-        if condition not in self.conditions:
-            self.conditions.append(condition)
-        return constant(self.side + self.conditions.index(condition))
+    def _switch_symbol(self, condition: Expr) -> Expr:
+        """Return the sign of a condition: a parameter that changes at zeros only."""
+        if condition not in self.switch_conditions:
+            self.switch_conditions.append(condition)
+        index = self.switch_conditions.index(condition)
+        return parameter_symbol(self.switch_parameters + index)
 
-    def _table(self, name: str) -> Expr:
-        """Return the torque of a table now."""
-        place = self.table + 1 + 2 * self.tables.index(name)
-        return constant(place) + constant(place + 1) * (MOMENT - constant(self.table))
+    def _table_torque(self, name: str) -> Expr:
+        """Return the torque of a table, which is linear in the current interval."""
+        interval_start = parameter_symbol(self.table_parameters)
+        number = self.table_parameters + 1 + 2 * self.table_names.index(name)
+        value = parameter_symbol(number)
+        slope = parameter_symbol(number + 1)
+        return value + slope * (TIME - interval_start)
 
 
 @dataclass(frozen=True)
-class System:
-    """The equations of motion in terms.
+class EquationExpressions:
+    """The equation of motion as symbolic expressions.
 
-    `changes` are the rates of the state by time; `tau[i][v]` the homogeneous rates of the
-    variables by each coordinate; `measure` vanishes where sets of configurations cross;
-    `events` are those of the motion, without joint limits and switches; `moving` is what
-    loads see.
+    Attributes
+    ----------
+    layout
+        Layout of the state and of the parameters.
+    state_rates
+        Rates of the state by time.
+    homogeneous_rates
+        For each coordinate the homogeneous rates of all variables (tau in
+        `spherekit.velocities.velocity_equations`).
+    independence
+        Measure of the independence of the closure equations. It is zero where sets of
+        configurations cross.
+    events
+        Events of the motion, without joint limits and switches.
+    load_state
+        The moving mechanism on which loads depend.
     """
 
-    layout: ParameterLayout
-    changes: Sequence[Expr]
-    tau: Sequence[Sequence[Expr]]
-    measure: Expr
+    layout: EquationLayout
+    state_rates: Sequence[Expr]
+    homogeneous_rates: Sequence[Sequence[Expr]]
+    independence: Expr
     events: Sequence[EventFunction]
-    moving: LoadState
+    load_state: LoadState
 
 
-def stop_events(mechanism: Mechanism, state: ParameterLayout) -> Iterator[EventFunction]:
-    """Yield the events at which pairs reach their joint limits."""
-    for number, stop in enumerate(mechanism.joint_limits):
-        (place,) = mechanism.variables_of(mechanism.pair_number[stop.pair])
-        value = state.variable_terms[place] + TURN * constant(place)
-        first = state.stop + 2 * number
-        yield EventFunction(value - constant(first), "joint_limit", place, -1)
-        yield EventFunction(value - constant(first + 1), "joint_limit", place, 1)
+def make_joint_limit_events(
+    mechanism: Mechanism, layout: EquationLayout
+) -> Iterator[EventFunction]:
+    """Yield two events for each joint limit: a pair leaves the range below, or above."""
+    for index, limit in enumerate(mechanism.joint_limits):
+        (variable,) = mechanism.variables_of(mechanism.pair_number[limit.pair])
+        angle = layout.variables[variable] + TURN * parameter_symbol(variable)
+        low = parameter_symbol(layout.limit_parameters + 2 * index)
+        high = parameter_symbol(layout.limit_parameters + 2 * index + 1)
+        yield EventFunction(angle - low, "joint_limit", variable, -1)
+        yield EventFunction(angle - high, "joint_limit", variable, 1)

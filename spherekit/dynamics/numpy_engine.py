@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
-from spherekit.dynamics.equation_of_motion import Dynamics
+from spherekit.dynamics.equation_of_motion import StateDynamics
 from spherekit.dynamics.simulated_path import (
     GAUSS,
     INTEGRAL,
@@ -43,8 +43,8 @@ from spherekit.dynamics.simulation import (
     too_many,
 )
 from spherekit.dynamics.simulation_start import Problem, variable_of
-from spherekit.dynamics.step_probes import first_missed
-from spherekit.dynamics.taylor_integration import CROSSED, SHORTEST
+from spherekit.dynamics.step_probes import find_first_errors
+from spherekit.dynamics.taylor_integration import CROSSING_RATIO, MIN_STEP_FRACTION
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.progress import ProgressReporter
 from spherekit.status import STATUS_MEANING, Status
@@ -52,11 +52,11 @@ from spherekit.tolerances import EPS
 
 FIRST_ARC = 0.1
 
-FINEST = 0.1 * CROSSED**2
+FINEST = 0.1 * CROSSING_RATIO**2
 """Largest tolerance of a step that passes near a crossing of curves, or meets one.
 
 A configuration off its curve by d misses a crossing by sqrt(d), and where that is not less
-than `CROSSED`, curves that pass each other cannot be told from some that cross.
+than `CROSSING_RATIO`, curves that pass each other cannot be told from some that cross.
 """
 
 MOST_STEPS = 100_000
@@ -116,9 +116,9 @@ class Collocation:
         self.frame = problem.frame
         self.path: list[Step] = []
         self.events: list[Event] = []
-        motion = equation.motion(problem.values[None], problem.frame)
+        motion = equation.compute_motion(problem.values[None], problem.frame)
         square = float(np.linalg.norm(inertia_matrix(equation.mechanism, motion)[0], 2))
-        self.start = equation.state(problem.values, problem.speed, problem.frame)
+        self.start = equation.make_state(problem.values, problem.speed, problem.frame)
         self.sizes = np.ones(len(self.start))
         self.sizes[equation.momenta] = np.sqrt(square)
         self.sizes[equation.works] = square
@@ -202,7 +202,7 @@ class Collocation:
                         error = np.inf
                 if error > 1.0:
                     length = min(_factor(error, iterations), 0.5) * tried
-                    if length < SHORTEST * problem.until:
+                    if length < MIN_STEP_FRACTION * problem.until:
                         return self._stuck(step, error, last)
                     continue
                 if self._refined(orientation):
@@ -226,7 +226,7 @@ class Collocation:
                 if equation.freedoms == 1:
                     self.frame = rates[-1]
                 elif np.linalg.norm(rates[-1], 2) > ASKEW:
-                    state, self.frame = equation.framed(state, self.frame)
+                    state, self.frame = equation.renew_frame(state, self.frame)
                     before = None
                 yield t
             if t < problem.until:
@@ -238,11 +238,11 @@ class Collocation:
         until = self.problem.until
         dynamics = self._dynamics(np.zeros(1), self.start[None])
         speed = float(np.linalg.norm(dynamics.speed)) / FIRST_ARC
-        push = float(np.linalg.norm(dynamics.roots.solved(dynamics.push)))
+        push = float(np.linalg.norm(dynamics.roots.solve(dynamics.momentum_rates)))
         pace = max(speed, (push / FIRST_ARC) ** 0.5, 1.0)
-        return max(min(until, 1.0 / pace), SHORTEST * until)
+        return max(min(until, 1.0 / pace), MIN_STEP_FRACTION * until)
 
-    def _dynamics(self, t: Floats, states: Floats) -> Dynamics:
+    def _dynamics(self, t: Floats, states: Floats) -> StateDynamics:
         """Return what acts at states, in the frame of the last step's end.
 
         Where crossings are passed at configurations that close: rates of others have no
@@ -250,22 +250,22 @@ class Collocation:
         the set.
         """
         equation = self.equation
-        variables = self.equation.variables
+        variables = self.equation.variable_count
         if self.problem.passes and all_finite(states):
-            closed = equation.nearest_closed(states[:, :variables])
+            closed = equation.project(states[:, :variables])
             states = np.concatenate([closed, states[:, variables:]], axis=1)
-        return equation.at(t, states, self.frame, self.problem.whole)
+        return equation.evaluate(t, states, self.frame, self.problem.whole)
 
     def _closed(self, state: Floats) -> Floats:
         """Return the state with its configuration put back onto the curve."""
-        variables = self.equation.variables
-        values, gap = self.equation.closed(state[:variables])
+        variables = self.equation.variable_count
+        values, gap = self.equation.project_once(state[:variables])
         self.drift = max(self.drift, gap)
         return np.concatenate([values, state[variables:]])
 
     def _attempt(
         self, start: float, length: float, state: Floats, before: Step | None
-    ) -> tuple[Step, float, int, Dynamics]:
+    ) -> tuple[Step, float, int, StateDynamics]:
         """Try a step, from `before`, the one that ends there.
 
         Return it with its error, what the polynomial leaves out over what is tolerated,
@@ -276,10 +276,10 @@ class Collocation:
         t = start + 0.5 * length * (GAUSS + 1.0)
         scale = np.maximum(self.sizes, np.abs(state))
         # Newton's method is of one momentum.
-        stiff = equation.freedoms == 1 and equation.loads.watched
+        stiff = equation.freedoms == 1 and equation.loads.needs_step_probes
         if before is None:
             first = self._dynamics(np.array([start]), state[None])
-            rates = np.repeat(equation.rates(first), NODES, axis=0)
+            rates = np.repeat(equation.state_rates(first), NODES, axis=0)
         else:
             rates = before.summed(before.series[:CONTINUED], t)
         integral = 0.5 * length * INTEGRAL
@@ -292,12 +292,12 @@ class Collocation:
         for count in range(1, MOST_ITERATIONS + 1):
             last = change
             dynamics = self._dynamics(t, states)
-            rates = equation.rates(dynamics)
+            rates = equation.state_rates(dynamics)
             moved = state + integral @ rates
             if stiff:
                 if count in RENEWED:
                     inverse = self._inverse(t, states, rates, length, scale)
-                place = equation.variables
+                place = equation.variable_count
                 moved[:, place] = states[:, place] + inverse @ (moved - states)[:, place]
             change = float(max_abs((moved - states) / scale))
             states = moved
@@ -320,11 +320,13 @@ class Collocation:
         self, t: Floats, states: Floats, rates: Floats, length: float, scale: Floats
     ) -> Floats:
         """Return what turns misses (N,) of the momentum into corrections."""
-        place = self.equation.variables
+        place = self.equation.variable_count
         other = states.copy()
         shift = DIFFERENCE * scale[place]
         other[:, place] += shift
-        slope = (self.equation.rates(self._dynamics(t, other)) - rates)[:, place] / shift
+        slope = (self.equation.state_rates(self._dynamics(t, other)) - rates)[
+            :, place
+        ] / shift
         slope[~np.isfinite(slope)] = 0.0
         return np.linalg.inv(np.eye(NODES) - 0.5 * length * INTEGRAL * slope)
 
@@ -333,21 +335,23 @@ class Collocation:
         equation = self.equation
         momenta = self.equation.momenta
         loads = equation.loads
-        if not loads.watched:
+        if not loads.needs_step_probes:
             return True
-        largest = max(scale[equation.variables], float(max_abs(step.state[momenta])))
+        largest = max(scale[equation.variable_count], float(max_abs(step.state[momenta])))
         enough = MISSED * tolerance * TAIL * largest / step.length
 
         def look(_: Indices, x: Floats) -> tuple[Floats, Floats]:
             t = step.start + x * step.length
             nearest = np.argmin(np.abs(2.0 * x[:, None] - 1.0 - GAUSS), axis=1)
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
-            dynamics = equation.at(t, step.at(t), frame, self.problem.whole)
-            missed = np.abs(dynamics.push - step.rate(t)[:, momenta])
-            steep = loads.evaluated(loads.steep, dynamics.motion, dynamics.speed, t)
+            dynamics = equation.evaluate(t, step.at(t), frame, self.problem.whole)
+            missed = np.abs(dynamics.momentum_rates - step.rate(t)[:, momenta])
+            steep = loads.evaluate_laws(
+                loads.steep_arguments, dynamics.motion, dynamics.speed, t
+            )
             return np.max(missed, axis=1) / enough, steep
 
-        return bool(first_missed(look, 1)[0] > 1.0)
+        return bool(find_first_errors(look, 1)[0] > 1.0)
 
     def _noisy(self, step: Step) -> bool:
         """Return whether a step's last coefficients are noise: not smaller than others."""
@@ -364,17 +368,17 @@ class Collocation:
             return True
         equation = self.equation
         size, side = self._sense(orientation)
-        near = np.abs(orientation) < CROSSED * size
+        near = np.abs(orientation) < CROSSING_RATIO * size
         if not np.any(orientation * side < 0.0):
             return not np.any(near)
         t = step.crossing(orientation, float(np.copysign(size, side)))
         if np.any(near[-2:]) or t is None:
             return False
-        values = step.at(np.array([t]))[0, : equation.variables]
+        values = step.at(np.array([t]))[0, : equation.variable_count]
         # Between sets that do not cross, a way from one to the other is not closed.
         (gap,) = equation.closure.at(values[None]).gap
         sure = reciprocal_condition(equation.closure, values, equation.freedoms)
-        return bool(gap < FINEST and sure < CROSSED)
+        return bool(gap < FINEST and sure < CROSSING_RATIO)
 
     def _refined(self, orientation: Floats) -> bool:
         """Return whether a step has to be taken again, to tell whether curves cross."""
@@ -425,24 +429,26 @@ class Collocation:
         for t in step.passed(TO_SERIES @ np.linalg.det(rates[:, :, driven])):
             yield t, kind, mechanism.input_pairs[0] if alone else ""
         if alone:
-            for t in step.passed(step.column(self.equation.variables)):
+            for t in step.passed(step.column(self.equation.variable_count)):
                 yield t, "rest", ""
 
     def _note(self, kind: EventKind, t: float, step: Step, pair: str = "") -> Floats:
         """Note an event, and return all variables there."""
-        values = step.at(np.array([t]))[0, : self.equation.variables] + self.problem.whole
+        values = (
+            step.at(np.array([t]))[0, : self.equation.variable_count] + self.problem.whole
+        )
         inputs = tuple(values[list(self.problem.driven)].tolist())
         self.events.append(Event(kind, t, inputs, pair))
         return values
 
-    def _stuck(self, step: Step, error: float, last: Dynamics) -> SimulationEnd:
+    def _stuck(self, step: Step, error: float, last: StateDynamics) -> SimulationEnd:
         """Return why no step however short can be taken from the start of one."""
         equation = self.equation
         t = step.start
         for code, (kind, words) in NOWHERE.items():
             if np.any(last.motion.status == code):
                 return SimulationEnd(kind, t, words)
-        values = step.state[: equation.variables]
+        values = step.state[: equation.variable_count]
         sure = reciprocal_condition(equation.closure, values, equation.freedoms)
         if self.fine or sure < 1e-5:
             return SimulationEnd("singularity", t, CROSSING)

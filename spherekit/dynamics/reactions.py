@@ -19,9 +19,16 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
-from spherekit.dynamics.bearing_friction import IndeterminateForces, lacking
+from spherekit.dynamics.bearing_friction import (
+    IndeterminateForces,
+    diagnose_indeterminate_forces,
+)
 from spherekit.dynamics.inverse_dynamics import InverseSolution, needed_torques
-from spherekit.dynamics.transmitted_forces import DrivenState, JointReactions, transmitted
+from spherekit.dynamics.transmitted_forces import (
+    DrivenState,
+    JointReactions,
+    compute_reactions,
+)
 from spherekit.geometry.rotation import max_abs, nans
 from spherekit.mechanism.friction import Bearings
 from spherekit.positions.motion import Motion
@@ -150,12 +157,12 @@ def reactions(motion: Motion) -> Reactions:
         mechanism, torques.motion, timing, torques.torques, torques.carried
     )
     good = torques.status == Status.OK
-    carried = transmitted(driven.rows(good), forces=True)
+    carried = compute_reactions(driven.rows(good), forces=True)
     missing = IndeterminateForces()
     count = np.count_nonzero(carried.opened, axis=(1, 2))
     if np.any(count) and not np.any(carried.slides):
         frames = torques.motion.frames[good]
-        missing = lacking(mechanism, frames[np.argmin(count)])
+        missing = diagnose_indeterminate_forces(mechanism, frames[np.argmin(count)])
 
     def spread(made: Any, none: float | bool) -> Any:
         every = np.full((len(motion), *made.shape[1:]), none)

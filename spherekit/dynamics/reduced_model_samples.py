@@ -27,9 +27,9 @@ from spherekit.dynamics.coordinates import (
     determined,
     inertia,
 )
+from spherekit.dynamics.generalised_forces import Loads
 from spherekit.dynamics.reduced_model_archive import StoredHeading, StoredLoad
 from spherekit.dynamics.reduced_model_functions import FunctionKind, FunctionLabel
-from spherekit.dynamics.transmitted_forces import Loads
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_writer import mechanism_hash
 from spherekit.geometry.rotation import all_finite, max_abs, nans

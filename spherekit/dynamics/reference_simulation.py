@@ -96,7 +96,7 @@ def refined(
 
     def near(t: Floats) -> tuple[Floats, Floats]:
         traced = simulation.path.at(np.clip(t, 0.0, end.t))
-        rates = traced.rates[:, : simulation.equation.variables]
+        rates = traced.rates[:, : simulation.equation.variable_count]
         return traced.values + rates * np.maximum(t - end.t, 0.0)[:, None], rates
 
     reference = ExactSimulation(

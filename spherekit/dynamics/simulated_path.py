@@ -17,10 +17,10 @@ from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.dynamics.compiled_equation import CompiledEquation
 from spherekit.dynamics.coordinates import inertia
-from spherekit.dynamics.equation_of_motion import EquationOfMotion, Roots
-from spherekit.dynamics.several_freedoms import mass_size
+from spherekit.dynamics.equation_of_motion import EquationOfMotion, InertiaRoots
+from spherekit.dynamics.multi_dof_equation import total_moment_of_inertia
 from spherekit.dynamics.simulation_start import variable_of
-from spherekit.dynamics.taylor_integration import CROSSED, Run, Stretch
+from spherekit.dynamics.taylor_integration import CROSSING_RATIO, Segment, TaylorRun
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.zeros import Function, zeros
@@ -135,9 +135,9 @@ class Step:
         """Return the time at which the orientation (N,) vanishes, if it does.
 
         `largest` is the largest seen so far, with the sign it had at the last node;
-        orientations smaller than the part `CROSSED` of it are zero.
+        orientations smaller than the part `CROSSING_RATIO` of it are zero.
         """
-        small = orientation * np.sign(largest) < CROSSED * abs(largest)
+        small = orientation * np.sign(largest) < CROSSING_RATIO * abs(largest)
         if not np.any(small):
             return None
         passed = self.passed(TO_SERIES @ orientation)
@@ -245,10 +245,10 @@ class CurveFrames:
 
     def __call__(self, states: Floats, changes: Floats) -> Floats:
         """Turn momenta (n, states) into the sense of the tangent; return the frames."""
-        count = self.equation.layout.variables
+        count = self.equation.layout.variable_count
         for array in (states, changes):
             array[:, count] *= self.sense
-        return self.sense * self.equation.rates(states[:, :count])
+        return self.sense * self.equation.homogeneous_rates(states[:, :count])
 
 
 @dataclass(frozen=True)
@@ -269,33 +269,33 @@ class CoordinateFrames:
     def __call__(self, states: Floats, changes: Floats) -> Floats:
         """Compute momenta (n, states) from scaled rates; return the frames."""
         equation = self.equation
-        root = np.sqrt(mass_size(equation.mechanism))
+        root = np.sqrt(total_moment_of_inertia(equation.mechanism))
         momenta = equation.momenta
         u = states[:, momenta] / root
         change = changes[:, momenta] / root
-        motion = equation.motion(states[:, : equation.variables], self.frame, order=2)
+        motion = equation.compute_motion(states[:, : equation.variable_count], self.frame, order=2)
         masses = inertia(equation.mechanism, motion)
-        roots = Roots.of(masses.M)
-        states[:, momenta] = roots.times(u)
-        changes[:, momenta] = roots.changing(masses.dM, u) + roots.times(change)
+        roots = InertiaRoots.from_inertia(masses.M)
+        states[:, momenta] = roots.multiply(u)
+        changes[:, momenta] = roots.multiply_derivative(masses.dM, u) + roots.multiply(change)
         return np.broadcast_to(self.frame, (len(states), *self.frame.shape))
 
 
-def through_runs(runs: Sequence[Run], framed: Sequence[Frames]) -> StatePath:
+def through_runs(runs: Sequence[TaylorRun], framed: Sequence[Frames]) -> StatePath:
     """Return the path of compiled runs, one after the other, with their frames."""
     every = [
-        (x, frames) for run, frames in zip(runs, framed, strict=True) for x in run.stretches
+        (x, frames) for run, frames in zip(runs, framed, strict=True) for x in run.segments
     ]
     return StatePath(
-        np.array([stretch.starts[0] for stretch, _ in every]),
-        tuple(partial(_in_stretch, stretch, frames) for stretch, frames in every),
-        np.concatenate([stretch.starts for stretch, _ in every]),
-        np.concatenate([stretch.lengths for stretch, _ in every]),
-        max(run.drift for run in runs),
+        np.array([segment.starts[0] for segment, _ in every]),
+        tuple(partial(_in_segment, segment, frames) for segment, frames in every),
+        np.concatenate([segment.starts for segment, _ in every]),
+        np.concatenate([segment.lengths for segment, _ in every]),
+        max(run.max_closure_residual for run in runs),
     )
 
 
-def _in_stretch(stretch: Stretch, framed: Frames, t: Floats) -> Traced:
-    states, rates = stretch.at(t)
-    whole = np.broadcast_to(stretch.turns, (len(t), len(stretch.turns)))
+def _in_segment(segment: Segment, framed: Frames, t: Floats) -> Traced:
+    states, rates = segment.evaluate(t)
+    whole = np.broadcast_to(segment.turns, (len(t), len(segment.turns)))
     return Traced(states, rates, framed(states, rates), whole)

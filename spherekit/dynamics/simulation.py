@@ -16,14 +16,14 @@ from spherekit.dynamics.coordinates import (
     inertia_matrix,
     single,
 )
-from spherekit.dynamics.equation_of_motion import Dynamics, EquationOfMotion
+from spherekit.dynamics.equation_of_motion import EquationOfMotion, StateDynamics
+from spherekit.dynamics.generalised_forces import rates_by_time
 from spherekit.dynamics.simulated_path import StatePath, Traced
 from spherekit.dynamics.simulation_start import Problem
 from spherekit.dynamics.transmitted_forces import (
     DrivenState,
     JointReactions,
-    rates_by_time,
-    transmitted,
+    compute_reactions,
 )
 from spherekit.errors import SolveError
 from spherekit.geometry.rotation import max_abs
@@ -134,7 +134,9 @@ def given_up(
 ) -> SimulationEnd:
     """Return the end where no step is short enough: `why`, or the inertia has vanished."""
     traced = path.at(np.append(path.starts[path.chosen], t))
-    motion = equation.motion(traced.states[:, : equation.variables], traced.frames)
+    motion = equation.compute_motion(
+        traced.states[:, : equation.variable_count], traced.frames
+    )
     sizes = np.linalg.eigvalsh(inertia_matrix(equation.mechanism, motion))
     if sizes[-1, 0] < VANISHED * np.max(sizes):
         return SimulationEnd("no_inertia", t, NO_INERTIA)
@@ -301,7 +303,7 @@ class Simulation:
         assert masses is not None
         bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         rates = rates_by_time(motion, speed)
-        second = rates_by_time(motion, dynamics.change) + bend
+        second = rates_by_time(motion, dynamics.accelerations) + bend
         return History(
             t=times,
             inputs=motion.values[:, driven],
@@ -316,7 +318,7 @@ class Simulation:
             kinetic=0.5 * np.sum(traced.states[:, equation.momenta] ** 2, axis=1),
             power=dynamics.power,
             work=traced.states[:, equation.works],
-            residual=equation.closure.at(traced.states[:, : equation.variables]).gap,
+            residual=equation.closure.at(traced.states[:, : equation.variable_count]).gap,
         )
 
     @checked(SolveError)
@@ -324,9 +326,9 @@ class Simulation:
         """Return the moments that every pair transmits at times (n,), in pair axes."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
         _, dynamics = self._at(times, second=True)
-        timing = Timing(times, dynamics.speed, dynamics.change)
+        timing = Timing(times, dynamics.speed, dynamics.accelerations)
         none = np.zeros_like(dynamics.speed)
-        return transmitted(
+        return compute_reactions(
             DrivenState(self.mechanism, dynamics.motion, timing, none, dynamics.carried)
         )
 
@@ -342,11 +344,11 @@ class Simulation:
         t = np.append(np.minimum(t, self.end.t), self.end.t)
         traced, dynamics = self._at(t)
         states = traced.states
-        closed = equation.closure.at(states[:, : equation.variables])
+        closed = equation.closure.at(states[:, : equation.variable_count])
         momenta = states[:, equation.momenta]
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
         work = np.sum(states[:, equation.works], axis=1)
-        missed = traced.rates[:, equation.momenta] - dynamics.push
+        missed = traced.rates[:, equation.momenta] - dynamics.momentum_rates
         missed[t >= self.end.t] = 0.0
         sizes = np.append(np.linalg.norm(momenta, axis=1), dynamics.roots.sizes)
         push = np.linalg.norm(missed, axis=1)
@@ -361,7 +363,7 @@ class Simulation:
             error=self.error,
         )
 
-    def _at(self, t: Floats, second: bool = False) -> tuple[Traced, Dynamics]:
+    def _at(self, t: Floats, second: bool = False) -> tuple[Traced, StateDynamics]:
         """Return the states of the dense output, and forces there."""
         low = self.start
         high = self.end.t
@@ -375,4 +377,6 @@ class Simulation:
         t = np.clip(t, low, high)
         traced = self.path.at(t)
         whole = TURN * traced.turns
-        return traced, self.equation.at(t, traced.states, traced.frames, whole, second)
+        return traced, self.equation.evaluate(
+            t, traced.states, traced.frames, whole, second
+        )

@@ -67,7 +67,7 @@ class Problem:
     within the run at which steps begin anew; `passes` whether it goes straight on where
     sets of configurations cross; `seen` is given the simulation so far while it is solved;
     `compact` is how it is compiled, see
-    `spherekit.dynamics.compiled_equation.compiled_equation`.
+    `spherekit.dynamics.compiled_equation.compile_equation`.
     """
 
     equation: EquationOfMotion
@@ -137,7 +137,7 @@ def prepare(
     frame = np.linalg.svd(at.jacobian[0])[2][-freedoms:]
     if freedoms == 1 and frame[0, moved[0]] < 0.0:
         frame = -frame
-    need_moving_inertia(mechanism, equation.motion(values[None], frame))
+    need_moving_inertia(mechanism, equation.compute_motion(values[None], frame))
     _check_stops(mechanism, values + TURN * turns)
     inside = tuple(t for t in times if 0.0 < t < until)
     speed = _speed(mechanism, frame, moved, rates)

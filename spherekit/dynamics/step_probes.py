@@ -1,73 +1,151 @@
-"""Checks inside an integration step: whether the loads agree there with the series.
+"""Checks whether loads change within an integration step in a way its series misses.
 
-A series of Taylor knows a load at one point of a step, a collocation at its nodes. Where
-an argument of a steep function (`spherekit.mechanism.load_expression.Expression.steep`) is
-zero or turns back, the load may change within a time in which neither has a point. So
-accepted steps are compared with the equation of motion at even places, and at those zeros
-and turns, which are found on the dense output.
+A Taylor series knows a load at one point of a step, and a collocation method at its nodes.
+Near a zero or an extremum of an argument of a steep function
+(`spherekit.mechanism.load_expression.Expression.steep`) the load may change within a time
+that contains no such point. Accepted steps are therefore compared with the equation of
+motion at evenly spaced places, and at the zeros and extrema of these arguments, which are
+computed on the dense output.
+
+A place in a step is a fraction, 0 at its start and 1 at its end.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.numerics.bracketed_zeros import bracketed_zeros
 
-EVEN = 17
-"""Places in a step that are always looked at, both ends among them,"""
+EVEN_PROBES = 17
+"""Evenly spaced probes of a step, both ends included.
+
+Smaller: two zeros of an argument between neighbouring probes are missed more easily.
+Larger: more time.
+"""
+
+END_DISTANCE = 1e-6
+"""Distance of two further probes from the ends, as a fraction of the step.
+
+They show extrema beside an end. Larger: extrema nearer to the end are missed. Smaller:
+differences of arguments at the two probes are lost in rounding.
+"""
+
+ProbeFunction = Callable[[Indices, Floats], tuple[Floats, Floats]]
+"""Compares steps of given index (n,) with the equation of motion at places (n,).
+
+Returns the error (n,) as a multiple of the allowed error, and the values (n, arguments) of
+the steep arguments.
+"""
 
 
-BESIDE = 1e-6
-"""and two so near to the ends that what turns back beside an end is seen."""
+@dataclass(frozen=True)
+class ProbePlaces:
+    """Places in steps: `steps` (n,) indices of steps and `places` (n,) fractions."""
+
+    steps: Indices
+    places: Floats
 
 
-Look = Callable[[Indices, Floats], tuple[Floats, Floats]]
-"""Of steps by number (n,) at parts x (n,) of them, from 0 to 1: what the equation of motion
-misses there (n,), and the steep arguments (n, arguments)."""
+def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
+    """Return the first probed place of each step at which its error is too large.
 
+    Parameters
+    ----------
+    probe
+        Compares steps with the equation of motion.
+    step_count
+        Number of the steps.
 
-def first_missed(look: Look, steps: int) -> Floats:
-    """Return at which part each step (steps,) first misses more than 1, else infinity."""
-    even = np.sort([*np.linspace(0.0, 1.0, EVEN), BESIDE, 1.0 - BESIDE])
-    owner, x = np.repeat(np.arange(steps), len(even)), np.tile(even, steps)
-    missed, arguments = look(owner, x)
-    shaped = arguments.reshape(steps, len(even), arguments.shape[1])
-
-    def value(step: Indices, x: Floats) -> Floats:
-        return look(step, x)[1]
-
-    def slope(step: Indices, x: Floats) -> Floats:
-        return value(step, x + BESIDE) - value(step, x - BESIDE)
-
-    zeros = _zeros(value, shaped, even[:-1], even[1:])
-    turns = _zeros(slope, np.diff(shaped, axis=1), even[:-2], even[2:])
-    which, places = (np.concatenate(parts) for parts in zip(turns, zeros, strict=True))
-    order = np.lexsort((places, which))
-    which, places = which[order], places[order]
-    # Between two jumps, which need not be on either side of a place found.
-    pairs = np.flatnonzero(which[1:] == which[:-1])
-    which = np.append(which, which[pairs])
-    places = np.append(places, 0.5 * (places[pairs] + places[pairs + 1]))
-    owner, x = np.append(owner, which), np.append(x, places)
-    missed = np.append(missed, look(which, places)[0])
-    first = np.full(steps, np.inf)
-    np.minimum.at(first, owner, np.where(missed <= 1.0, np.inf, x))
-    return first
-
-
-def _zeros(
-    value: Callable[[Indices, Floats], Floats], rows: Floats, low: Floats, high: Floats
-) -> tuple[Indices, Floats]:
-    """Return steps and places at which arguments are zero, by their values at places.
-
-    Of opposite signs in successive `rows` (steps, places, arguments) they are between `low`
-    and `high` (places,).
+    Returns
+    -------
+    (step_count,) places between 0 and 1; infinity for steps without such an error.
     """
-    step, place, argument = np.nonzero(rows[:, :-1] * rows[:, 1:] < 0.0)
+    even_places = np.sort(
+        [*np.linspace(0.0, 1.0, EVEN_PROBES), END_DISTANCE, 1.0 - END_DISTANCE]
+    )
+    steps = np.repeat(np.arange(step_count), len(even_places))
+    places = np.tile(even_places, step_count)
+    errors, argument_rows = probe(steps, places)
+    arguments = argument_rows.reshape(step_count, len(even_places), argument_rows.shape[1])
 
-    def at(x: Floats, which: Indices) -> Floats:
-        return value(step[which], x)[np.arange(len(x)), argument[which]]
+    critical = _find_critical_places(probe, arguments, even_places)
+    steps = np.append(steps, critical.steps)
+    places = np.append(places, critical.places)
+    errors = np.append(errors, probe(critical.steps, critical.places)[0])
 
-    ends = (rows[step, place + k, argument] for k in (0, 1))
-    return step, bracketed_zeros(at, low[place], high[place], *ends)[0]
+    first_places = np.full(step_count, np.inf)
+    # NaN errors fail the comparison and count as too large.
+    error_places = np.where(errors <= 1.0, np.inf, places)
+    np.minimum.at(first_places, steps, error_places)
+    return first_places
+
+
+def _find_critical_places(
+    probe: ProbeFunction, arguments: Floats, even_places: Floats
+) -> ProbePlaces:
+    """Return zeros and extrema of steep arguments, and the middles between neighbours.
+
+    Parameters
+    ----------
+    probe
+        Compares steps with the equation of motion.
+    arguments
+        (steps, places, arguments) values of the arguments at the even places.
+    even_places
+        (places,) rising fractions of the steps.
+    """
+
+    def evaluate_arguments(steps: Indices, places: Floats) -> Floats:
+        return probe(steps, places)[1]
+
+    def evaluate_differences(steps: Indices, places: Floats) -> Floats:
+        after = evaluate_arguments(steps, places + END_DISTANCE)
+        before = evaluate_arguments(steps, places - END_DISTANCE)
+        return after - before
+
+    zeros = _find_zeros(evaluate_arguments, arguments, even_places[:-1], even_places[1:])
+    # The difference of neighbours changes its sign between the outer two of three places.
+    extrema = _find_zeros(
+        evaluate_differences, np.diff(arguments, axis=1), even_places[:-2], even_places[2:]
+    )
+    steps = np.concatenate([extrema.steps, zeros.steps])
+    places = np.concatenate([extrema.places, zeros.places])
+    order = np.lexsort((places, steps))
+    steps = steps[order]
+    places = places[order]
+    # A load may jump up at one critical place and down at the next, and be right at both.
+    neighbours = np.flatnonzero(steps[1:] == steps[:-1])
+    middles = 0.5 * (places[neighbours] + places[neighbours + 1])
+    return ProbePlaces(np.append(steps, steps[neighbours]), np.append(places, middles))
+
+
+def _find_zeros(
+    evaluate: Callable[[Indices, Floats], Floats], values: Floats, low: Floats, high: Floats
+) -> ProbePlaces:
+    """Return the zeros of functions that change their sign between neighbouring places.
+
+    Parameters
+    ----------
+    evaluate
+        Returns the values (n, functions) for indices of steps (n,) and places (n,).
+    values
+        (steps, k + 1, functions) values whose signs are compared.
+    low, high
+        (k,) places between which a zero is if the sign changes between values k and k + 1.
+    """
+    steps, brackets, functions = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
+
+    def evaluate_bracketed(places: Floats, numbers: Indices) -> Floats:
+        rows = evaluate(steps[numbers], places)
+        return rows[np.arange(len(places)), functions[numbers]]
+
+    zeros, _ = bracketed_zeros(
+        evaluate_bracketed,
+        low[brackets],
+        high[brackets],
+        values[steps, brackets, functions],
+        values[steps, brackets + 1, functions],
+    )
+    return ProbePlaces(steps, zeros)

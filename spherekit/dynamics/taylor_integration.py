@@ -1,9 +1,10 @@
-"""A run of the compiled equation of motion, kept as the Taylor series of its steps.
+"""Integrates a compiled equation of motion and stores the Taylor series of its steps.
 
 The integrator's tolerance is relative to the largest element of its state. So that a run
-stays accurate over thousands of turns, every few steps angles are reduced by whole turns,
-the work done is set aside, and the unit of momentum grows with the momentum. The loops
-open by little more than rounding, but that adds up, so they are closed now and then.
+stays accurate over thousands of revolutions, the state is normalised after some steps:
+angles are reduced by whole turns, the work done is set aside, and the unit of momentum
+grows with the momentum. In each step the loops open by little more than rounding. These
+errors add up, so the loops are closed from time to time.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,45 +16,91 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.dynamics.compiled_equation import CompiledEquation
-from spherekit.dynamics.motion_expressions import ParameterLayout
-from spherekit.dynamics.step_probes import first_missed
+from spherekit.dynamics.motion_expressions import EquationLayout
+from spherekit.dynamics.step_probes import find_first_errors
 from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.progress import ProgressReporter
 from spherekit.symbolic.compiler import MOST_SWITCHES, EventKind, Integrator
 
-STRETCH = 50
-"""Steps after which the state is reduced."""
+STEPS_PER_SEGMENT = 50
+"""Steps after which the state is normalised.
 
-CLOSED = 20
-"""Stretches after which the configuration is put back onto its curve."""
-
-MOST_STEPS = 300_000
-"""Their series take about 2 kB each."""
-
-SHORTEST = 1e-11
-"""Steps shorter than this part of the whole time end a run, by either engine."""
-
-CROSSED = 1e-5
-"""Where |tau| is smaller than this part of its largest, curves cross, for either engine.
-
-A configuration off its curve by d misses a crossing by sqrt(d), so this suits
-`spherekit.dynamics.compiled_equation.LOOSEST`.
+Larger: the state grows, and with it the absolute error of steps. Smaller: more time.
 """
 
-MISSED = 100.0
-"""Tolerances of a step by which its series may miss the momentum within it."""
+SEGMENTS_PER_CLOSURE = 20
+"""Segments after which the configuration is put back onto its curve.
 
-SHORTER, SHRUNK, GROWN = 0.9, 0.03, 4.0
-"""The part of a step before the first place that missed which is tried next, the least part
-of the step, and by what those after it are longer."""
+Larger: loops open further. Smaller: more time.
+"""
 
-_FULL_TURN_REST = 2.4492935982947064e-16
-"""2 pi less its nearest float64."""
+MAX_TAYLOR_STEPS = 300_000
+"""Steps after which a run ends. The series of this many steps take about 0.6 GB."""
 
-_Step = tuple[float, float, Floats, int, Floats]
-"""The start of a step, its length and its series; how many events were seen before it, and
-the sides of the switches then."""
+MIN_STEP_FRACTION = 1e-11
+"""Shortest step relative to the whole time; a shorter one ends a run of either engine.
+
+Larger: fast changes of loads end runs that could continue. Smaller: runs that cannot
+continue take longer to end.
+"""
+
+CROSSING_RATIO = 1e-5
+"""Value of |tau| relative to its largest below which curves cross, for either engine.
+
+A configuration at distance d from its curve misses a crossing by sqrt(d), so this belongs
+to `spherekit.dynamics.compiled_equation.MAX_STEP_TOLERANCE`. Larger: curves that pass each
+other closely are taken for crossing ones. Smaller: crossings are missed.
+"""
+
+MAX_PROBE_ERROR = 100.0
+"""Largest error of the momentum change in a step, in tolerances of a step.
+
+Larger: abrupt changes of loads are missed. Smaller: accurate steps are repeated.
+"""
+
+RETRY_FRACTION = 0.9
+"""Part of the interval before the first erroneous place that is tried next.
+
+Larger: the next step can contain that place again. Smaller: more steps.
+"""
+
+MIN_RETRY_FRACTION = 0.03
+"""Smallest length of a repeated step, relative to the step that it replaces.
+
+Larger: it can contain the erroneous place again. Smaller: abrupt changes at the start of a
+step need more steps.
+"""
+
+STEP_GROWTH = 4.0
+"""Factor by which a step after a shortened one may be longer than it."""
+
+TURN_ROUNDING = 2.4492935982947064e-16
+"""2 pi less its nearest float64, rad."""
+
+
+@dataclass(frozen=True)
+class TaylorStep:
+    """One step of the integrator.
+
+    Attributes
+    ----------
+    start, length
+        Time at the start, and length, s.
+    series
+        (states, order + 1) Taylor coefficients.
+    event_count
+        Number of events that had occurred before the step.
+    switch_signs
+        (switches,) signs of the switch conditions in the step.
+    """
+
+    start: float
+    length: float
+    series: Floats
+    event_count: int
+    switch_signs: Floats
+
 
 RunEnd = Literal[
     "time",
@@ -68,300 +115,450 @@ RunEnd = Literal[
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Some steps between two reductions of the state.
+class Segment:
+    """Some steps between two normalisations of the state.
 
-    `starts`, `lengths` (k,) s; `series` (k, states, order + 1) Taylor coefficients;
-    `turns` (variables,), `unit` of momentum and `work` (loads,) J set aside.
+    Attributes
+    ----------
+    layout
+        Layout of the state.
+    starts, lengths
+        (k,) start times and lengths of the steps, s.
+    series
+        (k, states, order + 1) Taylor coefficients.
+    turns
+        (variables,) whole turns that were taken off the variables.
+    momentum_unit
+        Unit of the momenta.
+    work
+        (loads,) work of each load before the segment, J.
     """
 
-    layout: ParameterLayout
+    layout: EquationLayout
     starts: Floats
     lengths: Floats
     series: Floats
     turns: Floats
-    unit: float
+    momentum_unit: float
     work: Floats
 
-    def at(self, t: Floats) -> tuple[Floats, Floats]:
-        """Return states and their rates (n, states) at times t (n,).
+    def evaluate(self, t: Floats) -> tuple[Floats, Floats]:
+        """Return the states and their rates (n, states) at times (n,), in SI units.
 
-        The variables less the whole turns, the momenta and the work of each load, in units
-        of the SI.
+        The variables are less the whole turns of the segment.
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
-        value, rate = _powers(self.series[step], t - self.starts[step])
-        for array in (value, rate):
-            array[:, self.layout.momenta] *= self.unit
-            array[:, self.layout.works] *= self.unit**2
-        value[:, self.layout.works] += self.work
-        return value, rate
+        states, rates = _evaluate_series(self.series[step], t - self.starts[step])
+        for array in (states, rates):
+            array[:, self.layout.momentum_slice] *= self.momentum_unit
+            array[:, self.layout.work_slice] *= self.momentum_unit**2
+        states[:, self.layout.work_slice] += self.work
+        return states, rates
 
 
 @dataclass(frozen=True)
-class Run:
-    """A run as far as it came: its stretches, events, and why and when it ended (s).
+class TaylorRun:
+    """A finished integration of one compiled equation.
 
-    Of events it has the time (s), the kind, and the variable that it is about or -1.
-    `drift` is the largest closure residual (rad) that was taken out, `largest` the largest
-    measure of independence.
+    Attributes
+    ----------
+    equation
+        The equation that was integrated.
+    segments
+        Its segments in order of time.
+    events
+        Time (s), kind and variable (-1 without one) of each event.
+    end
+        Why it ended.
+    end_time
+        When it ended, s.
+    max_closure_residual
+        Largest closure residual that was removed, rad.
+    max_independence
+        Largest measure of independence.
     """
 
     equation: CompiledEquation
-    stretches: tuple[Stretch, ...]
-    passages: tuple[tuple[float, EventKind, int], ...]
+    segments: tuple[Segment, ...]
+    events: tuple[tuple[float, EventKind, int], ...]
     end: RunEnd
-    time: float
-    drift: float
-    largest: float
+    end_time: float
+    max_closure_residual: float
+    max_independence: float
 
     @property
-    def last(self) -> Floats:
-        """The state (states,) at its end, less the turns of the last stretch."""
-        return self.stretches[-1].at(np.array([self.time]))[0][0]
+    def last_state(self) -> Floats:
+        """The state (states,) at the end, less the whole turns of the last segment."""
+        states, _ = self.segments[-1].evaluate(np.array([self.end_time]))
+        return states[0]
 
 
-def _powers(series: Floats, h: Floats) -> tuple[Floats, Floats]:
-    """Return values and rates (n, states) of Taylor series (n, states, order + 1) at h."""
-    h = h[:, None]
-    value = series[:, :, -1]
-    rate = np.zeros_like(value)
-    for order in range(series.shape[2] - 2, -1, -1):
-        rate = rate * h + value
-        value = value * h + series[:, :, order]
-    return value, rate
-
-
-class Integration:
-    """A run while it goes on, of an equation compiled for this mechanism.
+def _evaluate_series(series: Floats, h: Floats) -> tuple[Floats, Floats]:
+    """Return the values and rates (n, states) of Taylor series.
 
     Parameters
     ----------
-    equation, mechanism
-        The mechanism's tables and joint limits are used.
-    values, turns, momenta
-        (variables,) a closed configuration (rad) less whole turns, and (m,) the momenta: of
-        one freedom sqrt(B) u, positive in the sense of the homogeneous rates.
-    unit
+    series
+        (n, states, order + 1) coefficients.
+    h
+        (n,) times since the start of the series, s.
+    """
+    h = h[:, None]
+    values = series[:, :, -1]
+    rates = np.zeros_like(values)
+    # Horner's scheme for the polynomial and its derivative at once.
+    for order in range(series.shape[2] - 2, -1, -1):
+        rates = rates * h + values
+        values = values * h + series[:, :, order]
+    return values, rates
+
+
+@dataclass(frozen=True)
+class RunStart:
+    """Where an integration starts.
+
+    Attributes
+    ----------
+    values
+        (variables,) a closed configuration less whole turns, rad.
+    turns
+        (variables,) these whole turns.
+    momenta
+        (m,) momenta: with one degree of freedom sqrt(B) u, positive in the sense of the
+        homogeneous rates.
+    momentum_unit
         A momentum of usual size, not zero.
-    close
-        Puts a configuration back onto its curve, and says what its residual was.
-    crossed
-        Root of the part of the largest measure of independence at which the run ends.
-    before, gap
-        The run that this one goes on from, if any, and the closure residual (rad) that was
-        taken out between them.
+    previous_run
+        The run that is continued with other coordinates, if any.
+    closure_residual
+        Closure residual that was removed between the two runs, rad.
+    """
+
+    values: Floats
+    turns: Floats
+    momenta: Floats
+    momentum_unit: float
+    previous_run: TaylorRun | None = None
+    closure_residual: float = 0.0
+
+
+class TaylorIntegration:
+    """An integration of a compiled equation while it runs.
+
+    Parameters
+    ----------
+    equation
+        The compiled equation.
+    mechanism
+        The mechanism, whose torque tables and joint limits are used.
+    start
+        Where the integration starts.
+    project
+        Puts a configuration (variables,) back onto its curve, and returns it with its
+        closure residual (rad) before.
+    crossing_ratio
+        The integration ends where the measure of independence falls below the square of
+        this part of its largest value.
     """
 
     def __init__(
         self,
         equation: CompiledEquation,
         mechanism: Mechanism,
-        values: Floats,
-        turns: Floats,
-        momenta: Floats,
-        unit: float,
-        close: Callable[[Floats], tuple[Floats, float]],
-        crossed: float,
-        before: Run | None,
-        gap: float,
+        start: RunStart,
+        project: Callable[[Floats], tuple[Floats, float]],
+        crossing_ratio: float,
     ) -> None:
         self.equation = equation
-        self.close, self.crossed = close, crossed
-        self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
-        self.count = len(values)
         self.layout = equation.layout
-        self.turns, self.work = turns, np.zeros(len(mechanism.loads))
-        self.time, self.drift = 0.0, gap
-        self.largest = float(equation.measure(values[None])[0])
-        if before is not None:
-            self.time, self.drift = before.time, max(before.drift, gap)
-            last = before.equation
-            self.largest *= before.largest / float(last.measure(values[None])[0])
-            self.work = before.last[last.layout.works]
-        self.unit = max(unit, float(np.linalg.norm(momenta)))
-        self.turning = np.isin(np.arange(self.count), [*mechanism.angles.values()])
-        self.stops = [v for stop in mechanism.joint_limits for v in (stop.low, stop.high)]
-        self.sides = np.zeros(len(equation.layout.conditions))
-        self.first = np.concatenate([values, momenta / self.unit, np.zeros_like(self.work)])
-        self.stretches: list[Stretch] = []
-        self.longest = np.inf
-        """Longest step that is tried, where longer ones missed what a load does."""
+        self.project = project
+        self.crossing_ratio = crossing_ratio
+        self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
+        self.limit_values: list[float] = []
+        for limit in mechanism.joint_limits:
+            self.limit_values += [limit.low, limit.high]
+        self.variable_count = len(start.values)
+        self.is_angle = np.isin(
+            np.arange(self.variable_count), [*mechanism.angles.values()]
+        )
 
-    def run(self, targets: Sequence[float]) -> Run:
-        """Return the run to the last of rising times (s) between which no load has a knot.
+        self.time = 0.0
+        self.turns = start.turns
+        self.work = np.zeros(len(mechanism.loads))
+        self.max_closure_residual = start.closure_residual
+        independence = equation.measure_independence(start.values[None])
+        self.max_independence = float(independence[0])
+        previous = start.previous_run
+        if previous is not None:
+            self.time = previous.end_time
+            self.max_closure_residual = max(
+                previous.max_closure_residual, start.closure_residual
+            )
+            # The measures of two equations differ by a factor, which follows from both
+            # measures in the same configuration.
+            previous_measure = previous.equation.measure_independence(start.values[None])
+            self.max_independence *= previous.max_independence / float(previous_measure[0])
+            self.work = previous.last_state[previous.equation.layout.work_slice]
+        self.momentum_unit = max(start.momentum_unit, float(np.linalg.norm(start.momenta)))
+        self.switch_signs = np.zeros(len(self.layout.switch_conditions))
+        self.start_state = np.concatenate(
+            [start.values, start.momenta / self.momentum_unit, np.zeros_like(self.work)]
+        )
+        self.segments: list[Segment] = []
+        # Longest step that is tried, after longer ones missed what a load does.
+        self.max_step = np.inf
+
+    def run(self, targets: Sequence[float]) -> TaylorRun:
+        """Integrate up to the last target, and return the run.
 
         Runs of one equation in several threads wait for each other.
+
+        Parameters
+        ----------
+        targets
+            Rising times (s) between which no load has a knot.
         """
-        integrator, steps = self.equation.integrator, 0
-        working = ProgressReporter("simulating")
+        integrator = self.equation.integrator
+        steps = 0
+        progress = ProgressReporter("simulating")
         with self.equation.lock:
-            self._set_sides(targets[0])
-            integrator.start(self.first, self.time, self._parameters(targets[0]))
+            self._set_switch_signs(targets[0])
+            integrator.start(self.start_state, self.time, self._parameters(targets[0]))
             for target in targets:
                 end: RunEnd | None = None
                 while end is None:
-                    taken, end = self._stretch(integrator, target, SHORTEST * targets[-1])
-                    steps += taken
-                    working.tell(lambda: f"{self.time:.4g} of {targets[-1]:.6g} s")
-                    if end is None and steps >= MOST_STEPS:
+                    steps_tried, end = self._integrate_segment(
+                        integrator, target, MIN_STEP_FRACTION * targets[-1]
+                    )
+                    steps += steps_tried
+                    progress.tell(lambda: f"{self.time:.4g} of {targets[-1]:.6g} s")
+                    if end is None and steps >= MAX_TAYLOR_STEPS:
                         end = "too_many"
                 if end != "time":
                     break
             assert end is not None
-            passed = ((t, integrator.events[which]) for which, t in integrator.seen)
-            return Run(
-                self.equation,
-                tuple(self.stretches),
-                tuple((t, event.kind, event.variable) for t, event in passed),
-                end,
-                self.time,
-                self.drift,
-                self.largest,
+            events = []
+            for number, time in integrator.seen:
+                event = integrator.events[number]
+                events.append((time, event.kind, event.variable))
+            return TaylorRun(
+                equation=self.equation,
+                segments=tuple(self.segments),
+                events=tuple(events),
+                end=end,
+                end_time=self.time,
+                max_closure_residual=self.max_closure_residual,
+                max_independence=self.max_independence,
             )
 
     @property
-    def least(self) -> float:
+    def min_independence(self) -> float:
         """The measure of independence at which the run ends."""
-        return self.crossed**2 * self.largest
+        return self.crossing_ratio**2 * self.max_independence
 
-    def _stretch(
-        self, integrator: Integrator, target: float, shortest: float
+    def _integrate_segment(
+        self, integrator: Integrator, target: float, min_step: float
     ) -> tuple[int, RunEnd | None]:
-        self._reduce(integrator, target)
-        steps: list[_Step] = []
-        looks = self.equation.steep is not None
-        right = tried = 0
+        """Integrate one segment; return the number of tried steps and why the run ends.
+
+        Parameters
+        ----------
+        integrator
+            The integrator, whose state is that reached.
+        target
+            Time at which the next interval between knots of loads begins, s.
+        min_step
+            Length of a step below which the run ends, s.
+        """
+        self._normalise(integrator, target)
+        steps: list[TaylorStep] = []
+        has_probes = self.equation.probe_function is not None
+        # Steps before this index agree with the loads. Only if a step was shortened is each
+        # step probed at once; otherwise those of the whole segment together.
+        probed_steps = 0
+        steps_tried = 0
         end: RunEnd | None = None
-        while end is None and len(steps) < STRETCH:
-            tried += 1
-            start, seen = integrator.time, len(integrator.seen)
-            longest = target - start
-            limited = self.longest < longest
-            sides = self._constants(integrator)[self.layout.side :] if looks else self.sides
-            outcome, length = integrator.step(min(longest, self.longest))
+        while end is None and len(steps) < STEPS_PER_SEGMENT:
+            steps_tried += 1
+            start = integrator.time
+            event_count = len(integrator.seen)
+            remaining = target - start
+            is_shortened = self.max_step < remaining
+            switch_signs = self.switch_signs
+            if has_probes:
+                switch_signs = self._all_parameters(integrator)[
+                    self.layout.switch_parameters :
+                ]
+            outcome, length = integrator.step(min(remaining, self.max_step))
             if outcome == "not_finite":
                 end = "not_finite"
             elif length > 0.0 or outcome == "event":
                 self.time = integrator.time
-                steps.append((start, length, integrator.coefficients, seen, sides))
-            if outcome == "limit" and not limited:
+                steps.append(
+                    TaylorStep(
+                        start, length, integrator.coefficients, event_count, switch_signs
+                    )
+                )
+            if outcome == "limit" and not is_shortened:
                 end = "time"
             elif outcome == "event":
-                end = self._event(integrator)
-            elif length < shortest and outcome in ("step", "limit"):
+                end = self._classify_event(integrator)
+            elif length < min_step and outcome in ("step", "limit"):
                 end = "too_fast"
-            if not looks or not (limited or end is not None or len(steps) == STRETCH):
+
+            is_segment_over = end is not None or len(steps) == STEPS_PER_SEGMENT
+            if not has_probes or not (is_shortened or is_segment_over):
                 continue
-            agree, self.longest = self._agree(integrator, steps[right:])
-            right += agree
-            if right < len(steps):
-                end = None if self.longest > shortest else "too_fast"
-                self._go_back(integrator, steps[right])
-                del steps[right:]
-            elif limited and outcome == "limit":
-                self.longest = GROWN * length
+            agreeing, self.max_step = self._probe_steps(integrator, steps[probed_steps:])
+            probed_steps += agreeing
+            if probed_steps < len(steps):
+                end = None if self.max_step > min_step else "too_fast"
+                self._return_to_start(integrator, steps[probed_steps])
+                del steps[probed_steps:]
+            elif is_shortened and outcome == "limit":
+                self.max_step = STEP_GROWTH * length
         if steps:
-            starts, lengths, series = (
-                np.array([step[k] for step in steps]) for k in range(3)
+            self._store_segment(steps)
+        return steps_tried, end
+
+    def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
+        """Add a segment of these steps."""
+        series = np.array([step.series for step in steps])
+        self.segments.append(
+            Segment(
+                layout=self.layout,
+                starts=np.array([step.start for step in steps]),
+                lengths=np.array([step.length for step in steps]),
+                series=series,
+                turns=self.turns,
+                momentum_unit=self.momentum_unit,
+                work=self.work,
             )
-            kept = self.turns, self.unit, self.work
-            self.stretches.append(Stretch(self.layout, starts, lengths, series, *kept))
-            first = self.equation.measure(series[:, : self.count, 0])
-            self.largest = max(self.largest, float(np.max(first)))
-        return tried, end
+        )
+        start_values = series[:, : self.variable_count, 0]
+        independence = self.equation.measure_independence(start_values)
+        self.max_independence = max(self.max_independence, float(np.max(independence)))
 
-    def _constants(self, integrator: Integrator) -> Floats:
-        """Return the parameters, 0 for those beyond the last that occurs."""
-        given = integrator.parameters
-        beyond = self.layout.side + len(self.sides) - len(given)
-        return np.pad(given, (0, beyond))
+    def _all_parameters(self, integrator: Integrator) -> Floats:
+        """Return all parameters; heyoka has none beyond the last that occurs."""
+        parameters = integrator.parameters
+        count = self.layout.switch_parameters + len(self.switch_signs)
+        return np.pad(parameters, (0, count - len(parameters)))
 
-    def _go_back(self, integrator: Integrator, step: _Step) -> None:
-        """Return to the start of a step."""
-        self.time, _, series, count, sides = step
-        constants, seen = self._constants(integrator), integrator.seen[:count]
-        constants[self.layout.side :] = sides
-        integrator.start(series[:, 0], self.time, constants)
-        integrator.seen.extend(seen)
+    def _return_to_start(self, integrator: Integrator, step: TaylorStep) -> None:
+        """Set the integrator back to the start of a step."""
+        self.time = step.start
+        parameters = self._all_parameters(integrator)
+        parameters[self.layout.switch_parameters :] = step.switch_signs
+        events_before = integrator.seen[: step.event_count]
+        integrator.start(step.series[:, 0], self.time, parameters)
+        integrator.seen.extend(events_before)
 
-    def _agree(self, integrator: Integrator, steps: Sequence[_Step]) -> tuple[int, float]:
-        """Return how many steps agree with what the loads do, and how long the next may be.
+    def _probe_steps(
+        self, integrator: Integrator, steps: Sequence[TaylorStep]
+    ) -> tuple[int, float]:
+        """Return how many steps agree with the loads, and how long the next may be (s).
 
-        After one that does not agree the next ends before it missed, otherwise anywhere.
+        The first step that does not agree is to be repeated so that it ends before the
+        place where it missed a load. If all agree, the length is not limited.
         """
         if not steps:
             return 0, np.inf
-        starts, lengths, series, _, sides = (
-            np.array(column) for column in zip(*steps, strict=True)
-        )
-        steep, constants = self.equation.steep, self._constants(integrator)
-        assert steep is not None
+        starts = np.array([step.start for step in steps])
+        lengths = np.array([step.length for step in steps])
+        series = np.array([step.series for step in steps])
+        switch_signs = np.array([step.switch_signs for step in steps])
+        probe_function = self.equation.probe_function
+        assert probe_function is not None
+        layout = self.layout
+        parameters = self._all_parameters(integrator)[: layout.switch_parameters]
 
-        def look(step: Indices, x: Floats) -> tuple[Floats, Floats]:
-            h = x * lengths[step]
-            states, rates = _powers(series[step], h)
-            given = np.repeat(constants[: self.layout.side, None], len(x), axis=1)
-            rows = states.T, (starts[step] + h)[None], given, sides[step].T
-            values = np.split(steep(np.concatenate(rows)), [self.layout.freedoms])
-            missed = np.abs(rates[:, self.layout.momenta] - values[0].T)
-            missed = np.max(missed, axis=1) * lengths[step]
-            return missed / (MISSED * self.equation.tolerance), values[1].T
+        def probe(step: Indices, places: Floats) -> tuple[Floats, Floats]:
+            h = places * lengths[step]
+            states, rates = _evaluate_series(series[step], h)
+            inputs = [
+                states.T,
+                (starts[step] + h)[None],
+                np.repeat(parameters[:, None], len(places), axis=1),
+                switch_signs[step].T,
+            ]
+            outputs = probe_function(np.concatenate(inputs))
+            momentum_rates, arguments = np.split(outputs, [layout.freedoms])
+            differences = np.abs(rates[:, layout.momentum_slice] - momentum_rates.T)
+            # The change of the momentum if the difference lasted for the whole step.
+            errors = np.max(differences, axis=1) * lengths[step]
+            return errors / (MAX_PROBE_ERROR * self.equation.tolerance), arguments.T
 
-        for agree, part in enumerate(first_missed(look, len(starts))):
-            if part <= 1.0:
-                return agree, float(max(SHORTER * part, SHRUNK) * lengths[agree])
-        return len(starts), np.inf
+        for index, place in enumerate(find_first_errors(probe, len(steps))):
+            if place <= 1.0:
+                fraction = max(RETRY_FRACTION * place, MIN_RETRY_FRACTION)
+                return index, float(fraction * lengths[index])
+        return len(steps), np.inf
 
-    def _event(self, integrator: Integrator) -> RunEnd:
-        kind = integrator.events[integrator.seen[-1][0]].kind
+    def _classify_event(self, integrator: Integrator) -> RunEnd:
+        """Return why the run ends at the last event."""
+        number, _ = integrator.seen[-1]
+        kind = integrator.events[number].kind
         if kind == "switch":
             return "too_many" if len(integrator.seen) >= MOST_SWITCHES else "sticking"
         return kind if kind in ("coordinates", "joint_limit") else "singularity"
 
-    def _reduce(self, integrator: Integrator, target: float) -> None:
+    def _normalise(self, integrator: Integrator, target: float) -> None:
         """Take whole turns off the angles, set work aside, adapt the unit of momentum.
 
-        Tables run along lines until the next knot.
+        The parameters are set up to the `target` (s), the next knot of a load.
         """
         state = integrator.state
-        values = state[: self.count]
-        turns = np.round(values / TURN) * self.turning
+        values = state[: self.variable_count]
+        turns = np.round(values / TURN) * self.is_angle
         values -= turns * TURN
-        values -= turns * _FULL_TURN_REST
-        if self.stretches and len(self.stretches) % CLOSED == 0:
-            values[:], gap = self.close(values)
-            self.drift = max(self.drift, gap)
+        # Without the digits of 2 pi beyond float64, errors grow with the revolutions.
+        values -= turns * TURN_ROUNDING
+        if self.segments and len(self.segments) % SEGMENTS_PER_CLOSURE == 0:
+            values[:], residual = self.project(values)
+            self.max_closure_residual = max(self.max_closure_residual, residual)
         self.turns = self.turns + turns
-        works, momenta = state[self.layout.works], state[self.layout.momenta]
-        self.work = self.work + works * self.unit**2
+        works = state[self.layout.work_slice]
+        self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
+        momenta = state[self.layout.momentum_slice]
         size = float(np.linalg.norm(momenta))
         if size > 1.0:
-            self.unit *= size
+            self.momentum_unit *= size
             momenta /= size
-        self.sides = self._constants(integrator)[self.layout.side :]
-        given = integrator.parameters
-        given[:] = self._parameters(target)[: len(given)]
+        self.switch_signs = self._all_parameters(integrator)[
+            self.layout.switch_parameters :
+        ]
+        parameters = integrator.parameters
+        parameters[:] = self._parameters(target)[: len(parameters)]
 
     def _parameters(self, target: float) -> Floats:
-        # Within the interval, for at its ends a periodic table may jump.
-        lines, span = [self.time], target - self.time
+        """Return the parameters, in the order of `EquationLayout`, up to the `target`."""
+        duration = target - self.time
+        table_values = [self.time]
         for table in self.tables:
-            one, other = table.at(self.time + span * np.array([0.25, 0.75]))
-            lines += [1.5 * one - 0.5 * other, 2.0 * (other - one) / span]
-        scales = self.unit, 1.0 / self.unit, self.least
-        return np.array([*self.turns, *scales, *self.stops, *lines, *self.sides])
+            # A table is linear up to the next knot. It is read within the interval, since
+            # a periodic table may jump at the ends.
+            early, late = table.at(self.time + duration * np.array([0.25, 0.75]))
+            table_values += [1.5 * early - 0.5 * late, 2.0 * (late - early) / duration]
+        scales = [self.momentum_unit, 1.0 / self.momentum_unit, self.min_independence]
+        return np.array(
+            [*self.turns, *scales, *self.limit_values, *table_values, *self.switch_signs]
+        )
 
-    def _set_sides(self, target: float) -> None:
-        """Find the signs of the loads' conditions at the start.
+    def _set_switch_signs(self, target: float) -> None:
+        """Compute the signs of the switch conditions at the start.
 
-        Where a condition is zero, that towards which it goes; positive if it stays.
+        If a condition is zero, its sign is that of its rate, and positive if that is zero.
         """
-        if self.equation.conditions is None:
+        switch_function = self.equation.switch_function
+        if switch_function is None:
             return
-        count = len(self.sides)
+        count = len(self.switch_signs)
+        # One after the other, since conditions can depend on switches before them.
         for k in range(count):
-            given = np.concatenate([self.first, [self.time], self._parameters(target)])
-            values = np.sign(self.equation.conditions(given[:, None])[:, 0])
-            self.sides[k] = values[k] or values[count + k] or 1.0
+            inputs = np.concatenate(
+                [self.start_state, [self.time], self._parameters(target)]
+            )
+            signs = np.sign(switch_function(inputs[:, None])[:, 0])
+            self.switch_signs[k] = signs[k] or signs[count + k] or 1.0

@@ -1,186 +1,75 @@
 """Moments and forces that pairs transmit, from the motion of the links and their loads.
 
-Newton's and Euler's equations of all moving links about the centre O are solved for the
-parts of the pairs' moments about the directions that their variables do not turn about, and
-with `forces` those of their forces through O for the forces as well. The force of a contact
-acts at its point, so that its moment says it where its distance from O is known.
+The Newton-Euler equations of all moving links about the centre O are solved for the parts
+of the pairs' moments about directions that their variables do not turn about and, if forces
+are asked for, for their forces through O. The force of a contact acts at its point. If its
+distance from O is known, its force follows from its moment.
 
-O is at rest, so a body with the tensor I about O, the mass m and its centre of mass at c
-needs
+O is at rest. A link with inertia tensor I about O, mass m and centre of mass c needs
 
-    I a + w x I w    and    m (a x c + w x (w x c)),
+    moment  I a + w x (I w)   and   force  m (a x c + w x (w x c))
 
-two sums of one form: a linear map of a, and w times that of w.
+with its angular velocity w and angular acceleration a. Both have the form
+L(a) + w x L(w) with one linear map L.
+
+A wrench (6,) is a moment about O (N m) followed by a force (N).
 """
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.dynamics.coordinates import CoordinateMotion
+from spherekit.dynamics.generalised_forces import Loads
 from spherekit.geometry.rotation import cross, max_abs, transpose
 from spherekit.mechanism.elements import Pair
-from spherekit.mechanism.friction import Bearings, ContactFriction, sliding_rate
-from spherekit.mechanism.load import Called, Component, TorqueTable
-from spherekit.mechanism.load_dependence import steep
-from spherekit.mechanism.load_expression import Expression
+from spherekit.mechanism.friction import Bearings, ContactFriction
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.positions.timing import Timing
 
+DEPENDENT_REACTIONS_RATIO = 1e-9
+"""Relative singular value of the equations below which reactions balance each other.
 
-class Loads:
-    """The loads of a mechanism, ready to be evaluated at any configurations.
+Larger: reactions of nearly redundant constraints are reported as not determined. Smaller:
+they are computed with errors of up to the reciprocal of this number times rounding.
+"""
 
-    `names` are those of the loads, `components` what they are made of, `owners` the
-    number of the load of each component, `steep` the arguments at whose zeros and turns
-    loads may change at once, see `spherekit.mechanism.load_dependence.steep`; `watched`
-    says whether steps have to be looked at for that, or for functions of which nothing is
-    known, `rubbing` are the components whose friction follows from reactions.
-    """
+MAX_TOOTH_SIDE_CHANGES = 6
+"""Solutions of the equilibrium, each after teeth were put on the side on which they press.
 
-    def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism = mechanism
-        self.names = tuple(load.name for load in mechanism.loads)
-        by_load = [load.components(mechanism) for load in mechanism.loads]
-        self.components = tuple(part for parts in by_load for part in parts)
-        self.owners = [k for k, parts in enumerate(by_load) for _ in parts]
-        self.steep = steep(mechanism)
-        grips = {k: part.rubs.grip for k, part in enumerate(self.components) if part.rubs}
-        self.rubbing = [k for k, grip in grips.items() if grip > 0.0]
-        self.grips = np.array([grips[k] for k in self.rubbing])
-        self.watched = bool(self.steep) or any(
-            isinstance(part.magnitude, Called) for part in self.components
-        )
-        self._first = np.unique(self.owners, return_index=True)[1]
+If teeth still change sides in the last one, the reactions are reported as not determined.
+"""
 
-    def velocities(self, motion: CoordinateMotion) -> Floats:
-        """Return what each component works on (n, m, components), per unit rates."""
-        velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
-        for column, part in enumerate(self.components):
-            if part.pair:
-                velocities[..., column] = self._rate(motion.rates, part.pair)
-            for link, moment, _ in self.on_links(part, motion.rotations):
-                worked = motion.w[:, :, link] @ moment[..., None]
-                velocities[..., column] += worked[..., 0]
-        return velocities
+DETERMINED_PART = 1e-7
+"""Largest squared part of a reaction in self-balancing reactions if it is determined.
 
-    def on_links(
-        self, part: Component, rotations: Floats
-    ) -> Iterator[tuple[int, Floats, Floats]]:
-        """Yield the links on which a component acts, per unit of its magnitude.
+Larger: reactions that are slightly indeterminate are reported as numbers. Smaller: rounding
+makes determined reactions indeterminate.
+"""
 
-        With its moment about the centre (n, 3) or (3,), and the force that it is the moment
-        of, 0 of a couple, in ground axes; `rotations` (n, links, 3, 3) are of the links.
-        """
-        for given in part.moments:
-            link = self.mechanism.link_number[given.link]
-            turn = rotations[:, link]
-            along = np.array(given.direction)
-            if given.axes == "link":
-                along = turn @ along
-            if given.arm is None:
-                yield link, along, 0.0 * along
-            else:
-                yield link, cross(turn @ given.arm, along), along
+MOMENT_COMPONENTS = 3
+"""Components 0, 1, 2 of a wrench are the moment, components 3, 4, 5 the force."""
 
-    def _rate(self, rates: Floats, pair: str) -> Floats:
-        """Return the rate (...) of a pair, of a contact that at which it slides."""
-        first, *second = self.mechanism.variables_of(self.mechanism.pair_number[pair])
-        return rates[..., first] - np.sum(rates[..., second], axis=-1)
-
-    def magnitudes(
-        self, motion: CoordinateMotion, speed: Floats, t: Floats, carried: Floats | None
-    ) -> Floats:
-        """Return the magnitude of each component (n, components), N m or N.
-
-        `speed` (n, m) are the rates of the motion's coordinates by time, `t` (n,) is in s;
-        `carried` (n, k) what each of the `rubbing` carries, N on bearings and N m of
-        contacts, without which these do not rub.
-        """
-        laws = [part.magnitude for part in self.components]
-        sizes = self.evaluated(laws, motion, speed, t)
-        sizes[:, self.rubbing] *= self.grips * (0.0 if carried is None else carried)
-        return sizes
-
-    def evaluated(
-        self,
-        laws: Sequence[Expression | Called | TorqueTable],
-        motion: CoordinateMotion,
-        speed: Floats,
-        t: Floats,
-    ) -> Floats:
-        """Return the values of laws (n, laws), of what rubs per unit of grip and load.
-
-        For the same as `magnitudes`.
-        """
-        names = {"t": t}
-        angles = self.mechanism.angles
-        values = motion.values
-        rates = rates_by_time(motion, speed)
-        for pair, k in angles.items():
-            names |= {f"theta_{pair}": values[:, k], f"dtheta_{pair}": rates[:, k]}
-        for pair in {self.components[k].pair for k in self.rubbing} - {*angles}:
-            names[sliding_rate(pair)] = self._rate(rates, pair)
-        results = np.empty((len(t), len(laws)))
-        for column, law in enumerate(laws):
-            results[:, column] = (
-                law.at(t)
-                if isinstance(law, TorqueTable)
-                else law.evaluate({name: names[name] for name in law.names})
-            )
-        return results
-
-    def parts(
-        self,
-        motion: CoordinateMotion,
-        speed: Floats,
-        t: Floats,
-        carried: Floats | None = None,
-    ) -> Floats:
-        """Return each load's generalised forces (n, m, loads).
-
-        Parameters
-        ----------
-        motion
-            n rows with any m coordinates.
-        speed
-            (n, m) rates of these coordinates by time.
-        t
-            (n,) time, s.
-        carried
-            See `magnitudes`.
-        """
-        magnitudes = self.magnitudes(motion, speed, t, carried)
-        powers = magnitudes[:, None] * self.velocities(motion)
-        return np.add.reduceat(powers, self._first, axis=2)
-
-
-def rates_by_time(motion: CoordinateMotion, speed: Floats) -> Floats:
-    """Return the rates by time (n, variables), given those (n, m) of coordinates."""
-    return (speed[:, None] @ motion.rates)[:, 0]
-
-
-DEPENDENT = 1e-9
-"""Reactions whose relative singular value is below this balance each other."""
-
-
-SIDES = 6
-"""Times that teeth may change the side on which they press before it is left open."""
-
-
-DETERMINED = 1e-7
-"""A reaction that takes a larger part than this in such a balance is not determined."""
+AXIAL_FORCE = 5
+"""Component of a wrench in pair axes: the force along the axis of an R pair."""
 
 
 @dataclass(frozen=True)
 class DrivenState(ArrayRows):
-    """n rows of a mechanism that moves, with the torques (n, inputs) that drive it.
+    """n rows of a moving mechanism with its driving torques.
 
-    `motion` says how it moves by its inputs, `timing` how these move in time; `carried` as
-    of `Loads.magnitudes`.
+    Attributes
+    ----------
+    motion
+        Configurations and their derivatives by m coordinates.
+    timing
+        Time, and rates and accelerations (n, m) of these coordinates.
+    torques
+        (n, inputs) driving torques, N m.
+    carried
+        (n, k) what pairs with friction carry, see `Loads.evaluate_magnitudes`.
     """
 
     mechanism: Mechanism
@@ -192,12 +81,19 @@ class DrivenState(ArrayRows):
 
 @dataclass(frozen=True)
 class JointReactions:
-    """Moments about O (N m) and forces through it (N), in pair axes, at n rows.
+    """Wrenches that pairs transmit at n rows, in pair axes.
 
-    `wrenches` (n, pairs, 6), the moment and then the force, which is NaN where it was not
-    asked for; `opened` (n, pairs, 6) which components are not determined, also NaN;
-    `unbalanced` (n,) is what is left over of the moments, `slides` (n, links) which links
-    no pair holds at O.
+    Attributes
+    ----------
+    wrenches
+        (n, pairs, 6) moments about O (N m) and forces through O (N); NaN where a component
+        is not determined or was not asked for.
+    opened
+        (n, pairs, 6) whether a component is not determined.
+    unbalanced
+        (n,) largest moment (N m) by which a link misses its equation.
+    slides
+        (n, links) whether no pair holds a link at O.
     """
 
     wrenches: Floats
@@ -216,22 +112,47 @@ class JointReactions:
         return np.hypot(self.wrenches[..., 0], self.wrenches[..., 1])
 
 
-class NewtonEuler:
-    """Newton's and Euler's equations of all links at n rows, solved for what pairs hold.
+@dataclass(frozen=True)
+class Equilibrium:
+    """Solution of the Newton-Euler equations for given loads at n rows.
 
-    `columns` are the pair and the component of its wrench of each reaction, `matrix` (n,
-    equations, columns) what these do, `is_open` (n, columns) which are not determined,
-    `slides` (n, links) which links no pair holds at O, `working` (pairs, 6) the wrench of
-    1 N m of loads at each pair in its axes. Solved for loads: `left` (n, links, 6) for
-    reactions, `about` (n, pairs), `reactions` (n, columns), `missed` (n,) N m what misses
-    the equations, `settled` (n,) whether it is known on which side teeth bear.
+    Attributes
+    ----------
+    reaction_wrenches
+        (n, links, 6) wrenches on the links that the reactions have to supply.
+    torques
+        (n, pairs) moments of loads and drives about pair axes, N m.
+    reactions
+        (n, columns) magnitudes of the reactions.
+    residual
+        (n,) largest moment by which an equation is missed, N m.
     """
 
-    left: Floats
-    about: Floats
+    reaction_wrenches: Floats
+    torques: Floats
     reactions: Floats
-    missed: Floats
-    settled: Bools
+    residual: Floats
+
+
+class NewtonEuler:
+    """Newton-Euler equations of all links at n rows, solved for the reactions of pairs.
+
+    A reaction is one component of the wrench of one pair that does no work.
+
+    Attributes
+    ----------
+    columns
+        Pair and component (0 to 5) of each reaction.
+    matrix
+        (n, equations, columns) wrenches on links by reactions of size 1.
+    is_open
+        (n, columns) whether a reaction is not determined.
+    slides
+        (n, links) whether no pair holds a link at O.
+    working_wrenches
+        (pairs, 6) wrench of a pair in its axes for 1 N m about its axis, or along the
+        tangent of a contact: the part on which loads and drives act.
+    """
 
     def __init__(
         self,
@@ -239,127 +160,185 @@ class NewtonEuler:
         frames: Floats,
         *,
         forces: bool = False,
-        sides: Floats | None = None,
+        tooth_sides: Floats | None = None,
     ) -> None:
-        """`frames` (n, pairs, 3, 3) are those of the pairs in ground axes.
+        """Assemble the equations.
 
-        Without `forces` the equations of moments alone are solved. `sides` (n, pairs) are
-        the signs of the moments about y of teeth with a pressure angle, 1 if left out.
+        Parameters
+        ----------
+        mechanism
+            A mechanism.
+        frames
+            (n, pairs, 3, 3) axes of the pairs in their columns, in ground axes.
+        forces
+            Whether to solve for forces through O as well as for moments.
+        tooth_sides
+            (n, pairs) signs of the moments about y of teeth with a pressure angle; 1 if
+            left out.
         """
-        self.mechanism, self.frames = mechanism, frames
+        self.mechanism = mechanism
+        self.frames = frames
+        # With a pressure angle the moment of teeth about x follows from that about y.
         self.columns = [
-            (number, k)
-            for number, pair in enumerate(mechanism.pairs)
-            for k in range(pair.constraints)
-            if k or pair.pressure_angle is None
+            (pair_number, component)
+            for pair_number, pair in enumerate(mechanism.pairs)
+            for component in range(pair.constraints)
+            if component or pair.pressure_angle is None
         ]
         if forces:
-            self.columns += _force_columns(mechanism)
+            self.columns += _list_force_columns(mechanism)
         distances = [x.distance for x in mechanism.pairs if x.distance is not None]
-        # A length makes forces comparable with moments where contacts tie them.
+        # Contacts at known distances couple equations of moments and of forces. The mean
+        # distance makes forces and moments comparable in size.
         self.length = float(np.mean(distances)) if distances else 1.0
-        self.working = np.stack([_working(pair) for pair in mechanism.pairs])
-        self.wrenches = self._wrenches(
-            np.ones(frames.shape[:2]) if sides is None else sides
+        self.working_wrenches = np.stack(
+            [_working_wrench(pair) for pair in mechanism.pairs]
         )
-        links = len(mechanism.links)
-        # A pair acts on its second link, and the other way round on its first.
-        first, second = np.array(mechanism.ends).T
-        self._on_links = np.eye(links)[second] - np.eye(links)[first]
-        pairs = [pair for pair, _ in self.columns]
-        self._on_pairs = np.eye(len(mechanism.pairs))[pairs]
-        turned = _turned(frames[:, pairs], self.wrenches * np.repeat([1.0, self.length], 3))
-        matrix = self._on_links[pairs].T[:, None] * np.swapaxes(turned, 1, 2)[:, None]
-        self._rows = np.zeros((links, 6), dtype=bool)
-        self._rows[1:, : 6 if forces else 3] = True
-        for link in without_centre(mechanism):
-            self._rows[mechanism.link_number[link], 3:] = False
-        self.matrix = matrix[:, self._rows]
-        self._invert(bool(distances))
+        sides = np.ones(frames.shape[:2]) if tooth_sides is None else tooth_sides
+        self.unit_wrenches = self._compute_unit_wrenches(sides)
 
-    def _invert(self, tied: bool) -> None:
-        """Solve the equations, and note what they leave open and who slides."""
-        n, equations_of_all, columns_of_all = self.matrix.shape
-        self._inverse = np.zeros((n, columns_of_all, equations_of_all))
-        self.is_open = np.zeros((n, columns_of_all), dtype=bool)
-        unheld = np.zeros((n, equations_of_all), dtype=bool)
-        # Moments and forces are two systems unless the places of contacts tie them.
-        of_row = (np.nonzero(self._rows)[1] < 3) | tied
-        of_column = np.array([tied or part < 3 for _, part in self.columns], dtype=bool)
-        for equations, columns in ((of_row, of_column), (~of_row, ~of_column)):
-            part = self.matrix[:, equations][:, :, columns]
-            left, sizes, back = np.linalg.svd(part, full_matrices=False)
-            left = transpose(left)
-            kept = sizes > DEPENDENT * sizes[:, :1]
-            sizes[~kept] = np.inf
-            places = np.ix_(np.arange(n), columns, equations)
-            self._inverse[places] = transpose(back) @ (left / sizes[..., None])
-            self.is_open[:, columns] = _leave(kept, back)
-            unheld[:, equations] = _leave(kept, left)
-        by_link = np.zeros((n, len(self.mechanism.links), 6), dtype=bool)
-        by_link[:, self._rows] = unheld
-        self.slides = np.any(by_link[..., 3:], axis=2)
+        link_count = len(mechanism.links)
+        # A pair acts on its second link, and with the opposite sign on its first.
+        first_links, second_links = np.array(mechanism.ends).T
+        self._pair_to_link = (
+            np.eye(link_count)[second_links] - np.eye(link_count)[first_links]
+        )
+        column_pairs = [pair for pair, _ in self.columns]
+        self._column_to_pair = np.eye(len(mechanism.pairs))[column_pairs]
 
-    def _wrenches(self, sides: Floats) -> Floats:
-        """Return the wrench (n, columns, 6) of each reaction of size one, in pair axes.
+        scaled_wrenches = self.unit_wrenches * np.repeat([1.0, self.length], 3)
+        ground_wrenches = _rotate_to_ground(frames[:, column_pairs], scaled_wrenches)
+        # (n, links, 6, columns)
+        matrix = (
+            self._pair_to_link[column_pairs].T[:, None]
+            * np.swapaxes(ground_wrenches, 1, 2)[:, None]
+        )
+        # The ground has no equations, and links without a known centre of mass none of
+        # forces.
+        self._has_equation = np.zeros((link_count, 6), dtype=bool)
+        self._has_equation[1:, : 6 if forces else MOMENT_COMPONENTS] = True
+        for link in links_without_centre(mechanism):
+            self._has_equation[mechanism.link_number[link], MOMENT_COMPONENTS:] = False
+        self.matrix = matrix[:, self._has_equation]
+        self._invert(coupled=bool(distances))
 
-        The force at a point of z is along y against its moment about x, and along x as that
-        about y.
+    def _invert(self, coupled: bool) -> None:
+        """Compute the pseudoinverse, the open reactions and the sliding links.
+
+        Equations of moments and equations of forces are solved as two systems unless
+        contacts at known distances have `coupled` them. Each then has its own rank.
         """
-        wrenches = np.zeros((len(sides), len(self.columns), 6))
-        for k, (number, component) in enumerate(self.columns):
-            pair = self.mechanism.pairs[number]
-            wrench = wrenches[:, k]
-            if component > 2:
+        n, equation_count, column_count = self.matrix.shape
+        self._inverse = np.zeros((n, column_count, equation_count))
+        self.is_open = np.zeros((n, column_count), dtype=bool)
+        is_unheld = np.zeros((n, equation_count), dtype=bool)
+        is_moment_equation = (
+            np.nonzero(self._has_equation)[1] < MOMENT_COMPONENTS
+        ) | coupled
+        is_moment_column = np.array(
+            [coupled or component < MOMENT_COMPONENTS for _, component in self.columns],
+            dtype=bool,
+        )
+        for equations, columns in (
+            (is_moment_equation, is_moment_column),
+            (~is_moment_equation, ~is_moment_column),
+        ):
+            system = self.matrix[:, equations][:, :, columns]
+            left, singular_values, right = np.linalg.svd(system, full_matrices=False)
+            left = transpose(left)
+            is_regular = (
+                singular_values > DEPENDENT_REACTIONS_RATIO * singular_values[:, :1]
+            )
+            singular_values[~is_regular] = np.inf
+            block = np.ix_(np.arange(n), columns, equations)
+            self._inverse[block] = transpose(right) @ (left / singular_values[..., None])
+            # A reaction with a part outside the row space belongs to reactions that
+            # balance each other. An equation with a part outside the column space belongs
+            # to a motion of links that no reaction prevents.
+            self.is_open[:, columns] = _outside_span(is_regular, right)
+            is_unheld[:, equations] = _outside_span(is_regular, left)
+        unheld_components = np.zeros((n, len(self.mechanism.links), 6), dtype=bool)
+        unheld_components[:, self._has_equation] = is_unheld
+        self.slides = np.any(unheld_components[..., MOMENT_COMPONENTS:], axis=2)
+
+    def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
+        """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
+
+        The force at the point of a contact at distance r along z has components
+        (m_y, -m_x) / r along x and y if its moments about x and y are m_x and m_y.
+        """
+        wrenches = np.zeros((len(tooth_sides), len(self.columns), 6))
+        for column, (pair_number, component) in enumerate(self.columns):
+            pair = self.mechanism.pairs[pair_number]
+            wrench = wrenches[:, column]
+            if component >= MOMENT_COMPONENTS:
                 wrench[:, component] = 1.0 / self.length
                 continue
             wrench[:, component] = 1.0
             if pair.pressure_angle is not None:
-                wrench[:, 0] = np.tan(pair.pressure_angle) * sides[:, number]
+                wrench[:, 0] = np.tan(pair.pressure_angle) * tooth_sides[:, pair_number]
             if pair.distance is not None:
                 wrench[:, 3] = wrench[:, 1] / pair.distance
                 wrench[:, 4] = -wrench[:, 0] / pair.distance
         return wrenches
 
-    def left_by(self, needed: Floats, about: Floats) -> Floats:
-        """Return what is left for reactions (n, links, 6), `about` (n, pairs) taken off.
+    def subtract_torques(self, link_wrenches: Floats, torques: Floats) -> Floats:
+        """Return the wrenches (n, links, 6) that the reactions have to supply.
 
-        `needed` (n, links, 6) moves the links, `about` N m are torques about axes, and of
-        contacts what acts along their tangents.
+        Parameters
+        ----------
+        link_wrenches
+            (n, links, 6) wrenches on links that their motion needs, less those of loads.
+        torques
+            (n, pairs) torques about pair axes, for contacts moments along the tangent, N m.
         """
-        working = _turned(self.frames, self.working)
-        return needed - self._on_links.T @ (about[..., None] * working)
+        pair_wrenches = _rotate_to_ground(self.frames, self.working_wrenches)
+        return link_wrenches - self._pair_to_link.T @ (torques[..., None] * pair_wrenches)
 
-    def held(self, left: Floats) -> tuple[Floats, Floats]:
-        """Return the reactions (n, columns) and what misses the equations (n,), N m."""
-        right = (left * np.repeat([1.0, self.length], 3))[:, self._rows][..., None]
-        reactions = self._inverse @ right
-        # A step of refinement brings back the digits that the inverse loses.
-        reactions = reactions + self._inverse @ (right - self.matrix @ reactions)
-        return reactions[..., 0], max_abs(right - self.matrix @ reactions, axis=(1, 2))
+    def solve_reactions(self, reaction_wrenches: Floats) -> tuple[Floats, Floats]:
+        """Return the reactions (n, columns) and the residual (n,) of the equations, N m.
 
-    def solve(self, needed: Floats, about: Floats) -> None:
-        """Solve for `left_by` of the same: `left`, `about`, `reactions` and `missed`."""
-        self.about, self.left = about, self.left_by(needed, about)
-        self.reactions, self.missed = self.held(self.left)
+        `reaction_wrenches` (n, links, 6) are those that the reactions have to supply.
+        """
+        scaled_wrenches = reaction_wrenches * np.repeat([1.0, self.length], 3)
+        right_side = scaled_wrenches[:, self._has_equation][..., None]
+        reactions = self._inverse @ right_side
+        # One step of iterative refinement restores the digits that the inverse loses.
+        reactions = reactions + self._inverse @ (right_side - self.matrix @ reactions)
+        residual = max_abs(right_side - self.matrix @ reactions, axis=(1, 2))
+        return reactions[..., 0], residual
+
+    def solve(self, link_wrenches: Floats, torques: Floats) -> Equilibrium:
+        """Return the equilibrium; the parameters are those of `subtract_torques`."""
+        reaction_wrenches = self.subtract_torques(link_wrenches, torques)
+        reactions, residual = self.solve_reactions(reaction_wrenches)
+        return Equilibrium(reaction_wrenches, torques, reactions, residual)
 
     @property
-    def opened(self) -> Bools:
+    def open_components(self) -> Bools:
         """(n, pairs, 6) which components of the pairs' wrenches are not determined."""
-        return self.on_pairs(self.is_open.astype(float)) != 0.0
+        return self.sum_wrenches(self.is_open.astype(float)) != 0.0
 
-    def on_pairs(self, reactions: Floats) -> Floats:
-        """Return reactions (n, columns) as wrenches (n, pairs, 6) in pair axes."""
-        return self._on_pairs.T @ (reactions[..., None] * self.wrenches)
-
-
-def _turned(frames: Floats, wrenches: Floats) -> Floats:
-    """Return wrenches (..., k, 6) in ground axes, from those of frames (n, k, 3, 3)."""
-    halves = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ transpose(frames)
-    return halves.reshape(*frames.shape[:2], 6)
+    def sum_wrenches(self, reactions: Floats) -> Floats:
+        """Return the wrenches (n, pairs, 6) of reactions (n, columns), in pair axes."""
+        return self._column_to_pair.T @ (reactions[..., None] * self.unit_wrenches)
 
 
-def _working(pair: Pair) -> Floats:
+def _rotate_to_ground(frames: Floats, wrenches: Floats) -> Floats:
+    """Return wrenches (n, k, 6) in ground axes.
+
+    Parameters
+    ----------
+    frames
+        (n, k, 3, 3) axes of k frames in their columns, in ground axes.
+    wrenches
+        (n, k, 6) or (k, 6) wrenches in these axes.
+    """
+    vectors = wrenches.reshape(*wrenches.shape[:-1], 2, 3) @ transpose(frames)
+    return vectors.reshape(*frames.shape[:2], 6)
+
+
+def _working_wrench(pair: Pair) -> Floats:
     """Return the wrench (6,), in pair axes, of 1 N m about an axis or along a tangent."""
     wrench = np.zeros(6)
     wrench[2 if pair.kind.has_axis else 1] = 1.0
@@ -368,7 +347,7 @@ def _working(pair: Pair) -> Floats:
     return wrench
 
 
-def without_centre(mechanism: Mechanism) -> list[str]:
+def links_without_centre(mechanism: Mechanism) -> list[str]:
     """Return the moving links with inertia whose centre of mass is not known."""
     return [
         mass.link
@@ -377,123 +356,205 @@ def without_centre(mechanism: Mechanism) -> list[str]:
     ]
 
 
-def _force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
-    """Return the components of forces that moments do not say: 3, 4 and 5 are x, y, z."""
-    loads = mechanism.loads
+def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
+    """Return the pair and component (3, 4 or 5) of each force that no moment determines."""
+    floating_pairs = set()
+    sliding_contacts = set()
+    for load in mechanism.loads:
+        if isinstance(load, Bearings) and load.floats:
+            floating_pairs.add(load.pair)
+        if isinstance(load, ContactFriction):
+            sliding_contacts.add(load.pair)
     columns = []
-    floating = {x.pair for x in loads if isinstance(x, Bearings) and x.floats}
-    rubs = {load.pair for load in loads if isinstance(load, ContactFriction)}
-    for number, pair in enumerate(mechanism.pairs):
+    for pair_number, pair in enumerate(mechanism.pairs):
         if pair.kind.has_axis:
-            most = 5 if pair.name in floating else 6
-            columns += [(number, axis) for axis in range(3, most)]
+            end = AXIAL_FORCE if pair.name in floating_pairs else AXIAL_FORCE + 1
+            columns += [(pair_number, component) for component in range(3, end)]
         elif pair.distance is None:
-            # Against the moment about x the force is along y, as that about y along x.
-            held = 2 if pair.name in rubs else pair.constraints
-            columns += [(number, 4 - axis) for axis in range(held)]
+            # The force along y belongs to the moment about x, that along x to the moment
+            # about y. A contact with friction transmits both.
+            count = 2 if pair.name in sliding_contacts else pair.constraints
+            columns += [(pair_number, 4 - k) for k in range(count)]
     return columns
 
 
-def _leave(kept: Bools, vectors: Floats) -> Bools:
-    """Return which (n, k) of unit vectors do not lie in the span of the kept rows."""
-    return 1.0 - np.sum(kept[..., None] * vectors**2, axis=1) > DETERMINED
+def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
+    """Return which coordinate axes have a part outside the span of some unit vectors.
 
+    Parameters
+    ----------
+    is_regular
+        (n, r) the vectors that span the space.
+    vectors
+        (n, r, k) orthonormal vectors in rows.
 
-def transmitted(driven: DrivenState, *, forces: bool = False) -> JointReactions:
-    """Return what every pair transmits; open components are NaN.
-
-    Where links slide, forces are not determined, for the loads would move the links.
+    Returns
+    -------
+    (n, k) whether the squared part outside exceeds `DETERMINED_PART`.
     """
-    balance = balanced(driven, forces)
-    wrenches = balance.on_pairs(balance.reactions)
-    wrenches += balance.about[..., None] * balance.working
-    opened = balance.opened | ~balance.settled[:, None, None]
+    inside = np.sum(is_regular[..., None] * vectors**2, axis=1)
+    return 1.0 - inside > DETERMINED_PART
+
+
+def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReactions:
+    """Return the wrenches that every pair transmits.
+
+    Parameters
+    ----------
+    driven
+        n rows of a moving mechanism.
+    forces
+        Whether to compute forces through O as well as moments. In rows in which links slide
+        they are not determined, because the loads would move the links along their axes.
+    """
+    balance = solve_equilibrium(driven, forces)
+    equations = balance.equations
+    equilibrium = balance.equilibrium
+    wrenches = equations.sum_wrenches(equilibrium.reactions)
+    wrenches += equilibrium.torques[..., None] * equations.working_wrenches
+    opened = equations.open_components | ~balance.is_settled[:, None, None]
     wrenches[opened] = np.nan
+    residual = equilibrium.residual
     if not forces:
-        wrenches[..., 3:], opened[..., 3:] = np.nan, False
-    sliding = np.any(balance.slides, axis=1)
-    if np.any(sliding):
-        alone = transmitted(driven.rows(sliding))
-        wrenches[sliding], opened[sliding] = alone.wrenches, alone.opened
-        opened[sliding, :, 3:] = True
-        balance.missed[sliding] = alone.unbalanced
-    return JointReactions(wrenches, opened, balance.missed, balance.slides)
+        wrenches[..., MOMENT_COMPONENTS:] = np.nan
+        opened[..., MOMENT_COMPONENTS:] = False
+    is_sliding = np.any(equations.slides, axis=1)
+    if np.any(is_sliding):
+        # Moments are determined without the equations of forces.
+        moments_only = compute_reactions(driven.rows(is_sliding))
+        wrenches[is_sliding] = moments_only.wrenches
+        opened[is_sliding] = moments_only.opened
+        opened[is_sliding, :, MOMENT_COMPONENTS:] = True
+        residual[is_sliding] = moments_only.unbalanced
+    return JointReactions(wrenches, opened, residual, equations.slides)
 
 
-def balanced(driven: DrivenState, forces: bool) -> NewtonEuler:
-    """Return the equations of all links solved for what moves and drives them.
+@dataclass(frozen=True)
+class DrivenEquilibrium:
+    """The equilibrium of a moving mechanism under its loads and driving torques.
 
-    Teeth press on the side on which they turn the wheels, and that follows from the
-    solution: so it is solved again where they were taken to press on the other.
+    `is_settled` (n,) says whether the side is known on which teeth press; elsewhere the
+    reactions are not determined.
+    """
+
+    equations: NewtonEuler
+    equilibrium: Equilibrium
+    is_settled: Bools
+
+
+def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
+    """Return the equilibrium of all links of a moving mechanism.
+
+    Teeth press on the side on which they drive the wheels, which follows from the solution.
+    The equations are therefore solved again with other sides as long as teeth are found to
+    press on the side on which they were not assumed to press.
+
+    Parameters
+    ----------
+    driven
+        n rows of a moving mechanism.
+    forces
+        Whether to solve for forces through O as well as for moments.
     """
     mechanism = driven.mechanism
     motion = driven.motion
     timing = driven.timing
-    loads, about = applied(driven)
-    needed = accelerating(mechanism, motion, timing.ddq)
-    needed += gyroscopic(mechanism, motion, timing.dq)
-    toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
+    applied = sum_applied_loads(driven)
+    needed = acceleration_wrenches(mechanism, motion, timing.ddq)
+    needed += velocity_wrenches(mechanism, motion, timing.dq)
+    is_toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
     sides = np.ones(motion.frames.shape[:2])
-    for _ in range(SIDES):
-        balance = NewtonEuler(mechanism, motion.frames, forces=forces, sides=sides)
-        balance.solve(needed - loads, about)
-        turned = (balance.on_pairs(balance.reactions)[..., 1] * sides < 0.0) & toothed
-        if not np.any(turned):
+    for _ in range(MAX_TOOTH_SIDE_CHANGES):
+        equations = NewtonEuler(mechanism, motion.frames, forces=forces, tooth_sides=sides)
+        equilibrium = equations.solve(needed - applied.link_wrenches, applied.torques)
+        wrenches = equations.sum_wrenches(equilibrium.reactions)
+        is_reversed = (wrenches[..., 1] * sides < 0.0) & is_toothed
+        if not np.any(is_reversed):
             break
-        sides = np.where(turned, -sides, sides)
-    balance.settled = ~np.any(turned, axis=1)
-    return balance
+        sides = np.where(is_reversed, -sides, sides)
+    return DrivenEquilibrium(equations, equilibrium, ~np.any(is_reversed, axis=1))
 
 
-def accelerating(mechanism: Mechanism, motion: CoordinateMotion, change: Floats) -> Floats:
-    """Return the wrenches (n, links, 6) that the coordinates' accelerations (n, m) need.
+def acceleration_wrenches(
+    mechanism: Mechanism, motion: CoordinateMotion, accelerations: Floats
+) -> Floats:
+    """Return the wrenches (n, links, 6) that links need to accelerate, in ground axes.
 
-    Forces of links whose centre of mass is not known are left out.
+    `accelerations` (n, m) are those of the coordinates of `motion`. Forces on links whose
+    centre of mass is not known are left out.
     """
-    return _of_inertia(mechanism, motion, np.einsum("ni,nila->nla", change, motion.w))
+    # n rows, i coordinates, l links, a components
+    angular_accelerations = np.einsum("ni,nila->nla", accelerations, motion.w)
+    return _apply_inertia(mechanism, motion, angular_accelerations)
 
 
-def gyroscopic(mechanism: Mechanism, motion: CoordinateMotion, speed: Floats) -> Floats:
-    """Return those (n, links, 6) that rates (n, m) need while these stay as they are."""
-    w = np.einsum("ni,nila->nla", speed, motion.w)
-    bend = np.einsum("ni,nk,nikla->nla", speed, speed, motion.dw)
-    momenta = _of_inertia(mechanism, motion, w).reshape(*w.shape[:2], 2, 3)
-    turning = cross(w[:, :, None], momenta).reshape(*w.shape[:2], 6)
-    return _of_inertia(mechanism, motion, bend) + turning
+def velocity_wrenches(
+    mechanism: Mechanism, motion: CoordinateMotion, rates: Floats
+) -> Floats:
+    """Return the wrenches (n, links, 6) that links need at constant rates, in ground axes.
+
+    They are gyroscopic and centripetal. `rates` (n, m) are those of the coordinates of
+    `motion`.
+    """
+    # n rows, i and k coordinates, l links, a components
+    w = np.einsum("ni,nila->nla", rates, motion.w)
+    angular_accelerations = np.einsum("ni,nk,nikla->nla", rates, rates, motion.dw)
+    momenta = _apply_inertia(mechanism, motion, w).reshape(*w.shape[:2], 2, 3)
+    momentum_rates = cross(w[:, :, None], momenta).reshape(*w.shape[:2], 6)
+    return _apply_inertia(mechanism, motion, angular_accelerations) + momentum_rates
 
 
-def _of_inertia(mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats) -> Floats:
-    """Return I v and m v x c of the links' vectors v (n, links, 3), in ground axes."""
+def _apply_inertia(
+    mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
+) -> Floats:
+    """Return the map L of the module: I v and m v x c for each link, in ground axes.
+
+    `vectors` (n, links, 3) are angular velocities or accelerations v in ground axes. The
+    result (n, links, 6) has zero forces for links whose centre of mass is not known.
+    """
     wrenches = np.zeros((*vectors.shape[:2], 6))
     for mass in mechanism.masses:
         link = mechanism.link_number[mass.link]
-        turn = motion.rotations[:, link]
+        rotation = motion.rotations[:, link]
         vector = vectors[:, link]
-        tensor = turn @ mass.tensor @ transpose(turn)
+        tensor = rotation @ mass.tensor @ transpose(rotation)
         wrenches[:, link, :3] = (tensor @ vector[..., None])[..., 0]
         if mass.mass is not None and mass.centre is not None:
-            wrenches[:, link, 3:] = mass.mass * cross(vector, turn @ mass.centre)
+            wrenches[:, link, 3:] = mass.mass * cross(vector, rotation @ mass.centre)
     return wrenches
 
 
-def applied(driven: DrivenState) -> tuple[Floats, Floats]:
-    """Return the wrenches of loads on links (n, links, 6), and torques at pairs (n, pairs).
+@dataclass(frozen=True)
+class AppliedLoads:
+    """Loads and driving torques at n rows.
 
-    Those of the drives are among the torques.
+    Attributes
+    ----------
+    link_wrenches
+        (n, links, 6) wrenches of loads on links, in ground axes.
+    torques
+        (n, pairs) torques of loads and drives about pair axes, N m.
     """
+
+    link_wrenches: Floats
+    torques: Floats
+
+
+def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
+    """Return the sums of all loads and driving torques on links and at pairs."""
     mechanism = driven.mechanism
     motion = driven.motion
     timing = driven.timing
     loads = Loads(mechanism)
-    magnitudes = loads.magnitudes(motion, timing.dq, timing.t, driven.carried)
-    wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))
-    about = np.zeros((len(timing.t), len(mechanism.pairs)))
-    for size, part in zip(magnitudes.T, loads.components, strict=True):
-        if part.pair:
-            about[:, mechanism.pair_number[part.pair]] += size
-        for link, moment, force in loads.on_links(part, motion.rotations):
-            wrenches[:, link, :3] += size[:, None] * moment
-            wrenches[:, link, 3:] += size[:, None] * force
-    inputs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
-    about[:, inputs] += driven.torques
-    return wrenches, about
+    magnitudes = loads.evaluate_magnitudes(motion, timing.dq, timing.t, driven.carried)
+    link_wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))
+    torques = np.zeros((len(timing.t), len(mechanism.pairs)))
+    for magnitude, component in zip(magnitudes.T, loads.components, strict=True):
+        if component.pair:
+            torques[:, mechanism.pair_number[component.pair]] += magnitude
+        for wrench in loads.unit_wrenches(component, motion.rotations):
+            link_wrenches[:, wrench.link, :3] += magnitude[:, None] * wrench.moment
+            link_wrenches[:, wrench.link, 3:] += magnitude[:, None] * wrench.force
+    input_pairs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
+    torques[:, input_pairs] += driven.torques
+    return AppliedLoads(link_wrenches, torques)

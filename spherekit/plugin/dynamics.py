@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from spherekit.dynamics.coordinates import Inertia as Inertia
     from spherekit.dynamics.coordinates import driving_torques as driving_torques
     from spherekit.dynamics.coordinates import inertia as inertia
+    from spherekit.dynamics.generalised_forces import Loads as Loads
     from spherekit.dynamics.inverse_dynamics import InverseSolution as InverseSolution
     from spherekit.dynamics.inverse_dynamics import Stiffness as Stiffness
     from spherekit.dynamics.inverse_dynamics import balancing as balancing
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from spherekit.dynamics.inverse_dynamics import total as total
     from spherekit.dynamics.reactions import Reactions as Reactions
     from spherekit.dynamics.reactions import reactions as reactions
-    from spherekit.dynamics.transmitted_forces import Loads as Loads
     from spherekit.mechanism.friction import Bearings as Bearings
     from spherekit.mechanism.load_dependence import acting_links as acting_links
     from spherekit.mechanism.load_dependence import used_links as used_links

@@ -1,0 +1,163 @@
+"""Derives the equations of motion with several degrees of freedom, as symbolic expressions.
+
+With the homogeneous rates tau_i = D n_i of `spherekit.velocities.velocity_equations` (D is
+their scale and n_i the rates of the variables by coordinate i), the rates u_i of the
+coordinates and s_i = u_i / D,
+
+    dv/dt = sum_i tau_i s_i,
+    M' (du/dt) / D = Q' - sum_j w_ji . (I_j b_j + w_j x I_j w_j),
+    M'_ik = sum_j w_ji . I_j w_jk.
+
+w_ji are the angular velocities of link j by tau_i, b_j its angular acceleration while no
+coordinate accelerates, and Q'_i the power of the loads by tau_i. These are Newton's and
+Euler's equations of the links along the velocities that remain free. The loop closure is
+an invariant of them. The momenta in the state are sqrt(m) u, where m is the sum of the
+links' largest moments of inertia.
+
+The coordinates are the inputs of the mechanism that is passed. They are chosen for
+configurations in which they determine the rates of all variables. An event ends an
+integration before they no longer do.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.dynamics.motion_expressions import EquationExpressions, EquationLayout
+from spherekit.mechanism.link_inertia import tensors
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.symbolic.compiler import EventFunction
+from spherekit.symbolic.expression_graph import Expr, array_function, dot, varies
+from spherekit.symbolic.vector_algebra import cofactors, determinant
+from spherekit.velocities.load_expressions import generalised_forces
+from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments, Structure
+
+MAX_RATE_SQUARES = 400.0
+"""Sum of the squares of all variables' rates per unit rates of the coordinates at which
+other coordinates are chosen.
+
+Larger: coordinates are used nearer to their singularities, where steps are short. Smaller:
+coordinates are changed, and equations compiled, more often.
+"""
+
+
+def total_moment_of_inertia(mechanism: Mechanism) -> float:
+    """Return the sum of the largest principal moments of inertia of all links, kg m2."""
+    link_tensors = [tensor for link, tensor in tensors(mechanism).items() if link]
+    return float(np.sum(np.linalg.norm(link_tensors, 2, axis=(1, 2))))
+
+
+def derive_multi_dof_equation(
+    mechanism: Mechanism, values: Floats, input_variables: Sequence[int]
+) -> EquationExpressions:
+    """Return the equations of motion of a mechanism whose inputs are the coordinates.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with the pairs of the coordinates as its inputs.
+    values
+        (variables,) a closed configuration, rad. Where closure equations are redundant,
+        independent ones are chosen there.
+    input_variables
+        Numbers of the variables of the inputs that the user chose, for the event "type_2".
+    """
+    layout = EquationLayout(mechanism)
+    structure = Structure.of(mechanism, mechanism.input_pairs, closed=values)
+    coordinate_rates = CoordinateRates(structure, layout.variables)
+    # Inertia and forces are divided by the mass scale, so that expressions have sizes
+    # near 1.
+    mass_scale = total_moment_of_inertia(mechanism)
+    root_mass_scale = float(np.sqrt(mass_scale))
+    speeds = [
+        layout.momentum_unit * momentum * (1.0 / root_mass_scale)
+        for momentum in layout.momenta
+    ]
+    scaled_speeds, variable_rates, w = coordinate_rates.moving(speeds)
+    # The rates of the coordinates themselves need no elimination.
+    for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
+        variable_rates[mechanism.variables_of(pair)[0]] = speed
+
+    load_state = layout.make_load_state(coordinate_rates, variable_rates)
+    forces_of_load = [generalised_forces(load, load_state) for load in mechanism.loads]
+    moments = InputMoments(coordinate_rates, tensors(mechanism), mass_scale)
+    link_accelerations = coordinate_rates.bias(variable_rates, w)
+    velocity_forces = moments.pull(link_accelerations, scaled_speeds)
+    net_forces = [
+        sum((forces[i] for forces in forces_of_load), 0.0) * (1.0 / mass_scale) - resisting
+        for i, resisting in enumerate(velocity_forces)
+    ]
+
+    # The inertia matrix is small, so it is inverted by its cofactors.
+    inertia_cofactors = cofactors(moments.matrix)
+    inverse_determinant = 1.0 / dot(moments.matrix[0], inertia_cofactors[0])
+    inverse_unit = layout.inverse_momentum_unit
+    momentum_factor = inverse_unit * root_mass_scale * coordinate_rates.scale
+    momentum_rates = [
+        dot(row, net_forces) * inverse_determinant * momentum_factor
+        for row in inertia_cofactors
+    ]
+    work_factor = inverse_unit * inverse_unit
+    powers = [dot(forces, scaled_speeds) * work_factor for forces in forces_of_load]
+
+    independence = _derive_independence(layout, coordinate_rates, values)
+    return EquationExpressions(
+        layout=layout,
+        state_rates=[*variable_rates, *momentum_rates, *powers],
+        homogeneous_rates=coordinate_rates.tau,
+        independence=independence,
+        events=_derive_events(layout, coordinate_rates, independence, input_variables),
+        load_state=load_state,
+    )
+
+
+def _derive_independence(
+    layout: EquationLayout, coordinate_rates: CoordinateRates, values: Floats
+) -> Expr:
+    """Return the measure of independence, 1 at a closed configuration (variables,).
+
+    It is det(tau_i . tau_k) / D^(2 m - 2), with the scale D and m degrees of freedom.
+    """
+    tau = coordinate_rates.tau
+    independence = determinant([[dot(a, b) for b in tau] for a in tau])
+    inverse_scale = 1.0 / coordinate_rates.scale
+    for _ in range(2 * layout.freedoms - 2):
+        independence = independence * inverse_scale
+    if varies(independence):
+        # heyoka's tolerance is relative to the largest of the state and of all events.
+        at_values = array_function([independence], layout.variables)(values[:, None])
+        independence = independence * (1.0 / at_values.item())
+    return independence
+
+
+def _derive_events(
+    layout: EquationLayout,
+    coordinate_rates: CoordinateRates,
+    independence: Expr,
+    input_variables: Sequence[int],
+) -> list[EventFunction]:
+    """Return the events of the motion, without joint limits and switches.
+
+    They are singularities, the limit of the coordinates and, unless the user's inputs are
+    the coordinates, configurations in which these inputs do not determine the motion.
+    """
+    tau = coordinate_rates.tau
+    inverse_scale = 1.0 / coordinate_rates.scale
+    rate_squares = sum((dot(rates, rates) for rates in tau), 0.0)
+    rate_squares = rate_squares * inverse_scale * inverse_scale
+    events = [
+        EventFunction(independence - layout.min_independence, "singularity", sense=-1),
+        EventFunction(
+            1.0 - rate_squares * (1.0 / MAX_RATE_SQUARES), "coordinates", sense=-1
+        ),
+    ]
+    if set(coordinate_rates.structure.inputs) != set(input_variables):
+        # The determinant of the inputs' rates by the coordinates.
+        input_rates = determinant([[rates[v] for v in input_variables] for rates in tau])
+        if varies(input_rates):
+            for _ in input_variables:
+                input_rates = input_rates / coordinate_rates.scale
+            event = EventFunction(input_rates * (1.0 / MAX_RATE_SQUARES), "type_2")
+            events.insert(0, event)
+    return events

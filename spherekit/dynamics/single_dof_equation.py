@@ -1,0 +1,62 @@
+"""Derives the equation of motion with one degree of freedom, as symbolic expressions.
+
+The state is that of `spherekit.dynamics.equation_of_motion`: the pair variables v, the
+momentum p = sqrt(B) u and the work W of each load. With the homogeneous parameter of
+`spherekit.velocities.velocity_equations` as coordinate, u its rate by time, and tau the
+rates of the variables by it,
+
+    dv/dt = u tau,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B)
+
+(from Di Gregorio 2024, eq. (9), which holds in any coordinate). The loop closure is an
+invariant of these equations, so nothing has to be solved or stabilised.
+
+B is the generalised inertia of Eksergian's equation, B = sum_j w_j . I_j w_j over the links
+(Di Gregorio 2024, eq. 15). Here w_j is the angular velocity of link j per unit rate of the
+coordinate, and I_j its inertia tensor about the centre of the sphere.
+"""
+
+from spherekit.dynamics.motion_expressions import EquationExpressions, EquationLayout
+from spherekit.mechanism.link_inertia import tensors
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.symbolic.compiler import EventFunction
+from spherekit.symbolic.expression_graph import dot, power
+from spherekit.velocities.load_expressions import generalised_forces
+from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments, Structure
+
+
+def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
+    """Return the equation of motion of a mechanism with its first input as the input."""
+    layout = EquationLayout(mechanism)
+    structure = Structure.of(mechanism, mechanism.inputs[0].pair)
+    (momentum,) = layout.momenta
+    coordinate_rates = CoordinateRates(structure, layout.variables)
+    moments = InputMoments(coordinate_rates, tensors(mechanism))
+    (tau,) = coordinate_rates.tau
+
+    # The momentum in the state is p over its unit.
+    inverse_root_inertia = power(moments.unit * moments.matrix[0][0], -0.5)
+    speed = layout.momentum_unit * momentum * inverse_root_inertia
+    variable_rates = [rate * speed for rate in tau]
+
+    load_state = layout.make_load_state(coordinate_rates, variable_rates)
+    force_factor = layout.inverse_momentum_unit * inverse_root_inertia
+    momentum_rates = [
+        generalised_forces(load, load_state)[0] * force_factor for load in mechanism.loads
+    ]
+    # The power of a load, Q u, is its part of dp/dt times p.
+    powers = [rate * momentum for rate in momentum_rates]
+
+    tau_square = dot(tau, tau)
+    (input_variable,) = structure.inputs
+    return EquationExpressions(
+        layout=layout,
+        state_rates=[*variable_rates, sum(momentum_rates, 0.0), *powers],
+        homogeneous_rates=coordinate_rates.tau,
+        independence=tau_square,
+        events=[
+            EventFunction(momentum, "rest"),
+            EventFunction(tau[input_variable], "dead_centre", input_variable),
+            EventFunction(tau_square - layout.min_independence, "singularity", sense=-1),
+        ],
+        load_state=load_state,
+    )
