@@ -1,7 +1,12 @@
-"""The direct problem by Taylor series of the compiled equation of motion."""
+"""Simulates the motion of a mechanism by Taylor series of its compiled equation.
+
+With several degrees of freedom the equation is that of some coordinates. If these cease to
+determine the motion, the simulation continues with an equation of other coordinates.
+"""
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -57,30 +62,64 @@ from spherekit.errors import EngineError
 from spherekit.geometry.rotation import all_finite
 from spherekit.status import STATUS_MEANING, Status
 
-NO_CROSSING = 1e-3
-"""Less belongs to a crossing of curves, see `reciprocal_condition`."""
+MAX_CONDITION_AT_CROSSING = 1e-3
+"""Largest `reciprocal_condition` of a configuration in which curves cross.
 
-NEAR = 1e-3
-"""Where independence is less than this part of its largest, steps are made fine enough to
-see a crossing; a configuration off its curve by `MAX_COARSE_STEP_TOLERANCE` misses one by
-3e-4."""
+Larger: failures of chosen redundant equations are reported as singularities. Smaller:
+crossings are reported as failures of the equations.
+"""
+
+NEAR_CROSSING_RATIO = 1e-3
+"""Ratio in place of `CROSSING_RATIO` for steps of `MAX_COARSE_STEP_TOLERANCE`.
+
+A configuration off its curve by that tolerance misses a crossing by 3e-4. The run continues
+from there in steps that are fine enough to see a crossing. Larger: more of the run consists
+of fine steps. Smaller: a crossing can be missed.
+"""
+
+MAX_START_RATE_RATIO = 0.5
+"""Largest part of `MAX_RATE_SQUARES` at which coordinates are chosen.
+
+Larger: coordinates are changed again soon. Smaller: more configurations have no
+coordinates.
+"""
+
+MIN_SINGULAR_VALUE = 1e-150
+"""Bound that keeps reciprocal squares of singular values finite."""
 
 NO_COORDINATES = "no pair variables say surely enough how all others move"
 BY_NUMPY = 'use NumPy\'s simulate(engine="numpy"), or --engine numpy'
-
-ENOUGH = 0.5
-"""Part of `MAX_RATE_SQUARES` with which coordinates may be taken."""
 
 STICKS = (
     "a load that is not smooth would turn back at once, as dry friction does at rest; "
     "sticking is not modelled: smooth the load, or end here"
 )
 
-SAID: dict[RunEnd, tuple[EndKind, str]] = {
+END_BY_RUN_END: dict[RunEnd, tuple[EndKind, str]] = {
     "singularity": ("singularity", CROSSING),
     "sticking": ("sticking", STICKS),
     "too_many": ("too_fast", too_many(MAX_TAYLOR_STEPS)),
 }
+"""Kind and message of ends of a simulation that need no further numbers."""
+
+
+@dataclass(frozen=True)
+class CompiledRuns:
+    """The runs of a simulation, one after the other.
+
+    Attributes
+    ----------
+    runs
+        One run for each choice of coordinates.
+    frames
+        For each run the function that converts its momenta.
+    compile_seconds
+        Time that compiling took, s.
+    """
+
+    runs: list[TaylorRun]
+    frames: list[Frames]
+    compile_seconds: float
 
 
 def by_taylor_series(
@@ -90,15 +129,17 @@ def by_taylor_series(
 
     Parameters
     ----------
+    problem
+        The problem.
     tolerance
         See `spherekit.dynamics.compiled_equation.compile_equation`.
     reason, forecast
-        Why it is this engine that runs.
+        Why this engine was chosen, and the times that were expected of each engine.
 
     Raises
     ------
     EngineError
-        If the mechanism cannot be compiled, or not on all of the way, or a load has no
+        If the mechanism cannot be compiled, the equation fails on the way, or a load has no
         series at the start.
     """
     started = time.perf_counter()
@@ -106,126 +147,184 @@ def by_taylor_series(
     status = Status(int(motion.status[0]))
     if status != Status.OK:
         raise cannot_leave(problem, STATUS_MEANING[status])
-    runs, frames, compiling = _run(problem, motion, tolerance)
-    path = through_runs(runs, frames)
-    run = runs[-1]
-    seconds = time.perf_counter() - started - compiling
-    if run.end == "singularity":
-        _need_crossing(problem, run)
+    compiled = _integrate(problem, motion, tolerance)
+    path = through_runs(compiled.runs, compiled.frames)
+    last_run = compiled.runs[-1]
+    seconds = time.perf_counter() - started - compiled.compile_seconds
+    if last_run.end == "singularity":
+        _check_crossing(problem, last_run)
     return Simulation(
-        problem.equation,
-        problem.driven,
-        path,
-        _events(problem, path, runs),
-        _end(problem, path, run),
-        EngineReport("compiled", reason, compiling, seconds, len(path.starts), forecast),
+        equation=problem.equation,
+        driven=problem.driven,
+        path=path,
+        events=_collect_events(problem, path, compiled.runs),
+        end=_describe_end(problem, path, last_run),
+        engine=EngineReport(
+            name="compiled",
+            reason=reason,
+            compile_seconds=compiled.compile_seconds,
+            seconds=seconds,
+            steps=len(path.starts),
+            forecast=forecast,
+        ),
         tolerance=tolerance,
     )
 
 
-def _run(
+def _integrate(
     problem: Problem, motion: CoordinateMotion, tolerance: float
-) -> tuple[list[TaylorRun], list[Frames], float]:
-    """Return the runs, of several freedoms by other pair variables where it has to be.
+) -> CompiledRuns:
+    """Return the runs of a problem, with other coordinates where these become necessary.
 
-    With their frames, and what compiling took (s).
+    Parameters
+    ----------
+    problem
+        The problem.
+    motion
+        The motion at the start by the coordinates of the problem, 1 row.
+    tolerance
+        Tolerance of the simulation.
     """
     equation = problem.equation
-    mechanism = problem.equation.mechanism
+    mechanism = equation.mechanism
     runs: list[TaylorRun] = []
-    framed: list[Frames] = []
-    values, turns = problem.values, problem.turns
-    rates = rates_by_time(motion, problem.speed[None])[0]
-    before: TaylorRun | None = None
-    gap, most, compiling = 0.0, MAX_COARSE_STEP_TOLERANCE, 0.0
+    frames_of_runs: list[Frames] = []
+    compile_seconds = 0.0
+    values = problem.values
+    turns = problem.turns
+    variable_rates = rates_by_time(motion, problem.speed[None])[0]
+    previous_run: TaylorRun | None = None
+    closure_residual = 0.0
+    max_tolerance = MAX_COARSE_STEP_TOLERANCE
     while True:
-        pairs = coordinates_at(problem, values)
+        coordinate_pairs = coordinates_at(problem, values)
         started = time.perf_counter()
-        finest, held = min(tolerance, most), values if pairs else None
-        made, reused = compile_equation(mechanism, finest, problem.compact, pairs, held)
-        compiling += 0.0 if reused else time.perf_counter() - started
-        places = [mechanism.angles[pair] for pair in pairs]
-        fine = made.tolerance <= MAX_STEP_TOLERANCE
-        frame = np.eye(equation.variable_count)[places]
-        if equation.freedoms == 1:
-            unit = float(np.sqrt(inertia_matrix(mechanism, motion)[0, 0, 0]))
-            along = made.homogeneous_rates(problem.values[None])[0, 0] @ problem.frame[0]
-            sense = float(np.copysign(1.0, along))
-            momenta, frames = sense * unit * problem.speed, on_curve(made, sense)
-        else:
-            unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
-            momenta, frames = unit * rates[places], in_coordinates(equation, frame)
-        run = TaylorIntegration(
-            made,
+        compiled_equation, was_compiled = compile_equation(
             mechanism,
-            RunStart(values, turns, momenta, unit, before, gap),
+            min(tolerance, max_tolerance),
+            problem.compact,
+            coordinate_pairs,
+            values if coordinate_pairs else None,
+        )
+        if not was_compiled:
+            compile_seconds += time.perf_counter() - started
+
+        can_see_crossings = compiled_equation.tolerance <= MAX_STEP_TOLERANCE
+        coordinate_variables = [mechanism.angles[pair] for pair in coordinate_pairs]
+        frame = np.eye(equation.variable_count)[coordinate_variables]
+        if equation.freedoms == 1:
+            momentum_unit = float(np.sqrt(inertia_matrix(mechanism, motion)[0, 0, 0]))
+            # The homogeneous rates may run against the tangent of the problem.
+            homogeneous_rates = compiled_equation.homogeneous_rates(problem.values[None])
+            sense = float(np.copysign(1.0, homogeneous_rates[0, 0] @ problem.frame[0]))
+            momenta = sense * momentum_unit * problem.speed
+            frames = on_curve(compiled_equation, sense)
+        else:
+            momentum_unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
+            momenta = momentum_unit * variable_rates[coordinate_variables]
+            frames = in_coordinates(equation, frame)
+
+        integration = TaylorIntegration(
+            compiled_equation,
+            mechanism,
+            RunStart(
+                values=values,
+                turns=turns,
+                momenta=momenta,
+                momentum_unit=momentum_unit,
+                previous_run=previous_run,
+                closure_residual=closure_residual,
+            ),
             equation.project_once,
-            CROSSING_RATIO if fine else NEAR,
-        ).run([t for t in problem.targets if before is None or t > before.end_time])
+            CROSSING_RATIO if can_see_crossings else NEAR_CROSSING_RATIO,
+        )
+        targets = [
+            t for t in problem.targets if previous_run is None or t > previous_run.end_time
+        ]
+        run = integration.run(targets)
         if not run.segments and runs:
             break
-        _need_segments(problem, run)
+        _check_first_step(problem, run)
         runs.append(run)
-        framed.append(frames)
-        if run.end == "singularity" and not fine:
-            most = MAX_STEP_TOLERANCE
+        frames_of_runs.append(frames)
+        if run.end == "singularity" and not can_see_crossings:
+            max_tolerance = MAX_STEP_TOLERANCE
         elif run.end != "coordinates":
             break
-        state, turns = run.last_state, run.segments[-1].turns
-        values, gap = equation.project_once(state[: equation.variable_count])
+
+        last_state = run.last_state
+        turns = run.segments[-1].turns
+        values, closure_residual = equation.project_once(
+            last_state[: equation.variable_count]
+        )
         motion = equation.compute_motion(values[None], frame)
-        rates = rates_by_time(motion, state[None, equation.momenta] / unit)[0]
-        before = run
-    return runs, framed, compiling
+        speed = last_state[None, equation.momenta] / momentum_unit
+        variable_rates = rates_by_time(motion, speed)[0]
+        previous_run = run
+    return CompiledRuns(runs, frames_of_runs, compile_seconds)
 
 
 def coordinates_at(problem: Problem, values: Floats) -> Names:
-    """Return R pairs whose variables say how all others move; none of one freedom.
+    """Return the R pairs whose variables are the coordinates from a configuration on.
 
-    The inputs, if they say it well enough, else R pairs whose variables do best.
+    They are the inputs if these determine the motion well enough, otherwise the R pairs
+    that determine it best. With one degree of freedom there are none.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    values
+        (variables,) a closed configuration, rad.
 
     Raises
     ------
     EngineError
-        If none do.
+        If no R pairs determine the motion well enough.
     """
     equation = problem.equation
     if equation.freedoms == 1:
         return ()
-    pairs = {v: pair for pair, v in equation.mechanism.angles.items()}
+    pair_of_variable = {v: pair for pair, v in equation.mechanism.angles.items()}
     jacobian = equation.closure.at(values[None]).jacobian[0]
-    free = np.linalg.svd(jacobian)[2][-equation.freedoms :]
+    # The last rows are an orthonormal basis of the possible velocities.
+    velocity_basis = np.linalg.svd(jacobian)[2][-equation.freedoms :]
 
-    def spread(places: tuple[int, ...]) -> float:
-        sizes = np.linalg.svd(free[:, list(places)], compute_uv=False)
-        return float(np.sum(1.0 / np.maximum(sizes, 1e-150) ** 2))
+    def sum_rate_squares(variables: tuple[int, ...]) -> float:
+        """Return the squares of all rates per unit rates of these variables."""
+        own_part = velocity_basis[:, list(variables)]
+        singular_values = np.linalg.svd(own_part, compute_uv=False)
+        return float(np.sum(1.0 / np.maximum(singular_values, MIN_SINGULAR_VALUE) ** 2))
 
-    best = min(combinations(sorted(pairs), equation.freedoms), key=spread)
-    for places in (problem.driven, best):
-        if spread(places) < ENOUGH * MAX_RATE_SQUARES:
-            return tuple(pairs[v] for v in places)
+    choices = combinations(sorted(pair_of_variable), equation.freedoms)
+    best = min(choices, key=sum_rate_squares)
+    for variables in (problem.driven, best):
+        if sum_rate_squares(variables) < MAX_START_RATE_RATIO * MAX_RATE_SQUARES:
+            return tuple(pair_of_variable[v] for v in variables)
     raise EngineError(f"{equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
 
 
-def _need_segments(problem: Problem, run: TaylorRun) -> None:
-    """Raise an error where a motion has not even a first step."""
+def _check_first_step(problem: Problem, run: TaylorRun) -> None:
+    """Raise an error if a motion does not have even a first step."""
     if run.segments:
         return
     state = problem.equation.make_state(problem.values, problem.speed, problem.frame)
-    if _has_value(problem, 0.0, state, problem.frame, problem.whole):
+    if _have_loads_values(problem, 0.0, state, problem.frame, problem.whole):
         raise EngineError(f"{problem.equation.mechanism.name}: at the start {NO_SERIES}")
     raise cannot_leave(problem, JUMPS)
 
 
-def _need_crossing(problem: Problem, run: TaylorRun) -> None:
-    """Raise `EngineError` where no curves cross at the end of a run.
+def _check_crossing(problem: Problem, run: TaylorRun) -> None:
+    """Raise `EngineError` if no curves cross at the end of a run.
 
-    Of redundant equations those that are independent where they were chosen are compiled;
-    elsewhere they may depend on each other though the others hold the mechanism.
+    If closure equations are redundant, those that were independent at the start are
+    compiled. Elsewhere they may depend on each other although all equations together
+    determine the motion.
     """
     equation = problem.equation
     values = run.last_state[: equation.variable_count]
-    if reciprocal_condition(equation.closure, values, equation.freedoms) > NO_CROSSING:
+    condition = reciprocal_condition(equation.closure, values, equation.freedoms)
+    if condition > MAX_CONDITION_AT_CROSSING:
         raise EngineError(
             f"{equation.mechanism.name}: of its redundant equations those that were chosen "
             f"depend on each other at t = {run.end_time:.6g} s",
@@ -233,40 +332,44 @@ def _need_crossing(problem: Problem, run: TaylorRun) -> None:
         )
 
 
-def _events(
+def _collect_events(
     problem: Problem, path: StatePath, runs: Sequence[TaylorRun]
 ) -> tuple[Event, ...]:
-    pairs = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
-    passages: list[tuple[float, EventKind, int]] = [
-        (t, kind, place)
-        for run in runs
-        for t, kind, place in run.events
-        if kind != "singularity"
-        and kind != "coordinates"
-        and (t > 0.0 or kind in ("switch", "joint_limit"))
-    ]
-    passages += [(t, "switch", -1) for t in problem.switches if t < runs[-1].end_time]
-    passages.sort(key=lambda passage: passage[0])
-    inputs = path.at(np.array([t for t, *_ in passages])).values[:, problem.driven]
+    """Return the events of all runs in order of time."""
+    pair_of_variable = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
+    events: list[tuple[float, EventKind, int]] = []
+    for run in runs:
+        for t, kind, variable in run.events:
+            # Singularities end a simulation, and coordinates are not those of the user.
+            if kind == "singularity" or kind == "coordinates":
+                continue
+            # A mechanism that starts at rest or in a dead centre does not reach it.
+            if t > 0.0 or kind in ("switch", "joint_limit"):
+                events.append((t, kind, variable))
+    events += [(t, "switch", -1) for t in problem.switches if t < runs[-1].end_time]
+    events.sort(key=lambda event: event[0])
+    times = np.array([t for t, *_ in events])
+    inputs = path.at(times).values[:, problem.driven]
     return tuple(
-        Event(kind, t, tuple(q.tolist()), pairs.get(place, ""))
-        for (t, kind, place), q in zip(passages, inputs, strict=True)
+        Event(kind, t, tuple(q.tolist()), pair_of_variable.get(variable, ""))
+        for (t, kind, variable), q in zip(events, inputs, strict=True)
     )
 
 
-def _end(problem: Problem, path: StatePath, run: TaylorRun) -> SimulationEnd:
+def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> SimulationEnd:
+    """Return why and when the simulation ended; `run` is the last one."""
     if run.end == "time":
         return SimulationEnd("time", problem.until, OVER)
-    if run.end in SAID:
-        kind, words = SAID[run.end]
-        return SimulationEnd(kind, run.end_time, words)
+    if run.end in END_BY_RUN_END:
+        kind, message = END_BY_RUN_END[run.end]
+        return SimulationEnd(kind, run.end_time, message)
     traced = path.at(np.array([run.end_time]))
     if run.end == "joint_limit":
-        place = run.events[-1][2]
+        variable = run.events[-1][2]
         mechanism = problem.equation.mechanism
-        name = mechanism.pairs[mechanism.variable_owners[place]].name
-        return stop_end(run.end_time, name, float(traced.values[0, place]))
-    if run.end == "not_finite" and _has_value(
+        name = mechanism.pairs[mechanism.variable_owners[variable]].name
+        return stop_end(run.end_time, name, float(traced.values[0, variable]))
+    if run.end == "not_finite" and _have_loads_values(
         problem, run.end_time, traced.states[0], traced.frames[0], TURN * traced.turns[0]
     ):
         return SimulationEnd("too_fast", run.end_time, NO_SERIES)
@@ -274,10 +377,24 @@ def _end(problem: Problem, path: StatePath, run: TaylorRun) -> SimulationEnd:
     return given_up(problem.equation, path, run.end_time, why)
 
 
-def _has_value(
-    problem: Problem, t: float, state: Floats, frame: Floats, whole: Floats
+def _have_loads_values(
+    problem: Problem, t: float, state: Floats, frame: Floats, whole_turns: Floats
 ) -> bool:
-    """Return whether all loads have values at a state."""
+    """Return whether all loads are finite at a state.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    t
+        Time, s.
+    state
+        (states,) the state.
+    frame
+        (m, variables) the frame of its momenta.
+    whole_turns
+        (variables,) angles (rad) by which the variables that loads see exceed its own.
+    """
     with np.errstate(all="ignore"):
-        dynamics = problem.equation.evaluate(np.array([t]), state[None], frame, whole)
+        dynamics = problem.equation.evaluate(np.array([t]), state[None], frame, whole_turns)
     return bool(all_finite(dynamics.forces))
