@@ -26,10 +26,10 @@ from spherekit.dynamics.coordinates import (
 from spherekit.dynamics.generalised_forces import rates_by_time
 from spherekit.dynamics.multi_dof_equation import MAX_RATE_SQUARES, total_moment_of_inertia
 from spherekit.dynamics.simulated_path import (
+    CoordinateFrames,
+    CurveFrames,
     Frames,
     StatePath,
-    in_coordinates,
-    on_curve,
     through_runs,
 )
 from spherekit.dynamics.simulation import (
@@ -218,11 +218,11 @@ def _integrate(
             homogeneous_rates = compiled_equation.homogeneous_rates(problem.values[None])
             sense = float(np.copysign(1.0, homogeneous_rates[0, 0] @ problem.frame[0]))
             momenta = sense * momentum_unit * problem.speed
-            frames = on_curve(compiled_equation, sense)
+            frames: Frames = CurveFrames(compiled_equation, sense)
         else:
             momentum_unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
             momenta = momentum_unit * variable_rates[coordinate_variables]
-            frames = in_coordinates(equation, frame)
+            frames = CoordinateFrames(equation, frame)
 
         integration = TaylorIntegration(
             compiled_equation,

@@ -331,9 +331,7 @@ def _compile_expressions(
     rate_outputs = [*chain(*expressions.homogeneous_rates), expressions.independence]
     return CompiledEquation(
         layout=layout,
-        integrator=Integrator(
-            equations, TIME, parameters, step_tolerance, compact, events
-        ),
+        integrator=Integrator(equations, TIME, parameters, step_tolerance, compact, events),
         rates_function=compile_function(rate_outputs, layout.variables, compact=True),
         switch_function=switch_function,
         probe_function=probe_function,

@@ -273,11 +273,15 @@ class CoordinateFrames:
         momenta = equation.momenta
         u = states[:, momenta] / root
         change = changes[:, momenta] / root
-        motion = equation.compute_motion(states[:, : equation.variable_count], self.frame, order=2)
+        motion = equation.compute_motion(
+            states[:, : equation.variable_count], self.frame, order=2
+        )
         masses = inertia(equation.mechanism, motion)
         roots = InertiaRoots.from_inertia(masses.M)
         states[:, momenta] = roots.multiply(u)
-        changes[:, momenta] = roots.multiply_derivative(masses.dM, u) + roots.multiply(change)
+        changes[:, momenta] = roots.multiply_derivative(masses.dM, u) + roots.multiply(
+            change
+        )
         return np.broadcast_to(self.frame, (len(states), *self.frame.shape))
 
 
