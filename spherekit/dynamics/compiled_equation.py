@@ -35,7 +35,7 @@ from spherekit.symbolic.compiler import (
     heyoka,
 )
 from spherekit.symbolic.expression_graph import TermFunction, derivatives, in_order
-from spherekit.velocities.axis_rotations import turning_pairs
+from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.dyad_expressions import COMPILED
 from spherekit.velocities.load_expressions import steep_arguments
 
@@ -207,7 +207,7 @@ def estimate_compile_seconds(
         If heyoka is not installed, or a profile cannot be compiled.
     """
     _check_expressible(mechanism)
-    turning_pairs(mechanism)
+    pair_rotations(mechanism)
     if not available():
         heyoka()
     step_tolerance = _limit_tolerance(tolerance, coordinates)
