@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import spherekit as sk
+from spherekit.dynamics.configurations_at_inputs import count_whole_turns, wrap_to_pi
 from spherekit.dynamics.forward_dynamics import simulate
-from spherekit.dynamics.simulation_start import PoseStart, reduced, whole_turns
+from spherekit.dynamics.simulation_start import PoseStart
 from spherekit.errors import SolveError
 from spherekit.files.study import Start
 from spherekit.mechanism.elements import Input
@@ -89,7 +90,7 @@ def test_reduced_angles_keep_every_digit():
     given = np.array([3.0, -3.2, 7.0, 1e3, -1e6, 123456789.125])
     with mp.workdps(40):
         for angle, least, count in zip(
-            given, reduced(given), whole_turns(given), strict=True
+            given, wrap_to_pi(given), count_whole_turns(given), strict=True
         ):
             exact = mp.mpf(angle) - 2 * mp.pi * int(count)
             assert abs(exact - mp.mpf(least)) < 1e-15 and abs(exact) < 3.15

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, Integers, SmallIntegers
 from spherekit.conventions import Facts, Names
-from spherekit.dynamics.simulation_start import into_range, reaching
+from spherekit.dynamics.configurations_at_inputs import analysis_covering, shift_into_range
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.study import Crossings
@@ -440,8 +440,8 @@ def _ready(
                 return Kinematics(mechanism, names, read, first.search)
         if first is not None:
             q = np.atleast_1d(q)
-            tracer = reaching(first, q) if all_finite(q) else first
-            motion = tracer.at(into_range(tracer, q))
+            tracer = analysis_covering(first, q) if all_finite(q) else first
+            motion = tracer.at(shift_into_range(tracer, q))
         else:
             path = q[None] if q.ndim == 1 else q
             tracer = PositionAnalysis(mechanism, path=path, independent=True)
@@ -509,7 +509,7 @@ def _one_row(
 
     def at(q: float) -> Callable[[], Batch] | None:
         if not low <= q <= high and isfinite(q):
-            q = into_range(tracer, np.array([q])).item()
+            q = shift_into_range(tracer, np.array([q])).item()
         given = [q, *mode.signs_along(np.array([[q]]))[:, 0].astype(float).tolist()]
         if not kernel.has_closed_form:
             assert mode.guide is not None

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Integers, SmallIntegers
 from spherekit.dynamics.bearing_friction import solve_bearing_friction
+from spherekit.dynamics.configurations_at_inputs import compute_modes_at_inputs
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
     Inertia,
@@ -20,7 +21,6 @@ from spherekit.dynamics.coordinates import (
     single,
 )
 from spherekit.dynamics.generalised_forces import Loads
-from spherekit.dynamics.simulation_start import at_inputs
 from spherekit.dynamics.transmitted_forces import DrivenState
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
@@ -263,7 +263,7 @@ def inverse_dynamics(
         return needed_torques(_scheduled(mechanism, law, t))
     mechanism, laws = _driven(mechanism, law, input_pair)
     q, timing = by_laws(mechanism.input_pairs, laws, t)
-    tracer, motion = at_inputs(mechanism, q, assembly_mode, search)
+    tracer, motion = compute_modes_at_inputs(mechanism, q, assembly_mode, search)
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
     return needed_torques(going_on(motion, tracer.solver))
 

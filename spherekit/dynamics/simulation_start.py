@@ -1,13 +1,18 @@
-"""Where a simulation starts: the problem checked, the configuration closed."""
+"""Checks the arguments of a simulation and closes its configuration at the start."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
+from spherekit.dynamics.configurations_at_inputs import (
+    compute_modes_at_inputs,
+    count_whole_turns,
+    wrap_to_pi,
+)
 from spherekit.dynamics.coordinates import need_inertia, need_moving_inertia
 from spherekit.dynamics.equation_of_motion import EquationOfMotion
 from spherekit.errors import ModelError, SolveError
@@ -18,22 +23,37 @@ from spherekit.mechanism.load import TorqueFunction, TorqueTable
 from spherekit.mechanism.load_kinds import DRIVE, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_at
-from spherekit.positions.input_revolutions import into_range as turned_into
 from spherekit.positions.linearisation import rank_mobility
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import Motion, PositionAnalysis
 from spherekit.positions.motion_cache import bare, traced
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.wording import choices, counted, listing
 
-NEAR = 0.1
-"""A given configuration may be this far (rad) from one that closes."""
+MAX_START_DISTANCE_RAD = 0.1
+"""Largest change of a variable that closes a given configuration.
 
-FARTHEST = 1e9
-"""Angles (rad) beyond it are held by a float64 to no better than 1e-7 rad."""
+Larger: the closed configuration can be one that was not meant. Smaller: configurations
+must be given with more digits.
+"""
 
-STANDSTILL = 1e-9
-"""A pair variable whose rate along the curve is smaller cannot be given a rate."""
+START_CLOSURE_TOLERANCE_RAD = 1e-12
+"""Largest closure residual of a configuration at the start.
+
+Larger: the motion starts off its curve. Smaller: rounding makes good starts fail.
+"""
+
+MAX_START_ANGLE_RAD = 1e9
+"""Largest angle at the start; a float64 stores it to 1e-7 rad only.
+
+Larger: the start is less accurate. Smaller: fewer whole turns are allowed.
+"""
+
+MIN_START_RATE = 1e-9
+"""Smallest rate of a pair variable along the possible velocities if its rate is given.
+
+Larger: starts near dead centres are refused. Smaller: the speed of the mechanism is
+computed from rounding errors.
+"""
 
 Torque = float | str | TorqueFunction
 """A driving torque (N m): a number, an expression, or a function f(t, q, dq)."""
@@ -47,9 +67,16 @@ Torques = Torque | Mapping[str, Torque]
 class PoseStart:
     """A start from a whole configuration, which may be a dead centre of the input.
 
-    `values` (variables,) in the order of the mechanism's `variable_names`, closed to
-    `NEAR`, angles with any number of whole turns; `rate` (rad/s) is that of the R pair
-    `pair`, of several freedoms one for each of as many pairs.
+    Attributes
+    ----------
+    values
+        (variables,) pair variables in the order of the mechanism's `variable_names`, rad,
+        angles with any number of whole turns. They are changed by at most
+        `MAX_START_DISTANCE_RAD` so that the loops close.
+    pair
+        The R pair whose rate is given; with several degrees of freedom as many pairs.
+    rate
+        The rate of this pair, or of each of these pairs, rad/s.
     """
 
     values: Sequence[float]
@@ -59,15 +86,33 @@ class PoseStart:
 
 @dataclass(frozen=True)
 class Problem:
-    """A direct problem of m freedoms that has passed all checks.
+    """A simulation problem that has passed all checks.
 
-    `driven` are the numbers of the inputs' variables; `values` (variables,) closed at the
-    start, less `turns` (variables,) whole turns, so that they keep their digits; `speed`
-    (m,) the rates along the orthonormal vectors of `frame` (m, variables); `switches` times
-    within the run at which steps begin anew; `passes` whether it goes straight on where
-    sets of configurations cross; `seen` is given the simulation so far while it is solved;
-    `compact` is how it is compiled, see
-    `spherekit.dynamics.compiled_equation.compile_equation`.
+    Attributes
+    ----------
+    equation
+        The equation of motion, with m degrees of freedom.
+    driven
+        Numbers of the variables of the inputs.
+    values
+        (variables,) pair variables of a closed configuration at the start, less whole
+        turns, so that they keep their digits.
+    turns
+        (variables,) these whole turns.
+    frame
+        (m, variables) orthonormal vectors of possible velocities at the start.
+    speed
+        (m,) rates along these vectors.
+    until
+        Time at which to end, s.
+    switches
+        Times (s) within the simulation at which steps start anew.
+    passes
+        Whether it continues straight on where sets of configurations cross.
+    seen
+        Called with the simulation so far while it is computed.
+    compact
+        See `spherekit.dynamics.compiled_equation.compile_equation`.
     """
 
     equation: EquationOfMotion
@@ -103,7 +148,16 @@ def prepare(
     switches: Iterable[float] = (),
     passes: bool = False,
 ) -> Problem:
-    """Return the problem behind the arguments of `simulate`, or raise what is wrong."""
+    """Return the problem that the arguments of `simulate` describe.
+
+    The parameters are those of `spherekit.dynamics.forward_dynamics.simulate`; `passes`
+    is whether crossings are passed.
+
+    Raises
+    ------
+    ModelError, SolveError
+        If something is missing or impossible.
+    """
     name = mechanism.name
     if not (np.isfinite(until) and until > 0.0):
         raise SolveError(
@@ -113,41 +167,53 @@ def prepare(
     need_inertia(mechanism)
     mechanism = driven_at(mechanism, input_pair)
     inputs = mechanism.input_pairs
-    pairs, rates = _moved(name, start, inputs)
+    moved_pairs, rates = _read_rates(name, start, inputs)
     driven = tuple(variable_of(mechanism, pair) for pair in inputs)
-    moved = [variable_of(mechanism, pair) for pair in pairs]
-    mechanism = mechanism.with_loads(*drives(mechanism, torque))
-    times = sorted({*map(float, switches), *_knots(mechanism, until)})
+    moved_variables = [variable_of(mechanism, pair) for pair in moved_pairs]
+    mechanism = mechanism.with_loads(*make_input_torques(mechanism, torque))
+    times = sorted({*map(float, switches), *_list_table_knots(mechanism, until)})
     if not all(np.isfinite(times)):
         raise SolveError(f"{name}: switches has a time that is not finite")
+
     closure = Closure.of(mechanism, make_joints(mechanism))
     equation = EquationOfMotion(mechanism, closure, len(inputs))
     if isinstance(start, PoseStart):
-        values, turns = _closed(closure, mechanism, start.values)
+        values, turns = _close_start(closure, mechanism, start.values)
     else:
-        values, turns = _configuration(mechanism, start.each(inputs)[0], assembly_mode)
-    at = closure.at(values[None])
-    freedoms = int(rank_mobility(closure.tree, at.vectors)[0])
+        q, _ = start.each(inputs)
+        values, turns = _find_configuration(mechanism, q, assembly_mode)
+
+    linearisation = closure.at(values[None])
+    freedoms = int(rank_mobility(closure.tree, linearisation.vectors)[0])
     if freedoms != len(inputs):
         raise SolveError(
             f"{name}: the start has {counted(freedoms, 'freedom')} of velocity for "
             f"{counted(len(inputs), 'input')}, so the loads do not say where it goes; "
             "start beside it"
         )
-    frame = np.linalg.svd(at.jacobian[0])[2][-freedoms:]
-    if freedoms == 1 and frame[0, moved[0]] < 0.0:
+    # The last right singular vectors of the closure equations are possible velocities.
+    frame = np.linalg.svd(linearisation.jacobian[0])[2][-freedoms:]
+    if freedoms == 1 and frame[0, moved_variables[0]] < 0.0:
         frame = -frame
     need_moving_inertia(mechanism, equation.compute_motion(values[None], frame))
-    _check_stops(mechanism, values + TURN * turns)
-    inside = tuple(t for t in times if 0.0 < t < until)
-    speed = _speed(mechanism, frame, moved, rates)
-    return Problem(equation, driven, values, turns, frame, speed, until, inside, passes)
+    _check_joint_limits(mechanism, values + TURN * turns)
+    return Problem(
+        equation=equation,
+        driven=driven,
+        values=values,
+        turns=turns,
+        frame=frame,
+        speed=_solve_speed(mechanism, frame, moved_variables, rates),
+        until=until,
+        switches=tuple(t for t in times if 0.0 < t < until),
+        passes=passes,
+    )
 
 
-def _moved(
+def _read_rates(
     name: str, start: Start | PoseStart, inputs: Sequence[str]
 ) -> tuple[list[str], Floats]:
-    """Return the pairs whose rates (m,) are given at the start, and these."""
+    """Return the pairs whose rates are given at the start, and these rates (m,)."""
     if isinstance(start, PoseStart):
         pairs = [start.pair] if isinstance(start.pair, str) else list(start.pair)
         rates = np.atleast_1d(np.asarray(start.rate, dtype=float))
@@ -164,14 +230,26 @@ def _moved(
     return pairs, rates
 
 
-def _speed(
+def _solve_speed(
     mechanism: Mechanism, frame: Floats, moved: Sequence[int], rates: Floats
 ) -> Floats:
-    """Return the rates (m,) along a frame at which pair variables have given ones (m,)."""
+    """Return the rates (m,) along a frame at which some variables have given rates.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, for messages.
+    frame
+        (m, variables) orthonormal vectors of possible velocities.
+    moved
+        Numbers of m variables.
+    rates
+        (m,) rates of these, rad/s.
+    """
     if not np.any(rates):
         return np.zeros(len(rates))
-    share = frame[:, list(moved)].T
-    if np.linalg.svd(share, compute_uv=False)[-1] < STANDSTILL:
+    variable_rates = frame[:, list(moved)].T
+    if np.linalg.svd(variable_rates, compute_uv=False)[-1] < MIN_START_RATE:
         names = mechanism.names_of(mechanism.variable_owners[v] for v in moved)
         what = "dead centre" if len(moved) == 1 else "singularity of type II"
         raise SolveError(
@@ -179,11 +257,11 @@ def _speed(
             f"cannot be {listing(f'{rate:g}' for rate in rates)} rad/s; start elsewhere, "
             "or give PoseStart with rates of other pairs"
         )
-    return np.asarray(np.linalg.solve(share, rates))
+    return np.asarray(np.linalg.solve(variable_rates, rates))
 
 
-def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
-    """Return the loads that driving torques at the inputs are."""
+def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
+    """Return the driving torques at the inputs as loads."""
     if torque is None:
         return []
     inputs = mechanism.input_pairs
@@ -196,7 +274,7 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
             )
         torque = {inputs[0]: torque}
     loads = []
-    for pair, given in torque.items():
+    for pair, law in torque.items():
         if pair not in inputs:
             raise SolveError(
                 f'{mechanism.name}: a torque is given at "{pair}", which is not an input'
@@ -208,8 +286,8 @@ def drives(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
                 f'{mechanism.name}: a load is named "{name}", as that of the driving '
                 "torque is; give it another name"
             )
-        text = repr(float(given)) if isinstance(given, int | float) else given
-        loads.append(PairTorque(name, pair, text))
+        law = repr(float(law)) if isinstance(law, int | float) else law
+        loads.append(PairTorque(name, pair, law))
     return loads
 
 
@@ -220,78 +298,64 @@ def variable_of(mechanism: Mechanism, pair: str) -> int:
     return mechanism.angles[pair]
 
 
-def _closed(
+def _close_start(
     closure: Closure, mechanism: Mechanism, values: Sequence[float]
 ) -> tuple[Floats, Floats]:
-    """Return the closed configuration, and the whole turns that it is less (variables,)."""
+    """Return the closed configuration less whole turns, and these turns (variables,)."""
     name = mechanism.name
-    given = np.array(values, dtype=float)
+    start_values = np.array(values, dtype=float)
     count = len(closure.tree.owners)
-    if given.shape != (count,) or not all_finite(given):
+    if start_values.shape != (count,) or not all_finite(start_values):
         raise SolveError(
             f"{name}: values at the start must be {count} finite numbers, one for each "
             "variable"
         )
-    _need_digits(name, given)
+    _check_digits(name, start_values)
     angles = [*mechanism.angles.values()]
     turns = np.zeros(count)
-    turns[angles], given[angles] = whole_turns(given[angles]), reduced(given[angles])
-    solution = closure.solve(given[None])
-    moved = float(max_abs(solution.values[0] - given))
-    if not (solution.gap[0] < 1e-12 and moved < NEAR):
+    turns[angles] = count_whole_turns(start_values[angles])
+    start_values[angles] = wrap_to_pi(start_values[angles])
+    solution = closure.solve(start_values[None])
+    distance = float(max_abs(solution.values[0] - start_values))
+    is_closed = solution.gap[0] < START_CLOSURE_TOLERANCE_RAD
+    if not (is_closed and distance < MAX_START_DISTANCE_RAD):
         raise SolveError(
             f"{name}: the values at the start do not close the loops: the nearest closed "
-            f"configuration found is {moved:.2g} rad away (residual "
-            f"{solution.gap[0]:.2g} rad), allowed is {NEAR} rad"
+            f"configuration found is {distance:.2g} rad away (residual "
+            f"{solution.gap[0]:.2g} rad), allowed is {MAX_START_DISTANCE_RAD} rad"
         )
     return np.asarray(solution.values[0]), turns
 
 
-def _need_digits(name: str, values: Floats) -> None:
-    """Raise `SolveError` where angles are so large that they say no configuration."""
+def _check_digits(name: str, values: Floats) -> None:
+    """Raise `SolveError` if angles have too few digits for a configuration."""
     largest = float(max_abs(values))
-    if largest > FARTHEST:
+    if largest > MAX_START_ANGLE_RAD:
         raise SolveError(
             f"{name}: an angle at the start is {largest:.6g} rad, which a float64 holds to "
-            f"{np.spacing(largest):.2g} rad only; allowed is up to {FARTHEST:g} rad. Leave "
-            "out whole turns"
+            f"{np.spacing(largest):.2g} rad only; allowed is up to "
+            f"{MAX_START_ANGLE_RAD:g} rad. Leave out whole turns"
         )
 
 
-def at_inputs(
-    of: Mechanism | PositionAnalysis,
-    q: Floats,
-    assembly_mode: int | None = None,
-    search: bool = True,
-) -> tuple[PositionAnalysis, Motion]:
-    """Return all assembly modes, or one, at inputs (n, inputs) with any whole turns.
-
-    With their tracer, which of one input may be given, over the range of the input.
-    """
-    if q.shape[1] > 1:
-        assert isinstance(of, Mechanism)
-        tracer = PositionAnalysis(of, None, assembly_mode, search, path=q)
-        return tracer, tracer.motion()
-    if isinstance(of, Mechanism):
-        of = PositionAnalysis(of, None, assembly_mode, search)
-    tracer = reaching(of, q[:, 0], assembly_mode, search)
-    motion = tracer.at(into_range(tracer, q))
-    return tracer, replace(motion, inputs=np.tile(q, (len(tracer.assembly_modes), 1)))
-
-
-def _configuration(
+def _find_configuration(
     mechanism: Mechanism, q: Floats, assembly_mode: int
 ) -> tuple[Floats, Floats]:
-    """Return the configuration at inputs (m,), and the whole turns that it is less."""
+    """Return the configuration at inputs (m,) less whole turns, and these turns.
+
+    Both have the shape (variables,).
+    """
     name = mechanism.name
     if not all_finite(q):
         raise SolveError(f"{name}: the input at the start is {q}, give finite numbers")
-    _need_digits(name, q)
-    near = q if len(q) == 1 or mechanism.has_contacts else reduced(q)
-    tracer, motion = at_inputs(
-        traced(mechanism) if len(q) == 1 else bare(mechanism), near[None]
-    )
-    row = tracer.place_of(assembly_mode)
+    _check_digits(name, q)
+    if len(q) == 1:
+        position_analysis, motion = compute_modes_at_inputs(traced(mechanism), q[None])
+    else:
+        # Contacts can make a configuration depend on whole turns of the inputs.
+        inputs = q if mechanism.has_contacts else wrap_to_pi(q)
+        position_analysis, motion = compute_modes_at_inputs(bare(mechanism), inputs[None])
+    row = position_analysis.place_of(assembly_mode)
     status = Status(int(motion.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):
         where = listing(f"{x:.6g}" for x in q)
@@ -300,75 +364,31 @@ def _configuration(
             f"({status.name}): {STATUS_MEANING[status]}"
         )
     number = motion.assembly_modes[row].number
-    solver = tracer.solver
+    solver = position_analysis.solver
     values = motion.values[row].copy()
     driven = list(solver.driven)
     turns = solver.unwrapping.turns(number, values[None], q[None], solver.angles)[0]
-    values[driven], turns[driven] = reduced(q), whole_turns(q)
+    values[driven] = wrap_to_pi(q)
+    turns[driven] = count_whole_turns(q)
     return values, turns
 
 
-def reduced(angles: Floats) -> Floats:
-    """Return angles (rad) less whole turns, between -pi and pi, to the last digit."""
-    turned = np.arctan2(np.sin(angles), np.cos(angles))
-    return np.where(np.abs(angles) <= np.pi, angles, turned)
-
-
-def whole_turns(angles: Floats) -> Floats:
-    """Return the number of whole turns by which angles (rad) exceed the reduced ones."""
-    return np.round((angles - reduced(angles)) / TURN)
-
-
-def into_range(tracer: PositionAnalysis, q: Floats) -> Floats:
-    """Return inputs moved by whole turns into the input's range, or as near as these lead.
-
-    Where wheels count the turns, only by those after which all are as before.
-    """
-    low, high = tracer.range
-    (period,) = tracer.solver.periods
-    if not np.isfinite(period):
-        return q
-    scale = period / TURN
-    moved = turned_into(scale * reduced(q / scale), low, high, period)
-    return np.where((q >= low) & (q <= high), q, moved)
-
-
-def reaching(
-    tracer: PositionAnalysis,
-    q: Floats,
-    assembly_mode: int | None = None,
-    search: bool = True,
-) -> PositionAnalysis:
-    """Return a tracer over a range that holds inputs q (n,) where wheels count the turns.
-
-    It is the one given where no contact rolls, or whole turns lead into its range.
-    """
-    places = np.append(into_range(tracer, q), tracer.range)
-    path = np.array([np.min(places), np.max(places)])
-    if tracer.solver.meshes is None or np.array_equal(path, tracer.range):
-        return tracer
-    return PositionAnalysis(
-        tracer.mechanism,
-        None,
-        assembly_mode,
-        search,
-        path=path,
-        crossings=tracer.crossings,
-    )
-
-
-def _check_stops(mechanism: Mechanism, values: Floats) -> None:
-    for stop in mechanism.joint_limits:
-        value = values[variable_of(mechanism, stop.pair)]
-        if not stop.low <= value <= stop.high:
+def _check_joint_limits(mechanism: Mechanism, values: Floats) -> None:
+    """Raise `SolveError` if variables (variables,), in rad, exceed joint limits."""
+    for limit in mechanism.joint_limits:
+        value = values[variable_of(mechanism, limit.pair)]
+        if not limit.low <= value <= limit.high:
             raise SolveError(
-                f"{mechanism.name}: pair {stop.pair} starts at {value:.6g} rad, outside "
-                f"its joint limits {stop.low:.6g} to {stop.high:.6g} rad"
+                f"{mechanism.name}: pair {limit.pair} starts at {value:.6g} rad, outside "
+                f"its joint limits {limit.low:.6g} to {limit.high:.6g} rad"
             )
 
 
-def _knots(mechanism: Mechanism, until: float) -> Iterable[float]:
-    """Yield the times at which torque tables have kinks, and check that they reach."""
+def _list_table_knots(mechanism: Mechanism, until: float) -> Iterable[float]:
+    """Yield the times (s) at which torque tables have kinks.
+
+    A table that does not cover the simulated time raises its error here.
+    """
     for load in mechanism.loads:
         if isinstance(load, TorqueTable):
             load.at(np.array([0.0, until]))

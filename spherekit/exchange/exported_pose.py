@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.dynamics.simulation_start import at_inputs
+from spherekit.dynamics.configurations_at_inputs import compute_modes_at_inputs
 from spherekit.errors import SolveError
 from spherekit.geometry.rotation import all_finite
 from spherekit.mechanism.mechanism import Mechanism
@@ -50,7 +50,7 @@ def posed(
                 f"{mechanism.name}: at has {counted(len(q), 'value')}, but the inputs are "
                 f"{listing(inputs)}: give one value for each"
             )
-        tracer, motion = at_inputs(mechanism, q[None], assembly_mode)
+        tracer, motion = compute_modes_at_inputs(mechanism, q[None], assembly_mode)
         where = listing(
             f"{pair} = {value:.6g} rad ({np.degrees(value):.6g} deg)"
             for pair, value in zip(inputs, q, strict=True)

@@ -11,7 +11,7 @@ from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN, Names
 from spherekit.dynamics.forward_dynamics import need_allowed, simulate
 from spherekit.dynamics.simulation import Simulation
-from spherekit.dynamics.simulation_start import drives
+from spherekit.dynamics.simulation_start import make_input_torques
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.study import Study
 from spherekit.files.time_law import ConstantSpeed, Law
@@ -326,7 +326,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
             if isinstance(size, int | float) and not np.isfinite(size):
                 yield ("start", "torque"), f"{size} is not finite"
         try:
-            mechanism.with_loads(*drives(mechanism, torque))
+            mechanism.with_loads(*make_input_torques(mechanism, torque))
         except (ModelError, SolveError) as problem:
             yield ("start", "torque"), str(problem)
     if duration is None:

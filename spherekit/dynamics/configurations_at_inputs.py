@@ -1,0 +1,123 @@
+"""Configurations of assembly modes at input angles with any number of whole turns.
+
+A position analysis covers the range of its input. Angles outside are shifted into it by
+whole turns. If a gear pair makes the configuration depend on the number of turns, only
+periods of the whole mechanism are taken off, or a position analysis over a longer range is
+made.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.conventions import TURN
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.input_revolutions import into_range as shift_by_periods
+from spherekit.positions.motion import Motion, PositionAnalysis
+
+
+def wrap_to_pi(angles: Floats) -> Floats:
+    """Return angles (rad) less whole turns, between -pi and pi, to the last digit."""
+    # Sine and cosine reduce large angles by more digits of pi than a float64 has.
+    wrapped = np.arctan2(np.sin(angles), np.cos(angles))
+    return np.where(np.abs(angles) <= np.pi, angles, wrapped)
+
+
+def count_whole_turns(angles: Floats) -> Floats:
+    """Return the number of whole turns by which angles (rad) exceed the wrapped ones."""
+    return np.round((angles - wrap_to_pi(angles)) / TURN)
+
+
+def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
+    """Return input angles shifted by whole turns into the range of the input.
+
+    If the range is shorter than a turn, they are shifted as near to it as possible. If
+    wheels count the turns, the shift is a multiple of the period after which all links are
+    in the same position again. Without such a period the angles are not changed.
+
+    Parameters
+    ----------
+    position_analysis
+        A position analysis of a mechanism with one input.
+    q
+        (n,) angles of the input, rad.
+    """
+    low, high = position_analysis.range
+    (period,) = position_analysis.solver.periods
+    if not np.isfinite(period):
+        return q
+    # Scaled so that a period becomes a turn: then no digits are lost.
+    scale = period / TURN
+    shifted = shift_by_periods(scale * wrap_to_pi(q / scale), low, high, period)
+    return np.where((q >= low) & (q <= high), q, shifted)
+
+
+def analysis_covering(
+    position_analysis: PositionAnalysis,
+    q: Floats,
+    assembly_mode: int | None = None,
+    search: bool = True,
+) -> PositionAnalysis:
+    """Return a position analysis over a range that contains input angles.
+
+    It is the given one unless wheels count the turns and whole periods do not lead into its
+    range.
+
+    Parameters
+    ----------
+    position_analysis
+        A position analysis of a mechanism with one input.
+    q
+        (n,) angles of the input, rad.
+    assembly_mode, search
+        See `PositionAnalysis`, for a new one.
+    """
+    places = np.append(shift_into_range(position_analysis, q), position_analysis.range)
+    path = np.array([np.min(places), np.max(places)])
+    has_meshes = position_analysis.solver.meshes is not None
+    if not has_meshes or np.array_equal(path, position_analysis.range):
+        return position_analysis
+    return PositionAnalysis(
+        position_analysis.mechanism,
+        None,
+        assembly_mode,
+        search,
+        path=path,
+        crossings=position_analysis.crossings,
+    )
+
+
+def compute_modes_at_inputs(
+    mechanism_or_analysis: Mechanism | PositionAnalysis,
+    q: Floats,
+    assembly_mode: int | None = None,
+    search: bool = True,
+) -> tuple[PositionAnalysis, Motion]:
+    """Return all assembly modes, or one, at given inputs, and their position analysis.
+
+    Parameters
+    ----------
+    mechanism_or_analysis
+        A mechanism, or with one input its position analysis over the range of the input.
+    q
+        (n, inputs) angles of the inputs with any number of whole turns, rad.
+    assembly_mode, search
+        See `PositionAnalysis`.
+    """
+    if q.shape[1] > 1:
+        assert isinstance(mechanism_or_analysis, Mechanism)
+        position_analysis = PositionAnalysis(
+            mechanism_or_analysis, None, assembly_mode, search, path=q
+        )
+        return position_analysis, position_analysis.motion()
+    if isinstance(mechanism_or_analysis, Mechanism):
+        position_analysis = PositionAnalysis(
+            mechanism_or_analysis, None, assembly_mode, search
+        )
+    else:
+        position_analysis = mechanism_or_analysis
+    position_analysis = analysis_covering(position_analysis, q[:, 0], assembly_mode, search)
+    motion = position_analysis.at(shift_into_range(position_analysis, q))
+    mode_count = len(position_analysis.assembly_modes)
+    return position_analysis, replace(motion, inputs=np.tile(q, (mode_count, 1)))
