@@ -18,7 +18,7 @@ from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of
 from spherekit.files.study import Study
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.figure_of_merit import parse_merit
 
 DEG = np.pi / 180.0

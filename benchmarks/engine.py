@@ -12,7 +12,7 @@ from spherekit.dynamics.simulation import Simulation
 from spherekit.files.mechanism_reader import load
 from spherekit.files.study import Start
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.compiler import available, heyoka
 from spherekit.velocities.dyad_expressions import COMPILED
 from spherekit.velocities.kernels import MOST_DERIVATIVES, Engine, Source, kernel

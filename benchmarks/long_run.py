@@ -10,7 +10,7 @@ from pathlib import Path
 
 from benchmarks.harness import Cell, Section
 from spherekit.files.mechanism_reader import load
-from spherekit.positions.motion import BLOCK, PositionAnalysis
+from spherekit.positions.position_analysis import BLOCK_ROWS, PositionAnalysis
 from spherekit.runs.runner import run as run_analyses
 
 JOBS = (("stephenson", "poles:only=31"), ("four_bar", "poles"), ("four_bar", "eksergian"))
@@ -91,7 +91,14 @@ def _measured(name: str, analysis: str, samples: int) -> tuple[Cell, ...]:
 def _blocks(quick: bool) -> Section:
     made = load("stephenson")
     assembly_modes = len(PositionAnalysis(made, samples=2).assembly_modes)
-    sizes = [BLOCK >> 5, BLOCK >> 3, BLOCK >> 1, BLOCK, BLOCK << 1, BLOCK << 3]
+    sizes = [
+        BLOCK_ROWS >> 5,
+        BLOCK_ROWS >> 3,
+        BLOCK_ROWS >> 1,
+        BLOCK_ROWS,
+        BLOCK_ROWS << 1,
+        BLOCK_ROWS << 3,
+    ]
     samples = sizes[-1] // assembly_modes
     best = dict.fromkeys(sizes, float("inf"))
     for _ in range(2 if quick else 5):
@@ -106,14 +113,14 @@ def _blocks(quick: bool) -> Section:
             )
             best[size] = min(best[size], time.process_time() - started)
     rows: list[tuple[Cell, ...]] = [
-        (size, 1e6 * seconds / (samples * assembly_modes), seconds / best[BLOCK])
+        (size, 1e6 * seconds / (samples * assembly_modes), seconds / best[BLOCK_ROWS])
         for size, seconds in best.items()
     ]
     return Section(
         "Rows evaluated at once",
         f"The Stephenson mechanism, `poles:only=31`, {samples} samples of {assembly_modes} "
         f"assembly modes, no tables kept; best processor time of the rounds. A run takes "
-        f"{BLOCK} rows of all assembly modes together.",
-        ("rows in a block", "us per configuration", f"over {BLOCK}"),
+        f"{BLOCK_ROWS} rows of all assembly modes together.",
+        ("rows in a block", "us per configuration", f"over {BLOCK_ROWS}"),
         rows,
     )

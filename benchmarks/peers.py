@@ -24,7 +24,7 @@ from spherekit.mechanism.inertia import Mass, uniform_arc
 from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.compiler import available
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]

@@ -18,8 +18,8 @@ from spherekit.mechanism.elements import Input, PoseGeometry
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.input_turning_points import input_turning_points
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.proof.certified_modes import certified_modes
 from spherekit.proof.configuration_curves import certified_curves
 from spherekit.proof.decimal_mechanism import Written
@@ -94,7 +94,7 @@ def certified_at_inputs(
         made = make(seed)
         written = Written.of(made)
         start = process_time()
-        solver = Solver(made, plan_assembly(made))
+        solver = PositionSolver(made, plan_assembly(made))
         found = assemblies(solver, np.zeros(1))
         middle = process_time()
         modes = certified_modes(written, ("0",))
@@ -134,7 +134,7 @@ def _over_turns(
             curves = certified_curves(Written.of(made), ("0", "360"))
             parts = curves.intervals
             middle = process_time()
-            solver = Solver(made, plan_assembly(made))
+            solver = PositionSolver(made, plan_assembly(made))
             input_turning_points(solver, 0.0, 2.0 * math.pi)
             ratios.append((middle - start) / (process_time() - middle))
             times.append(middle - start)

@@ -11,7 +11,8 @@ from benchmarks.samples import grown
 from spherekit.files.mechanism_reader import load
 from spherekit.files.study import Study
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.analysis_requests import needs_of, requests_for
 from spherekit.runs.registry import create
 from spherekit.runs.run_cost import counts_of

@@ -13,7 +13,7 @@ from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.arrays import Floats
 from spherekit.errors import EngineError
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs import batch_runner, prefetch
 from spherekit.runs.batch_runner import REFERENCES
 from spherekit.runs.kernel_columns import SLICE

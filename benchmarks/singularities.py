@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.harness import Cell, Section, own_mechanisms
 from spherekit.files.mechanism_reader import load
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.single_freedom import SingleFreedom
 

@@ -23,7 +23,7 @@ from spherekit.exchange.source_languages import source
 from spherekit.files.mechanism_reader import load
 from spherekit.mechanism.inertia import moments_of_point
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.row_quantities import sample_names
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]

@@ -17,7 +17,7 @@ from spherekit.mechanism.load_kinds import Damper
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.tensor_chebyshev import TensorChebyshev
 from spherekit.planning.pole_plan import parse_pole
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
@@ -183,7 +183,7 @@ def _worst(
                 field.acceleration_coefficient[pole] * side,
                 change,
             )
-        single = tracer.solver.single
+        single = tracer.solver.input_variable
         exact = by_variables(tracer.solver.closure, motion.values, [single])
         for number, variable in enumerate(mechanism.variable_names):
             turned = 2.0 * np.sin(

@@ -96,7 +96,7 @@ if TYPE_CHECKING:
     from spherekit.planning.plan_text import as_text as table  # noqa: F401
     from spherekit.planning.pole_plan import Plan as Plan
     from spherekit.positions.motion import Motion as Motion
-    from spherekit.positions.motion import trace as trace
+    from spherekit.positions.position_analysis import trace as trace
     from spherekit.proof.balls import Digits as Digits
     from spherekit.proof.reference_rows import exact_rows as exact_rows
     from spherekit.runs.evaluation_options import Setting as Setting

@@ -26,3 +26,16 @@ EQUAL_CURVATURE = 1e-9
 
 SINGULAR_RATIO = 1e-11
 """Smallest relative singular value of the closure Jacobian with trusted rates."""
+
+
+SINGULAR_DYAD_SINE = 1e-6
+"""A dyad whose sine at its dead centre is smaller has half its digits only.
+
+Such samples are solved in quad precision and have the status AT_SINGULARITY. Larger: more
+samples near dead centres have this status, and no rates. Smaller: rates with fewer correct
+digits are returned.
+"""
+
+
+SINGULAR_GROUP_CONDITION = 1e-6
+"""The same for the reciprocal condition number of a group that is not a dyad."""

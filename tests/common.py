@@ -10,7 +10,7 @@ from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of, number_path, with_numbers
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions import assembly_mode as assembly_mode
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.needs import Needs
 from spherekit.symbolic.compiler import available

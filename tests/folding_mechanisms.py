@@ -12,7 +12,7 @@ from special_mechanisms import special_mechanism
 from spherekit.mechanism.elements import Input, LinkSizes, Pair, Profile, SizeGeometry
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.mode_predictor import ModeCurve
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 
 def with_second_coupler(made):

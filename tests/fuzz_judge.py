@@ -12,7 +12,7 @@ from spherekit.errors import CountError, PlanError, SpherekitError
 from spherekit.mechanism.joint import revolute
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.tolerances import EPS
 from spherekit.velocities.pole_evaluation import evaluate

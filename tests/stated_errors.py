@@ -9,7 +9,7 @@ from special_mechanisms import special_mechanism
 from spherekit.errors import SpherekitError
 from spherekit.geometry.rotation import Floats
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.ball_frames import exactly
 from spherekit.proof.balls import FEWEST, Digits, floats
 from spherekit.proof.decimal_mechanism import Written

@@ -12,10 +12,10 @@ from independent import multi_start
 import spherekit as sk
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.group_assembly import group_closure
 from spherekit.positions.group_solutions import eliminated, orders_of, solutions
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import SearchStatistics
 
 THREE_RRR = "1-2 1-3 1-4 2-5 3-6 4-7 5-8 6-8 7-8"
@@ -30,14 +30,14 @@ def made_of(chain, driven, axes):
 
 def solved(made, q=None):
     """Return the solver, its group closure and all assemblies at inputs q, 0 by default."""
-    solver = Solver(made, plan_assembly(made))
+    solver = PositionSolver(made, plan_assembly(made))
     q = np.zeros(len(solver.driven)) if q is None else np.asarray(q, dtype=float)
     return solver, assemblies(solver, q)
 
 
 def alone(made):
     """Return the only group of a mechanism and its closure with the inputs at 0."""
-    solver = Solver(made, plan_assembly(made))
+    solver = PositionSolver(made, plan_assembly(made))
     (group,) = solver.assembly.groups
     return group, group_closure(solver.start(np.zeros((1, len(solver.driven)))), group)
 

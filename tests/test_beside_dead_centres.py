@@ -13,7 +13,7 @@ from stated_errors import judge_bounds
 import spherekit as sk
 from spherekit.errors import SpherekitError
 from spherekit.mechanism.elements import Input
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD, decimal_frames
 from spherekit.proof.balls import Digits
 from spherekit.proof.decimal_mechanism import Written

@@ -10,7 +10,8 @@ from common import Asking, Listener, rows_of, with_springs
 
 import spherekit as sk
 from spherekit.conventions import TURN
-from spherekit.positions.motion import PositionAnalysis, continued
+from spherekit.positions.angle_unwrapping import continue_angles
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.contract import Findings
 from spherekit.runs.needs import Needs
 from spherekit.scenes.scene import Axis, Portrait, Scene, Series
@@ -50,10 +51,10 @@ def test_blocks_go_on_where_the_one_before_ended(size):
             return replace(motion, values=values)
 
         names, modes = list(tracer.mechanism.angles), len(tracer.assembly_modes)
-        whole = continued(gaps(tracer.motion()), names, tracer.solver, {})
+        whole = continue_angles(gaps(tracer.motion()), names, tracer.angle_unwrapping, {})
         memory, parts = {}, []
         for motion in tracer.blocks(size):
-            found = continued(gaps(motion), names, tracer.solver, memory)
+            found = continue_angles(gaps(motion), names, tracer.angle_unwrapping, memory)
             parts.append({name: own.reshape(modes, -1) for name, own in found.items()})
             memory = json.loads(json.dumps(memory))
         for name in names:
@@ -65,7 +66,7 @@ def test_blocks_go_on_where_the_one_before_ended(size):
 def test_inputs_are_as_given_and_grids_go_on_as_paths():
     tracer = many_turns()
     motion = tracer.motion()
-    found = continued(motion, ["21"], tracer.solver, {})["21"]
+    found = continue_angles(motion, ["21"], tracer.angle_unwrapping, {})["21"]
     assert np.array_equal(found, motion.q) and np.min(found) == -25.0
     low = replace(
         five := sk.load("five_bar"),
@@ -77,7 +78,7 @@ def test_inputs_are_as_given_and_grids_go_on_as_paths():
     grid = PositionAnalysis(low, samples=(3, 4), grid=True)
     names = sorted(set(grid.mechanism.angles) - set(grid.inputs))
     motion = grid.motion()
-    found = continued(motion, names, grid.solver, {})
+    found = continue_angles(motion, names, grid.angle_unwrapping, {})
     way = np.linspace([0.7, 0.7], [1.1, 2.4], 400)
     fine = PositionAnalysis(low, path=way).motion()
     for name in names:
@@ -91,7 +92,7 @@ def test_angles_grow_by_every_turn_of_one_of_several_inputs():
     def angles(turns):
         way = np.radians([[40.0 + 360.0 * turns, 40.0], [50.0 + 360.0 * turns, 45.0]])
         five = PositionAnalysis(sk.load("five_bar"), path=way)
-        return continued(five.motion(), ["54"], five.solver, {})["54"]
+        return continue_angles(five.motion(), ["54"], five.angle_unwrapping, {})["54"]
 
     lap = angles(1) - angles(0)
     assert np.max(np.abs(np.abs(lap) - TURN)) < 1e-9
@@ -234,7 +235,7 @@ def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):
     def followed(*given, **named):
         raise AssertionError("a motion was traced")
 
-    monkeypatch.setattr("spherekit.positions.motion.ModeSearch", followed)
+    monkeypatch.setattr("spherekit.positions.position_analysis.ModeSearch", followed)
     made = sk.load("two_dof_spm")
     for request in (
         "inverse_kinematics:poses=21=14+61=23",

@@ -9,7 +9,7 @@ from stated_errors import KINDS, evaluate, judged_special, stated
 
 import spherekit as sk
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.tolerances import EPS
 from spherekit.velocities.pole_request import request
 

@@ -8,7 +8,7 @@ from example_mechanisms import four_bar
 
 import spherekit as sk
 from spherekit.mechanism.inertia import Mass
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.ball_forces import exact_inertia
 from spherekit.proof.balls import Digits, floats
 

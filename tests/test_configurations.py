@@ -10,13 +10,13 @@ from spherekit.completeness import Guarantee
 from spherekit.numerics.sign_changes import crossings
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.driving_pair import easiest_drive
 from spherekit.positions.input_turning_points import (
     InputTurningPoints,
     input_turning_points,
 )
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.position_solver import PositionSolver
 
 TURN = 2.0 * np.pi
 
@@ -29,9 +29,9 @@ def with_curves(chain, axes, driven, span=(0.0, TURN)):
 
 def turning_inputs(solver, curve):
     """Return the inputs (k,) at which a curve turns back, rising."""
-    dead = curve.dead_points(solver.single)
+    dead = curve.dead_points(solver.input_variable)
     values = curve.at(dead.places[~dead.double]).values
-    return np.sort(np.mod(values[:, solver.single], TURN))
+    return np.sort(np.mod(values[:, solver.input_variable], TURN))
 
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-5])
@@ -134,7 +134,7 @@ def test_curves_have_every_mode_that_a_search_finds(chain, seed, inputs):
     tracer, found = with_curves(chain, random_axes(random, len(edges)), f"p{a}_{b}")
     assert not found.mismatches and found.guarantee is Guarantee.COMPLETE
     here = there = 0
-    driven = tracer.solver.single
+    driven = tracer.solver.input_variable
     for q in random.uniform(0.0, TURN, inputs):
         met = [(each.curve, each.curve.at_input(driven, q).places) for each in found.curves]
         at = tracer.solver.closure.at(
@@ -154,7 +154,7 @@ def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
     """The single flier is one group of seven bodies, or a dyad and a triad."""
     axes = random_axes(np.random.default_rng(15), 10)
     made = mechanism(EIGHT_BARS[5], axes, "p5_6", span=(0.0, TURN))
-    solver = Solver(made, plan_assembly(made))
+    solver = PositionSolver(made, plan_assembly(made))
     assert len(solver.assembly.groups) == 1
     drive = easiest_drive(solver)
     assert [len(group.bodies) for group in drive.assembly.groups] == [3, 5]

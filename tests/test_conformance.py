@@ -14,7 +14,7 @@ from spherekit.errors import AnalysisError, PluginError
 from spherekit.plugin import conformance, registered
 from spherekit.plugin.checks.examination import TURN, ConformanceSuite
 from spherekit.plugin.checks.variants import renamed, turned
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.registry import names
 
 BROKEN_AT_IMPORT = {

@@ -13,7 +13,7 @@ from spherekit.mechanism.elements import Profile
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
 """Shortest and longest link together exceed the others: no link turns fully."""

@@ -25,7 +25,7 @@ from spherekit.files.study import Start
 from spherekit.files.time_law import ConstantSpeed
 from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import JointLimit, Spring
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 
 def simulate(*given, **options):

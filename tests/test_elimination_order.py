@@ -16,7 +16,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.mechanism.elements import Input, Pair
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.elimination_order import (
     MAX_AMPLIFICATION,
     assign_elimination_orders,
@@ -91,7 +91,7 @@ def check_against_null_space(made, samples=9):
     a, b = made.ends[driven]
     compared = 0
     for row in np.flatnonzero(~motion.failed):
-        least = np.linalg.svd(motion.free_jacobian[row], compute_uv=False)[-1]
+        least = np.linalg.svd(motion.passive_jacobian[row], compute_uv=False)[-1]
         is_singular = field.status[row] == sk.Status.AT_SINGULARITY
         assert is_singular == (least < LEAST_SINGULAR_VALUE), (row, least)
         if least < 1e-3:
@@ -184,25 +184,27 @@ def test_each_configuration_gets_an_order_that_is_regular_there():
     """The assignment covers all configurations, and its norms are those of a matrix."""
     motion = PositionAnalysis(sk.load(MIURA), samples=17).motion()
     jacobians = motion.linearisation.jacobian
-    assigned = assign_elimination_orders(jacobians, motion.free)
+    assigned = assign_elimination_orders(jacobians, motion.passive_variables)
     rows = np.sort(np.concatenate([some for _, some in assigned]))
     assert np.array_equal(rows, np.arange(len(jacobians))) and len(assigned) > 1
     for order, some in assigned:
         sizes = eliminated_inverse_sizes(jacobians[some], order)
-        least = inverse_sizes(motion.free_jacobian[some])
+        least = inverse_sizes(motion.passive_jacobian[some])
         assert np.all(sizes <= MAX_AMPLIFICATION * least)
     # A square system has one inverse, whatever the order.
     four_bar = PositionAnalysis(sk.load("four_bar"), samples=5).motion()
-    order = choose_elimination_order(four_bar.linearisation.jacobian, four_bar.free)
+    order = choose_elimination_order(
+        four_bar.linearisation.jacobian, four_bar.passive_variables
+    )
     sizes = eliminated_inverse_sizes(four_bar.linearisation.jacobian, order)
-    inverse = np.linalg.inv(four_bar.free_jacobian)
+    inverse = np.linalg.inv(four_bar.passive_jacobian)
     assert np.allclose(sizes, np.linalg.norm(inverse, axis=(1, 2)), rtol=1e-12)
 
 
 def miura_jacobians():
     """Return closure Jacobians that need several orders, and their passive variables."""
     motion = PositionAnalysis(sk.load(MIURA), samples=17).motion()
-    return motion.linearisation.jacobian, motion.free
+    return motion.linearisation.jacobian, motion.passive_variables
 
 
 @pytest.mark.parametrize("position", ["first", "between", "last"])

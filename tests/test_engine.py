@@ -24,7 +24,7 @@ from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.mechanism import Mass, Mechanism
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.expression_graph import BLOCK
 from spherekit.velocities.kernels import kernel
 from spherekit.velocities.pole_evaluation import evaluate

@@ -5,7 +5,7 @@ import pytest
 from chains import FOUR_BAR, WATT, joints, mechanism, random_axes
 
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import Digits, floats
 from spherekit.proof.reference_rows import exact_rows
 from spherekit.tolerances import EPS

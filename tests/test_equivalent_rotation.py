@@ -19,7 +19,7 @@ from spherekit.mechanism.joint_construction import make_joints
 from spherekit.outputs.fixed_axis_rotation import turn_to
 from spherekit.outputs.rotation_timing import SHAPES, RotationSamples, time_optimal
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 OUTWARD = (-1, 1, 1)
 """The driven links as in Fig. 5(a)."""

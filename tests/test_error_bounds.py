@@ -9,7 +9,7 @@ from stated_errors import KINDS, Stated, judge_bounds, stated
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.files.mechanism_reader import loads
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 BOUNDS = (
     "error_bound",

@@ -32,7 +32,7 @@ from spherekit.files.mechanism_reader import loads
 from spherekit.files.mechanism_writer import dumps
 from spherekit.mechanism.elements import Source
 from spherekit.planning.pole_planner import plans
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.scenes.link_scenes import static_scene
 
 GCC, GPP, NODE = map(shutil.which, ("gcc", "g++", "node"))

@@ -18,7 +18,7 @@ from spherekit.files.toml_lines import locate
 from spherekit.mechanism.joint import KINDS
 from spherekit.mechanism.load_expression import MAX_LENGTH
 from spherekit.mechanism.load_kinds import LOADS
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 SIZES = text_of("sizes")
 

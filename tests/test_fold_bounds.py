@@ -11,7 +11,7 @@ from exact_configurations import deviations, deviations_beside
 from folding_mechanisms import folding_mechanism, inputs_beside_folds
 
 from spherekit.errors import SpherekitError
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD
 from spherekit.status import Status
 

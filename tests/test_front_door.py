@@ -19,7 +19,7 @@ from example_mechanisms import LINKS, PAIRS, built
 
 import spherekit as sk
 from spherekit.files.library import find
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 RECORDING = b"RRF2"
 

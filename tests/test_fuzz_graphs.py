@@ -17,7 +17,7 @@ from spherekit.planning.plan_text import as_dict, as_text
 from spherekit.planning.pole_plan import BlockPoles, LinePole, PrimaryPole, all_poles
 from spherekit.planning.pole_planner import plans
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request

@@ -18,7 +18,7 @@ from spherekit.geometry.region_margins import spread
 from spherekit.outputs.dyad_chain import rates_of_turns
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
 from spherekit.outputs.pose_solver import GraphKinematics, output_kinematics
-from spherekit.positions.motion import motion_of
+from spherekit.positions.motion import make_motion
 from spherekit.scenes.scene import SphereMap
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
@@ -53,7 +53,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     good &= rows.type_2 > AWAY
     assert np.sum(good) > 40 and np.max(solver.residual(rows.values[good])) < 1e-13
     own = ForwardKinematics(solver.mechanism).solver
-    turns = output_rates(motion_of(own, rows.values[good]), solver.output)
+    turns = output_rates(make_motion(own, rows.values[good]), solver.output)
     directions = poses[rows.pose[good]] if solver.points else None
     rates, type_1 = rates_of_turns(turns, directions)
     known = np.isfinite(turns).all(axis=(1, 2))

@@ -12,7 +12,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.time_law import ConstantSpeed
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 CASES = {
     # mechanism: the pair that is locked, at what (rad), and values of the other inputs

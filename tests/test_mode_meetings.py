@@ -23,9 +23,10 @@ from spherekit.files.mechanism_reader import read
 from spherekit.files.toml_document import parse
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.sign_changes import crossings
+from spherekit.positions.angle_unwrapping import continue_angles
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.input_turning_points import input_turning_points
-from spherekit.positions.motion import PositionAnalysis, continued
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.configuration_curves import certified_curves
 
 FILES = Path(__file__).parent / "files"
@@ -287,7 +288,7 @@ def test_angles_go_on_through_crossings(arcs, zero):
     position_analysis = PositionAnalysis(mechanism, samples=145, crossings="pass")
     motion = position_analysis.motion()
     names = [pair.name for pair in mechanism.pairs]
-    angles = continued(motion, names, position_analysis.solver, {})
+    angles = continue_angles(motion, names, position_analysis.angle_unwrapping, {})
     for name, values in angles.items():
         steps = np.abs(np.diff(values.reshape(2, 145), axis=1))
         assert np.nanmax(steps) < 0.7, name

@@ -11,15 +11,15 @@ from spherekit import progress
 from spherekit.cli.main import main
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies, random_starts
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.group_assembly import group_closure
 from spherekit.positions.group_solutions import in_order, solutions
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import STARTS, SearchStatistics
 
 
 def solver_of(made):
-    return Solver(made, plan_assembly(made))
+    return PositionSolver(made, plan_assembly(made))
 
 
 def chain(links):
@@ -59,7 +59,7 @@ def test_curves_that_are_short_along_the_input_are_met():
     turn = np.array([np.pi])
     _, values, _ = next(random_starts(solver, -turn, turn))
     assert np.max(solver.closure.at(values).gap) < 1e-12
-    swing = values[:, solver.single]
+    swing = values[:, solver.input_variable]
     assert np.all(np.abs(swing) <= np.pi)
     assert np.ptp(swing[np.abs(swing) < 0.1]) < np.radians(1.5)
     assert np.sum(np.abs(swing) < 0.1) > 0.2 * STARTS

@@ -21,9 +21,9 @@ from spherekit.mechanism.joint import revolute
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.positions import configuration_graph
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.configuration_graph import ConfigurationGraph
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.sample_configurations import enumerate_configurations
 from spherekit.status import Status
 
@@ -261,7 +261,7 @@ def test_modes_of_dyads_at_all_samples_of_a_grid(size):
             continue
         inputs = [replace(item, start=-2.0, stop=2.0) for item in made.inputs]
         made = replace(made, inputs=tuple(inputs))
-        solver = Solver(made, plan_assembly(made))
+        solver = PositionSolver(made, plan_assembly(made))
         if not solver.has_closed_form:
             continue
         tracer = PositionAnalysis(made, samples=(size, size))
@@ -396,7 +396,7 @@ def chain_of_dyads(seed, links):
 def test_a_limit_of_modes_is_said():
     """A chain of dyads with more modes than are kept, on the screen and from Python."""
     made = chain_of_dyads(2, 16)
-    solver = Solver(made, plan_assembly(made))
+    solver = PositionSolver(made, plan_assembly(made))
     everything = assemblies(solver, np.zeros(1))
     assert len(everything.signs) > 64 and everything.is_complete
     assert len(set(everything.signs)) == len(everything.signs)
@@ -413,7 +413,7 @@ def test_a_limit_of_modes_is_said():
 @pytest.mark.slow
 def test_a_chain_of_26_links_has_608_modes():
     made = chain_of_dyads(1, 26)
-    solver = Solver(made, plan_assembly(made))
+    solver = PositionSolver(made, plan_assembly(made))
     found = assemblies(solver, np.zeros(1))
     assert len(found.values) == 608 and found.is_complete
     at = solver.closure.at(found.values)
@@ -425,7 +425,7 @@ def test_a_chain_of_26_links_has_608_modes():
 
 def test_a_limit_of_configurations_at_an_input_is_said(monkeypatch):
     made = chain_of_dyads(2, 16)
-    solver = Solver(made, plan_assembly(made))
+    solver = PositionSolver(made, plan_assembly(made))
     count = len(assemblies(solver, np.zeros(1)).signs)
     for most, complete in ((count, True), (count - 1, False), (5, False)):
         monkeypatch.setattr(
@@ -481,7 +481,7 @@ def test_random_chains_with_several_inputs(seed):
     """Dyads, triads and groups of seven bodies: all modes of each sample, each once."""
     random = np.random.default_rng(1000 + seed)
     made = None
-    while made is None or Solver(made, plan_assembly(made)).has_closed_form:
+    while made is None or PositionSolver(made, plan_assembly(made)).has_closed_form:
         links = int(random.integers(6, 12))
         freedoms = 2 + links % 2 if (3 * (links - 1) - 3) % 2 == 0 and links % 2 == 0 else 2
         if (3 * (links - 1) - freedoms) % 2:

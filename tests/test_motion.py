@@ -13,7 +13,7 @@ import spherekit as sk
 from spherekit.errors import SolveError
 from spherekit.mechanism.elements import LinkSizes, SizeGeometry
 from spherekit.positions.mode_predictor import follow_each
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 SHIPPED = (
     *("four_bar", "universal_joint", "watt", "stephenson"),

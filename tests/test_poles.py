@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import spherekit as sk
 from spherekit.files.mechanism_reader import loads
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 

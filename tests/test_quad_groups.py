@@ -14,7 +14,7 @@ from exact_configurations import deviations
 from special_mechanisms import four_bar
 
 from spherekit.mechanism.elements import Input
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.quad_positions import QuadAssembly
 from spherekit.status import Status
 from spherekit.tolerances import EPS

@@ -12,8 +12,8 @@ from spherekit.cli.main import main
 from spherekit.dynamics.inverse_dynamics import holding_torques, output_stiffness
 from spherekit.dynamics.reactions import reactions
 from spherekit.files.time_law import Polynomial
-from spherekit.positions.motion import PositionAnalysis
-from spherekit.positions.timing import by_laws
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.timing import evaluate_time_laws
 from spherekit.status import Status
 
 STARTS = {
@@ -34,7 +34,7 @@ def moving(made, starts, t, rate=0.3, bend=0.2):
         item.pair: Polynomial((q, rate * (-1) ** k, bend))
         for k, (item, q) in enumerate(zip(made.inputs, starts, strict=True))
     }
-    q, timing = by_laws(list(laws), laws, np.asarray(t, dtype=float))
+    q, timing = evaluate_time_laws(list(laws), laws, np.asarray(t, dtype=float))
     motion = PositionAnalysis(made, None, 0, False, path=q).motion()
     return replace(motion, timing=timing)
 

@@ -12,8 +12,8 @@ import spherekit as sk
 from spherekit.dynamics.reactions import reactions
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.time_law import Polynomial
-from spherekit.positions.motion import PositionAnalysis
-from spherekit.positions.timing import by_laws
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.timing import evaluate_time_laws
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -69,7 +69,7 @@ def test_forces_of_an_open_chain_are_what_mujoco_says():
         item.pair: Polynomial((a, b, c / 2))
         for item, a, b, c in zip(made.inputs, q, dq, ddq, strict=True)
     }
-    path, timing = by_laws(list(laws), laws, np.zeros(1))
+    path, timing = evaluate_time_laws(list(laws), laws, np.zeros(1))
     motion = replace(PositionAnalysis(made, None, 0, path=path).motion(), timing=timing)
     found = reactions(motion)
     model = mujoco.MjModel.from_xml_string(MujocoModel(made, found.torques.values[0]).text)

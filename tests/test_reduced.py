@@ -23,7 +23,7 @@ from spherekit.files.mechanism_writer import dumps
 from spherekit.files.time_law import Polynomial
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.planning.pole_plan import parse_pole
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 

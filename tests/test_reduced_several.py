@@ -11,7 +11,7 @@ from spherekit.cli.main import main
 from spherekit.dynamics.reduced_model_maker import reduced_grid_model
 from spherekit.errors import ModelError, SolveError
 from spherekit.mechanism.elements import Input
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
 

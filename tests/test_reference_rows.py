@@ -13,7 +13,7 @@ from stated_errors import KINDS, stated
 
 import spherekit as sk
 from spherekit.errors import EngineError, SolveError, SpherekitError
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.ball_forces import exact_inertia
 from spherekit.proof.ball_frames import exactly
 from spherekit.proof.balls import Digits, floats

@@ -18,7 +18,7 @@ from spherekit.errors import EngineError
 from spherekit.files.study import Start
 from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.load_kinds import Gravity, JointLimit, PairTorque, Spring
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import Digits
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.registry import create

@@ -26,7 +26,7 @@ from spherekit.files.study import Start
 from spherekit.files.time_law import ConstantSpeed, Tabulated
 from spherekit.geometry.direction_region import find_region
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.registry import registered
 from spherekit.runs.trade import trade
 from spherekit.singularities.aspects import aspects

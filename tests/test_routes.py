@@ -10,7 +10,7 @@ import spherekit as sk
 from spherekit.errors import SolveError
 from spherekit.mechanism.elements import Input
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import ROUTES, request

@@ -7,7 +7,7 @@ from exact_rest import exact_rest
 
 from spherekit.completeness import Guarantee
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.single_freedom import SingleFreedom
 
@@ -71,7 +71,7 @@ def check_counts(tracer, found, analysis, points):
     Where the input has a minimum on its curve, two modes appear as it grows; where it
     has a maximum, two vanish.
     """
-    single = tracer.solver.single
+    single = tracer.solver.input_variable
     dead = [p for p in points if p.output == analysis.outputs[0] and p.input_turns]
     places = np.array([p.values[single] for p in dead])
     slopes = np.array(

@@ -12,7 +12,7 @@ import spherekit as sk
 from spherekit import progress
 from spherekit.completeness import Guarantee, TimeLimit
 from spherekit.outputs.mid_plane_loci import mid_plane_loci
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.singular_curves import singular_curves
 from spherekit.singularities.singular_surface import singular_surface
 

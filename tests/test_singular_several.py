@@ -12,7 +12,8 @@ from singular_examples import axes_at, components
 
 import spherekit as sk
 from spherekit.mechanism.elements import Output
-from spherekit.positions.motion import PositionAnalysis, motion_of
+from spherekit.positions.motion import make_motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities import singular_surface as surface
 from spherekit.singularities.aspects import aspects
 from spherekit.singularities.curve_tracing import trace_curves
@@ -43,7 +44,7 @@ def three_legs(axes, driven=CRANKS):
 def at_reference(made, **options):
     """Return the coefficients at the reference pose, and the motion."""
     solver = solver_of(made)
-    motion = motion_of(solver, solver.reference[None])
+    motion = make_motion(solver, solver.reference[None])
     return coefficients(motion, output_of(made), **options), motion
 
 
@@ -255,7 +256,7 @@ def test_five_bar_type_two_curves_have_coplanar_distal_axes():
     assert len(found.curves) == sum(map(components, with_flat_chain("II")))
     assert not len(found.stray)
     both = np.concatenate([each.both.values for each in found.curves])
-    seen = coefficients(motion_of(solver_of(made), both), output_of(made, pointing="43"))
+    seen = coefficients(make_motion(solver_of(made), both), output_of(made, pointing="43"))
     assert len(both) and np.all(seen.type == RowType.III)
     for each in found.curves:
         assert each.closed

@@ -12,7 +12,7 @@ from spherekit.planning.pole_planner import plan
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.curve_crossing import crossing_near, ways_out
 from spherekit.positions.curve_segment import curve_points
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import FourLinks, Type, relation_of
 from spherekit.singularities.single_freedom import SingleFreedom
 from spherekit.status import Status

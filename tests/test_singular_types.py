@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 import spherekit as sk
 from spherekit.mechanism.elements import Input, Output
 from spherekit.outputs.pose_solver import output_kinematics
-from spherekit.positions.motion import motion_of
+from spherekit.positions.motion import make_motion
 from spherekit.singularities.curve_starts import (
     closed_configurations,
     everywhere,
@@ -178,7 +178,7 @@ def test_axes_that_coincide_are_not_called_coplanar(name):
     view = SingularityReport.of(solver_of(made), output_of(made), "II")
     values = closed_configurations(view.solver, 16, np.random.default_rng(5))
     points = points_from(view.locus, values, view.solver.driven)
-    words = what_vanishes(motion_of(view.solver, points.values), view.output)
+    words = what_vanishes(make_motion(view.solver, points.values), view.output)
     assert name == "agile_eye" or len(words)
     for text in words:
         assert "coincide" in text and "coplanar" not in text
@@ -242,7 +242,7 @@ def check_types(made, count):
             if kind == "II":
                 assert np.all(view.is_own(view.types(points)))
         rows = np.concatenate(rows)
-        told = coefficients(motion_of(solver, rows), rest)
+        told = coefficients(make_motion(solver, rows), rest)
         measure = Transmission.of(made, output).of_values(solver.closure, rows)
         assert np.max(np.abs(told.type_two - measure)) < 1e-12
         whole = views["II"].locus
@@ -287,7 +287,7 @@ def test_shipped_mechanisms_by_the_kernel(name):
     pairs = range(len(made.pairs))
     rows = kinematics.inverse(poses, kinematics.labels, pairs)
     good = np.flatnonzero(rows.solved & np.isfinite(rows.values).all(axis=1))
-    told = coefficients(motion_of(solver, rows.values[good]), rest)
+    told = coefficients(make_motion(solver, rows.values[good]), rest)
     assert np.max(np.abs(told.type_two - rows.type_2[good])) < 1e-12
     # type_1 of input i is 1 / |row i of P| for q' = P w; type_one 1 / hypot(1, |P|)
     least = np.min(rows.type_1[good], axis=1)

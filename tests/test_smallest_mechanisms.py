@@ -21,7 +21,7 @@ from spherekit.mechanism.elements import Input, Output
 from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import Gravity
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request

@@ -13,7 +13,7 @@ import spherekit as sk
 from spherekit.numerics.sign_changes import crossings
 from spherekit.positions import mode_search
 from spherekit.positions.linearisation import LoopTree
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
 

@@ -14,8 +14,9 @@ from spherekit.outputs.pose_constraints import Constraints, bounds_of
 from spherekit.outputs.pose_solver import closed_kinematics, output_kinematics
 from spherekit.outputs.workspace import judge
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_mode import Solver
-from spherekit.positions.motion import PositionAnalysis, motion_of
+from spherekit.positions.motion import make_motion
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.several_inputs import RowType, coefficients
 from spherekit.singularities.stationarity import output_of
 from spherekit.status import Status
@@ -27,7 +28,7 @@ DISTANCES = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]
 
 def axes_of(mechanism, values):
     """Return the axes (n, pairs, 3) of R pairs, and directions of the output or None."""
-    at = Solver(mechanism, plan_assembly(mechanism)).closure.at(values)
+    at = PositionSolver(mechanism, plan_assembly(mechanism)).closure.at(values)
     output = mechanism.outputs[0]
     if len(mechanism.inputs) != 2 or output.direction is None:
         return at.vectors, None
@@ -77,7 +78,7 @@ def test_all_analyses_judge_a_configuration_alike(name):
     assert len(good) > 50
     values, expected = rows.values[good], by_links(made, rows.values[good])
     assert np.max(np.abs(rows.type_2[good] - expected)) < 1e-12
-    motion = motion_of(Solver(made, plan_assembly(made)), values)
+    motion = make_motion(PositionSolver(made, plan_assembly(made)), values)
     found = coefficients(motion, output_of(made))
     assert np.max(np.abs(found.type_two - expected)) < 1e-12
     second = np.isin(found.type, (RowType.II, RowType.III))
@@ -120,7 +121,7 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     place = at.orientation @ np.array(made.outputs[0].direction)
     rows = output_kinematics(made).inverse(place, ["-++"])
     assert rows.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-13)
-    motion = motion_of(Solver(made, plan_assembly(made)), values)
+    motion = make_motion(PositionSolver(made, plan_assembly(made)), values)
     found = coefficients(motion, output_of(made))
     assert found.type_two[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
     singular = expected < SINGULAR
@@ -153,7 +154,7 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     made = sk.load(name)
     motion = PositionAnalysis(made, samples=3, assembly_mode=0).motion()
     values = motion.values[~motion.failed][:2]
-    closure = Solver(made, plan_assembly(made, by_rank=True)).closure
+    closure = PositionSolver(made, plan_assembly(made, by_rank=True)).closure
     at, own = closure.at(values), Transmission.of(made, made.outputs[0])
     vectors, pointed = at.vectors, own.pointed(at.placed)
     turn = Rotation.random(random_state=1).as_matrix()

@@ -14,7 +14,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import EngineError
 from spherekit.files.study import Start
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs import run_plan as summary
 from spherekit.runs import runner as runner
 from spherekit.runs import sampling, verification

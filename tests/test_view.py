@@ -27,7 +27,7 @@ from spherekit.display.rerun.shapes import path_on_sphere
 from spherekit.display.rerun.timelines import input_scale, input_timeline
 from spherekit.display.rerun.viewer_program import free_ports
 from spherekit.errors import OutputError
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.scenes.link_scenes import link_bodies
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Arrow, Scene, rows_of

@@ -17,7 +17,7 @@ from spherekit.files.study import Start
 from spherekit.files.time_law import ConstantSpeed
 from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import JointLimit, PairTorque
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 AWAY = 0.3 + 6.0 * np.pi
 

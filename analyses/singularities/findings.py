@@ -118,7 +118,7 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
     far = ", as far as the curve was followed" if left else ""
     if swing == "0":
         return "rests" + (f" at {_degrees(high)} deg" if variable is not None else "")
-    input_ends = curve.at(s[[0, -1]]).values[:, sampled.tracer.solver.single]
+    input_ends = curve.at(s[[0, -1]]).values[:, sampled.tracer.solver.input_variable]
     input_turns = np.ptp(input_ends) / (2.0 * np.pi)
     if left and input_turns > 1.0 and not reverses:
         ratio = _degrees(np.degrees(np.ptp(along)) / input_turns)

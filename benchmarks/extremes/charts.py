@@ -9,7 +9,7 @@ from benchmarks.extremes.registry import Row, case, down
 from benchmarks.samples import mechanism, random_axes
 from spherekit.files.mechanism_reader import load
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 

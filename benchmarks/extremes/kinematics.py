@@ -20,7 +20,8 @@ from benchmarks.extremes.reference import (
 )
 from benchmarks.extremes.registry import ROUNDOFF, Row
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_field import PoleField

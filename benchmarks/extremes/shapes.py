@@ -9,7 +9,7 @@ from benchmarks.extremes.kinematics import Point
 from benchmarks.extremes.reference import DIGITS, Reference, exact
 from spherekit.mechanism.elements import Input, LinkSizes, Pair, Profile, SizeGeometry
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 TURN = 2 * np.pi
 

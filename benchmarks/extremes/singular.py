@@ -19,7 +19,7 @@ from spherekit.files.mechanism_reader import load
 from spherekit.mechanism.elements import PoseGeometry
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.curve_continuation import follow_arc
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 FAMILY = "singularities"
 ALONG = "distance on the curve, rad"

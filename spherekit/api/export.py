@@ -32,7 +32,7 @@ from spherekit.files.study import Crossings
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.mode_meetings import degrees_text
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.storage.atomic_write import write_text
 from spherekit.wording import counted, listing
 

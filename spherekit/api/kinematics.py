@@ -21,8 +21,9 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.planning.pole_plan import Pole, all_poles, ordered_pole, parse_pole
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
 from spherekit.positions.motion_cache import traced
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.analysis_requests import requests_for
 from spherekit.runs.needs import Needs
 from spherekit.runs.table_scenes import Batch
@@ -431,7 +432,7 @@ def _ready(
         first = PositionAnalysis(mechanism, crossings=crossings)
     row = None
     if first is not None and assembly_mode is not None:
-        row = _one_row(mechanism, first, first.place_of(assembly_mode), needs)
+        row = _one_row(mechanism, first, first.find_mode_index(assembly_mode), needs)
 
     def at(q: Floats) -> Kinematics:
         if first is not None and row is not None and q.size == 1 and q.ndim < 2:
@@ -447,7 +448,7 @@ def _ready(
             tracer = PositionAnalysis(mechanism, path=path, independent=True)
             motion = tracer.motion()
         if assembly_mode is not None:
-            number = tracer.assembly_modes[tracer.place_of(assembly_mode)].number
+            number = tracer.assembly_modes[tracer.find_mode_index(assembly_mode)].number
             motion = motion.rows(motion.assembly_mode == number)
         requests = requests_for(tracer.mechanism, needs, tracer.by_rank)
         batch = partial(

@@ -39,7 +39,7 @@ def execute(options: Namespace) -> int:
     from spherekit.planning.assembly_plan import driven_pairs
     from spherekit.planning.plan_text import as_dict, as_markdown, as_text, describe
     from spherekit.planning.pole_planner import plan
-    from spherekit.positions.motion import PositionAnalysis
+    from spherekit.positions.position_analysis import PositionAnalysis
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
     names = mechanism.names_of(driven_pairs(mechanism))

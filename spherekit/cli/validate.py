@@ -59,7 +59,7 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
     from spherekit.planning.mobility import graph_mobility
     from spherekit.planning.pole_planner import plans
     from spherekit.positions.linearisation import rank_mobility
-    from spherekit.positions.motion import PositionAnalysis
+    from spherekit.positions.position_analysis import PositionAnalysis
     from spherekit.runs.sampling import check_time
     from spherekit.runs.study_analyses import analyses_of
 
@@ -77,8 +77,8 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
         facts["study"] = study.name
         facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
     tracer = PositionAnalysis(mechanism, samples=COARSE)
-    if tracer.unnamed:
-        raise SolveError(f"{mechanism.name}: {'; '.join(tracer.unnamed)}")
+    if tracer.unused_mode_names:
+        raise SolveError(f"{mechanism.name}: {'; '.join(tracer.unused_mode_names)}")
     facts["irreducible_parts"] = sum(
         len(plan.blocks) for plan in plans(mechanism, tracer.by_rank)
     )

@@ -1,6 +1,6 @@
 """Figures of merit of designs: by a kernel for all of them at once, or one by one.
 
-Turns of the pairs of a kernel in closed form: by the rule of `positions.assembly_mode`.
+Turns of the pairs of a kernel in closed form: by the rule of `positions.angle_unwrapping`.
 
 Angles of all designs are followed at once, between inputs so near that none moves far.
 """
@@ -43,9 +43,11 @@ from spherekit.mechanism.load_dependence import need_tabulated
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_mode import Solver, first_turns
+from spherekit.positions.angle_unwrapping import AngleUnwrapping, count_revolutions
 from spherekit.positions.input_grid import InputGrid
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.singularities.grashof import class_of, four_bar_links
 from spherekit.velocities.axis_rotations import pair_rotations
@@ -142,7 +144,7 @@ def turns_along_one(
 
 def _followed(angles: Angles, stations: Floats, there: Floats, steps: Floats) -> Floats:
     """Return angles (pairs, k, n) that go on from the first, or from a mode's end."""
-    whole = there - TURN * first_turns(there)
+    whole = there - TURN * count_revolutions(there)
     for k in range(1, len(stations)):
         onward = whole[:, k - 1] + steps[:, k - 1]
         who = np.flatnonzero(np.isnan(onward[0]) & np.isfinite(there[0, k]))
@@ -168,7 +170,7 @@ def _begun(angles: Angles, who: Indices, ends: Floats, last: Floats) -> Floats:
         open_ = np.where(inside[:, None], open_, between)
         first = np.where(inside, here, first)
     grown = np.nan_to_num(_grown(angles, who, (at, closed), (first, last)))
-    return first - TURN * first_turns(first) + grown
+    return first - TURN * count_revolutions(first) + grown
 
 
 def turns_along_several(
@@ -183,7 +185,7 @@ def turns_along_several(
     every = np.concatenate([q, points])
     origins = [*range(-1, len(q) - 1)]
     origins += [int(np.argmin(max_abs(q - point, axis=1))) for point in points]
-    home = -TURN * first_turns(angles(np.arange(n), np.tile(anchor, (n, 1))))
+    home = -TURN * count_revolutions(angles(np.arange(n), np.tile(anchor, (n, 1))))
     turns = np.zeros((len(home), len(every), n))
     for k, (there, origin) in enumerate(zip(every, origins, strict=True)):
         made = np.full_like(home, np.nan)
@@ -195,7 +197,7 @@ def turns_along_several(
             made = np.where(np.isnan(made), turned, made)
             if not np.any(np.isnan(made) & np.isfinite(at[:, -1])):
                 break
-        made = np.where(np.isnan(made), -TURN * first_turns(at[:, -1]), made)
+        made = np.where(np.isnan(made), -TURN * count_revolutions(at[:, -1]), made)
         turns[:, k] = np.nan_to_num(TURN * np.round(made / TURN))
     return turns
 
@@ -462,7 +464,7 @@ class Evaluator:
     def _anchor(self) -> Floats:
         """(inputs,) rad, from where turns count."""
         mechanism = self.mechanism.with_inputs(*self.inputs)
-        return Solver(mechanism, plan_assembly(mechanism)).unwrapping.anchor
+        return PositionSolver(mechanism, plan_assembly(mechanism)).anchor
 
     def turns(
         self, kernel: DesignKernel, prepared: Floats, signs: Sequence[float]
@@ -511,13 +513,13 @@ class Evaluator:
         assert contacts is not None
         return contacts.mechanism
 
-    def solver_of(self, mechanism: Mechanism) -> Solver:
+    def solver_of(self, mechanism: Mechanism) -> PositionSolver:
         """Return the solver of a mechanism with the inputs of the designs."""
         mechanism = mechanism.with_inputs(*self.inputs)
-        return Solver(mechanism, plan_assembly(mechanism))
+        return PositionSolver(mechanism, plan_assembly(mechanism))
 
     def turns_at(
-        self, kernel: DesignKernel | RedundantKernel, solver: Solver, values: Floats
+        self, kernel: DesignKernel | RedundantKernel, solver: PositionSolver, values: Floats
     ) -> Floats:
         """Return the turns (pairs, k, modes), rad, of a kernel's pairs.
 
@@ -528,10 +530,11 @@ class Evaluator:
         if not kernel.turning:
             return made
         pairs = [solver.mechanism.angles[name] for name in kernel.turning]
+        unwrapping = AngleUnwrapping(solver)
         for mode, of_mode in enumerate(np.moveaxis(values, 2, 0)):
             rows = np.flatnonzero(all_finite(of_mode, 0))
             at = of_mode[:, rows].T
-            turned = solver.unwrapping.turns(mode, at, at[:, solver.driven], pairs)
+            turned = unwrapping.count(mode, at, at[:, solver.driven], pairs)
             made[:, rows, mode] = TURN * turned[:, pairs].T
         return made
 
@@ -631,7 +634,7 @@ def most_regular_configurations(motion: Motion) -> list[Floats]:
     closed = np.flatnonzero(~motion.failed)
     if not len(closed):
         return []
-    jacobians = motion.linearisation.jacobian[closed][:, :, list(motion.free)]
+    jacobians = motion.linearisation.jacobian[closed][:, :, list(motion.passive_variables)]
     least = np.linalg.svd(jacobians, compute_uv=False)[:, -1]
     modes = motion.assembly_mode[closed]
     best = [np.flatnonzero(modes == mode) for mode in np.unique(modes)]

@@ -29,7 +29,7 @@ from spherekit.numerics.angles import SAME_ANGLE, return_by_turns, wrap
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.input_grid import InputGrid, sampled
-from spherekit.positions.timing import by_laws
+from spherekit.positions.timing import evaluate_time_laws
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.sampling import check_time
 from spherekit.velocities.load_numbers import LOADED
@@ -88,7 +88,7 @@ class DesignSamples:
                 driven.pair: ConstantSpeed(driven.sense, driven.start)
                 for driven in mechanism.inputs
             }
-            q, timing = by_laws(names, {**laws, **study.laws}, t)
+            q, timing = evaluate_time_laws(names, {**laws, **study.laws}, t)
             rows = np.column_stack([q, timing.dq, timing.ddq, t])
             return DesignSamples(names, rows, (len(t),), study.crossings)
         lattice = sampled(mechanism, study.samples, study.grid, study.path)

@@ -18,9 +18,9 @@ from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.designs.path_kernel import NewtonStep, PathKernel
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.numerics.angles import wrap
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.group_solutions import has_elimination, orders_of
 from spherekit.positions.input_turning_points import ModeCoalescence
+from spherekit.positions.position_solver import PositionSolver
 
 SOON = 2.0**-8
 """Part of a way at which it is looked at first, for its direction."""
@@ -229,7 +229,7 @@ def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
     if roots > MOST_SOLUTIONS:
         return None
     moving = mechanism.with_inputs(*mechanism.names_of(structure.assembly.inputs))
-    solver = Solver(moving, structure.assembly)
+    solver = PositionSolver(moving, structure.assembly)
     inputs = mechanism.with_inputs(*mechanism.names_of(structure.input_pairs)).inputs
     ends = np.array([(item.start, item.stop) for item in inputs])
     there = np.mean(ends, axis=1)[:, None] + 0.7j

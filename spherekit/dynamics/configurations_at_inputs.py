@@ -14,7 +14,8 @@ from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.input_revolutions import into_range as shift_by_periods
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
 
 
 def wrap_to_pi(angles: Floats) -> Floats:
@@ -75,7 +76,7 @@ def analysis_covering(
     """
     places = np.append(shift_into_range(position_analysis, q), position_analysis.range)
     path = np.array([np.min(places), np.max(places)])
-    has_meshes = position_analysis.solver.meshes is not None
+    has_meshes = position_analysis.solver.gear_phases is not None
     if not has_meshes or np.array_equal(path, position_analysis.range):
         return position_analysis
     return PositionAnalysis(

@@ -29,9 +29,11 @@ from spherekit.geometry.rotation import all_finite, nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.outputs.rotation_timing import TimeScaling
 from spherekit.planning.assembly_plan import driven_at
+from spherekit.positions.angle_unwrapping import unwrap_motion
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import Motion, PositionAnalysis, going_on
-from spherekit.positions.timing import Timing, by_laws
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.timing import Timing, evaluate_time_laws
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import found
 from spherekit.velocities.pole_request import request
@@ -262,10 +264,10 @@ def inverse_dynamics(
     if isinstance(law, TimeScaling):
         return needed_torques(_scheduled(mechanism, law, t))
     mechanism, laws = _driven(mechanism, law, input_pair)
-    q, timing = by_laws(mechanism.input_pairs, laws, t)
+    q, timing = evaluate_time_laws(mechanism.input_pairs, laws, t)
     tracer, motion = compute_modes_at_inputs(mechanism, q, assembly_mode, search)
     motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
-    return needed_torques(going_on(motion, tracer.solver))
+    return needed_torques(unwrap_motion(motion, tracer.angle_unwrapping))
 
 
 def _driven(
@@ -292,7 +294,7 @@ def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion
     motion = tracer.given(schedule.rotation.at(rows.theta).values)
     timing = Timing(t, rows.rates, rows.accelerations)
     motion = replace(motion, inputs=rows.inputs, status=rows.status, timing=timing)
-    return going_on(motion, tracer.solver)
+    return unwrap_motion(motion, tracer.angle_unwrapping)
 
 
 def needed_torques(motion: Motion) -> InverseSolution:

@@ -29,7 +29,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.chebyshev import ROUNDING, PiecewiseChebyshev
 from spherekit.numerics.tensor_chebyshev import TensorChebyshev
 from spherekit.planning.pole_plan import all_poles, parse_pole
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.progress import ProgressReporter
 
 MIN_CELLS = 16

@@ -38,10 +38,12 @@ from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Pole, PrimaryPole
 from spherekit.planning.pole_planner import plan
+from spherekit.positions.angle_unwrapping import unwrap_motion
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.linearisation import Linearisation
-from spherekit.positions.motion import Motion, PositionAnalysis, going_on, motion_of
+from spherekit.positions.motion import Motion, make_motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 from spherekit.velocities.pole_sequence import PlannedPoles
@@ -321,7 +323,7 @@ class CurveSampler(Sampler):
         super().__init__(position_analysis, poles)
         self.curve, values = _follow_curve(position_analysis)
         curve = self.curve
-        driven = position_analysis.solver.single
+        driven = position_analysis.solver.input_variable
         self.driven = [driven]
         self.plan = plan(
             self.mechanism,
@@ -459,7 +461,7 @@ class CurveSampler(Sampler):
     def _convert_motion(self, motion: CoordinateMotion) -> Motion:
         """Return the motion in the form that the plan of the poles reads."""
         return replace(
-            motion_of(self.position_analysis.solver, motion.values), status=motion.status
+            make_motion(self.position_analysis.solver, motion.values), status=motion.status
         )
 
     def _store_axis_senses(self) -> None:
@@ -511,7 +513,9 @@ class BoxSampler(Sampler):
         self.driven = [self.mechanism.angles[pair] for pair in position_analysis.inputs]
         self.low, self.high = np.array([item.range for item in inputs]).T
         self.by = position_analysis.inputs
-        motion = going_on(position_analysis.motion(), position_analysis.solver)
+        motion = unwrap_motion(
+            position_analysis.motion(), position_analysis.angle_unwrapping
+        )
         values = motion.values[motion.status == Status.OK]
         nodes = by_variables(self.closure, values, self.driven)
         is_regular = all_finite(nodes.second, (1, 2, 3))
@@ -586,7 +590,9 @@ def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats
     low, high = position_analysis.range
     fractions = (np.arange(PROBED_INPUTS) + 0.5) / PROBED_INPUTS
     probed_inputs = low + (high - low) * fractions
-    motion = going_on(position_analysis.at(probed_inputs), position_analysis.solver)
+    motion = unwrap_motion(
+        position_analysis.at(probed_inputs), position_analysis.angle_unwrapping
+    )
     joint_limits = {}
     for limit in mechanism.joint_limits:
         variable = mechanism.variables_of(mechanism.pair_number[limit.pair])[0]

@@ -355,7 +355,7 @@ def _find_configuration(
         # Contacts can make a configuration depend on whole turns of the inputs.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
         position_analysis, motion = compute_modes_at_inputs(bare(mechanism), inputs[None])
-    row = position_analysis.place_of(assembly_mode)
+    row = position_analysis.find_mode_index(assembly_mode)
     status = Status(int(motion.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):
         where = listing(f"{x:.6g}" for x in q)
@@ -367,7 +367,9 @@ def _find_configuration(
     solver = position_analysis.solver
     values = motion.values[row].copy()
     driven = list(solver.driven)
-    turns = solver.unwrapping.turns(number, values[None], q[None], solver.angles)[0]
+    turns = position_analysis.angle_unwrapping.count(
+        number, values[None], q[None], solver.angles
+    )[0]
     values[driven] = wrap_to_pi(q)
     turns[driven] = count_whole_turns(q)
     return values, turns

@@ -21,7 +21,8 @@ from spherekit.geometry.rotation import all_finite, max_abs, nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.planning.pole_plan import Pole, parse_pole
-from spherekit.positions.motion import PositionAnalysis, going_on
+from spherekit.positions.angle_unwrapping import unwrap_motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.progress import ProgressReporter
 from spherekit.version import __version__
 from spherekit.wording import listing
@@ -164,7 +165,7 @@ def _table(
     """Return the table of a grid, with errors from one of a third of its steps."""
     fine = tuple(PARTS * (count - 1) + 1 for count in counts)
     tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=fine)
-    motion = going_on(tracer.motion(), tracer.solver)
+    motion = unwrap_motion(tracer.motion(), tracer.angle_unwrapping)
     good = np.flatnonzero(~motion.failed)
     parts = by_variables(tracer.solver.closure, motion.values[good], tracer.solver.driven)
     modes = [mode.number for mode in tracer.assembly_modes]

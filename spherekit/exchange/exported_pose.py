@@ -9,7 +9,8 @@ from spherekit.dynamics.configurations_at_inputs import compute_modes_at_inputs
 from spherekit.errors import SolveError
 from spherekit.geometry.rotation import all_finite
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.motion import PositionAnalysis, going_on
+from spherekit.positions.angle_unwrapping import unwrap_motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.wording import counted, listing
 
 SAMPLES = 61
@@ -62,4 +63,4 @@ def posed(
             f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
             f"{where}; give {other}"
         )
-    return tracer.mechanism, going_on(motion, tracer.solver).values[good[0]]
+    return tracer.mechanism, unwrap_motion(motion, tracer.angle_unwrapping).values[good[0]]

@@ -12,8 +12,9 @@ import numpy as np
 
 from spherekit.conventions import TURN
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.motion import PositionAnalysis, continued
+from spherekit.positions.angle_unwrapping import continue_angles
 from spherekit.positions.motion_cache import bare
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
 
 SWING_SAMPLES = 721
@@ -48,7 +49,7 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     )
     position_analysis = PositionAnalysis(bare(one_turn), samples=SWING_SAMPLES)
     motion = position_analysis.motion()
-    angles = continued(motion, pairs, position_analysis.solver, {})
+    angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
     middles: dict[str, float] = {}
     for pair in pairs:
         low, high = np.nanmin(angles[pair]), np.nanmax(angles[pair])

@@ -38,8 +38,9 @@ from spherekit.mechanism.joint_construction import make_joints
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
 from spherekit.positions.motion_cache import traced
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.symbolic.expression_graph import Expr
 from spherekit.velocities.row_quantities import VariedTerms
@@ -185,7 +186,9 @@ def compare_modes(
         borders = np.array([x.input for x in position_analysis.mode_meetings])
     requested_modes = position_analysis.assembly_modes
     if assembly_mode is not None:
-        requested_modes = (requested_modes[position_analysis.place_of(assembly_mode)],)
+        requested_modes = (
+            requested_modes[position_analysis.find_mode_index(assembly_mode)],
+        )
     sampled_motion = position_analysis.sparse(MODE_SAMPLES)
     if len(borders):
         inputs_by_interval = _sample_intervals(borders, *position_analysis.range)
@@ -310,7 +313,7 @@ def _join_places(
             places[k + 1],
         ]
         all_inputs += [np.where(changes, np.nan, inputs[k]), inputs[k + 1]]
-    if position_analysis.solver.meshes is not None:
+    if position_analysis.solver.gear_phases is not None:
         # Where wheels count the turns, curves may cross outside of the range as well, and
         # these crossings were not looked for.
         margin = 2.0 * UNKNOWN_AT_CROSSING_RAD

@@ -22,8 +22,8 @@ from spherekit.outputs.virtual_output import VirtualOutputChain
 from spherekit.outputs.working_mode import Fraction, PosedMode
 from spherekit.planning.assembly_plan import Assembly, split
 from spherekit.planning.mobility import merged
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.loop_closure import newton
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.velocities.direction_signs import dot
 from spherekit.velocities.pole_request import cross
 
@@ -180,7 +180,9 @@ class DyadsWithClosingLink:
         return [row[at], turn[at], turn[at + 1], gap[at], gap[at + 1]]
 
 
-def turned(wrist: VirtualOutputChain, solver: Solver) -> DyadsWithClosingLink | None:
+def turned(
+    wrist: VirtualOutputChain, solver: PositionSolver
+) -> DyadsWithClosingLink | None:
     """Return the dyads and the bar of a pointing output, None if there are none.
 
     Of several bars, the one that leaves dyads which depend least on each other.

@@ -34,7 +34,7 @@ from spherekit.outputs.rotation_path import (
     OutputTarget,
     Way,
 )
-from spherekit.positions.assembly_mode import assembled
+from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.linearisation import condition
 from spherekit.status import Status
 from spherekit.tolerances import EPS, SINGULAR_RATIO, USABLE_DIRECTION
@@ -174,7 +174,7 @@ class FollowedRotation(Way):
         slopes, bends = self._rates(theta, near)
         with np.errstate(all="ignore"):
             w = unit_rows(np.matvec(near.turning, slopes))
-        lost = (theta > self.reached) | ~assembled(status)
+        lost = (theta > self.reached) | ~has_configuration(status)
 
         def kept(array: Floats) -> Floats:
             array[lost] = np.nan

@@ -25,9 +25,10 @@ from spherekit.numerics.angles import wrap
 from spherekit.outputs.wheel_revolutions import as_assembled
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.assembly_mode import AssemblyMode, Solver, assembled
+from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
 from spherekit.positions.input_grid import given_path
 from spherekit.positions.motion import Motion
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
 
 
@@ -65,7 +66,10 @@ def pointed(output: Output, turned: Floats) -> Floats | None:
 
 
 def solved(
-    solver: Solver, output: Output, inputs: Floats, released: Solver | None = None
+    solver: PositionSolver,
+    output: Output,
+    inputs: Floats,
+    released: PositionSolver | None = None,
 ) -> PoseSolutions:
     """Return every configuration of a mechanism at inputs (n, inputs), row by row.
 
@@ -94,7 +98,7 @@ def solved(
     turned = pose_of(solver.mechanism, output, solver.closure.at(every).placed)
     return PoseSolutions(
         np.array(row, dtype=np.intp),
-        told.reduced(every[:, told.driven]),
+        told.reduce_inputs(every[:, told.driven]),
         every[:, : len(told.mechanism.variable_owners)],
         turned,
         pointed(output, turned),
@@ -131,7 +135,7 @@ class ForwardKinematics:
     def __init__(self, mechanism: AnyMechanism, output: str | None = None) -> None:
         self.mechanism = mechanism = mechanism_of(mechanism)
         self.output = chosen_output(mechanism, output)
-        self.solver = Solver(mechanism, plan_assembly(mechanism))
+        self.solver = PositionSolver(mechanism, plan_assembly(mechanism))
 
     @checked(SolveError)
     def at(
@@ -184,7 +188,7 @@ class ForwardKinematics:
             return solved(self.solver, self.output, q)
         modes = self._modes
         values, rotations, status = self._evaluated(q, modes)
-        row, mode = np.nonzero(assembled(status).T)
+        row, mode = np.nonzero(has_configuration(status).T)
         turned = pose_of(self.mechanism, self.output, rotations[mode, row])
         return PoseSolutions(
             row,
@@ -216,9 +220,9 @@ def output_rates(motion: Motion, output: Output) -> Floats:
         (moved,) = mechanism.variables_of(pair)
         speeds = np.zeros_like(part.values)
         speeds[:, moved] = 1.0
-        speeds[:, part.free] = -(part.closure_inverse @ at.jacobian[:, :, moved, None])[
-            ..., 0
-        ]
+        speeds[:, part.passive_variables] = -(
+            part.closure_inverse @ at.jacobian[:, :, moved, None]
+        )[..., 0]
         w = at.body_rates(speeds)
         rates[good, :, column] = np.matvec(inverse, w[:, link] - w[:, base])
     return rates

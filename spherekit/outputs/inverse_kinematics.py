@@ -34,10 +34,12 @@ from spherekit.outputs.forward_kinematics import PoseSolutions, solved
 from spherekit.outputs.virtual_output import VirtualOutputChain, with_wrist
 from spherekit.outputs.working_mode import PosedMode
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_mode import FLAT_DYAD, Solver, label_of
+from spherekit.positions.assembly_mode import label_of
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.pair_states import turns_of
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
+from spherekit.tolerances import SINGULAR_DYAD_SINE
 from spherekit.velocities.transmission import Transmission
 
 
@@ -162,7 +164,7 @@ class InverseKinematics:
                 f"{'direction' if self.wrist.points else 'orientation'} by itself, or the "
                 f"mechanism has not one freedom for each input ({problem})"
             ) from None
-        self.solver = Solver(self.mechanism, assembly)
+        self.solver = PositionSolver(self.mechanism, assembly)
         self.driven = [
             number for pair in self.wrist.driven for number in mechanism.variables_of(pair)
         ]
@@ -353,7 +355,7 @@ class InverseKinematics:
             with np.errstate(all="ignore"):
                 return self._every_turn(self._turned, given)
         coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
-        released = Solver(self.own, plan_assembly(self.own))
+        released = PositionSolver(self.own, plan_assembly(self.own))
         return solved(self.solver, self.wrist.output, coordinates, released)
 
     def _every_turn(self, turned: DyadsWithClosingLink, given: Floats) -> PoseSolutions:
@@ -450,7 +452,7 @@ def _closed(
     slope, gap = turned.slope(placed, directions), np.abs(turned.gap(placed))
     status = placed.status.copy()
     within = status != Status.OUT_OF_REACH
-    status[within & (np.abs(slope) < FLAT_DYAD)] = Status.AT_SINGULARITY
+    status[within & (np.abs(slope) < SINGULAR_DYAD_SINE)] = Status.AT_SINGULARITY
     status[within & (slope * wanted <= 0.0)] = Status.MODE_LOST
     closes = (gap < CLOSED) & (gap < CONVERGED * np.abs(slope))
     status[within & ~closes] = Status.NOT_CONVERGED

@@ -30,7 +30,8 @@ from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture, named
 from spherekit.outputs.rotation_path import UNFIXED, OutputTarget
 from spherekit.outputs.virtual_output import COORDINATES, with_wrist
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.assembly_mode import Solver, label_of
+from spherekit.positions.assembly_mode import label_of
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.velocities.transmission import SINGULAR, Transmission
 from spherekit.wording import listing
 
@@ -149,7 +150,7 @@ class PoseFinder:
     `form` is its mid-plane symmetric architecture for this output, None if it has none.
     """
 
-    solver: Solver
+    solver: PositionSolver
     output: Output
     form: MidPlaneArchitecture | None
 
@@ -200,7 +201,7 @@ class PoseFinder:
         free &= transmission.of_values(self.solver.closure, values) > SINGULAR
         candidates = PoseCandidates(
             values,
-            self.solver.reduced(values[:, self.solver.driven]),
+            self.solver.reduce_inputs(values[:, self.solver.driven]),
             near.reached,
             np.array(labels, dtype=str),
             ~free,

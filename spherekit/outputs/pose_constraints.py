@@ -33,10 +33,11 @@ from spherekit.outputs.forward_kinematics import (
 )
 from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture, axis_in
 from spherekit.outputs.virtual_output import with_wrist
-from spherekit.positions.assembly_mode import FLAT_DYAD, label_of
+from spherekit.positions.assembly_mode import label_of
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import motion_of
+from spherekit.positions.motion import make_motion
 from spherekit.status import Status
+from spherekit.tolerances import SINGULAR_DYAD_SINE
 from spherekit.velocities.transmission import Transmission
 from spherekit.wording import listing, nearest
 
@@ -139,7 +140,7 @@ class InverseRows(ArrayRows):
         """Return the rows with their status, empty where a limit or the reach says no."""
         out, finite = self.margin < 0.0, np.isfinite(self.margin)
         least = np.fmin(np.min(self.type_1, axis=1), self.type_2)
-        regular = np.isfinite(self.inputs).all(axis=1) & (least > FLAT_DYAD)
+        regular = np.isfinite(self.inputs).all(axis=1) & (least > SINGULAR_DYAD_SINE)
         status = np.where(regular, Status.OK, Status.AT_SINGULARITY)
         status[out] = Status.OUT_OF_REACH
         gone = np.where(out, np.nan, 0.0)
@@ -295,7 +296,7 @@ class OutputKinematics:
         At configurations (n, variables), in axes of the link that the output is seen from;
         NaN where the inputs do not determine the motion.
         """
-        return output_rates(motion_of(self._forward.solver, values), self.output)
+        return output_rates(make_motion(self._forward.solver, values), self.output)
 
     def type_2(self, values: Floats) -> Floats:
         """Return the measure (n,) of type II at configurations (n, variables)."""

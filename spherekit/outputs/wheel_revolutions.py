@@ -15,7 +15,6 @@ from spherekit.conventions import TURN
 from spherekit.geometry.rotation import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.planning.gear_mesh import SAME_LENGTH
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.gear_phases import (
     MOST_ASSEMBLIES,
     MOST_SORTED,
@@ -24,10 +23,13 @@ from spherekit.positions.gear_phases import (
     GearPhases,
     whole_turns_apart,
 )
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
 
-def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | None:
+def as_assembled(
+    held: PositionSolver, released: PositionSolver, values: Floats
+) -> Floats | None:
     """Return a configuration of the assembly that a file means, None if there is none.
 
     Parameters
@@ -44,7 +46,7 @@ def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | Non
     (variables,) rad with the inputs at the turns that the lengths rolled say: of those
     that differ by whole turns of wheels, the one whose inputs are least in sum.
     """
-    meshes = released.meshes
+    meshes = released.gear_phases
     if meshes is None or not meshes.variables:
         return values
     driven, rolled = list(released.driven), list(meshes.variables)
@@ -62,7 +64,7 @@ def as_assembled(held: Solver, released: Solver, values: Floats) -> Floats | Non
     return best
 
 
-def _lengths(held: Solver, meshes: GearPhases, lengths: Floats) -> Floats:
+def _lengths(held: PositionSolver, meshes: GearPhases, lengths: Floats) -> Floats:
     """Return lengths (n, m) whole turns of wheels from some, as inputs can roll them."""
     joints = [held.closure.joints[held.closure.tree.owners[v]] for v in meshes.variables]
     choices = map(whole_turns_apart, joints, map(float, lengths))

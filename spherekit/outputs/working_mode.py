@@ -16,9 +16,9 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.geometry.dyad_axis import middle_axis, triple_square
 from spherekit.outputs.dyad_chain import Dyads, Signs
-from spherekit.positions.assembly_mode import FLAT_DYAD, assembled
+from spherekit.positions.assembly_mode import has_configuration
 from spherekit.status import Status
-from spherekit.tolerances import REACH_SLACK
+from spherekit.tolerances import REACH_SLACK, SINGULAR_DYAD_SINE
 from spherekit.velocities.direction_signs import dot, norm
 from spherekit.velocities.pole_request import cross
 
@@ -125,7 +125,7 @@ class PosedMode:
 
     @property
     def _held(self) -> Bools:
-        return assembled(self.status)
+        return has_configuration(self.status)
 
     @property
     def reach(self) -> tuple[Floats, SmallIntegers, SmallIntegers]:
@@ -140,7 +140,7 @@ class PosedMode:
             half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
             base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
             margins.append(np.minimum(base - stand.shortest, stand.longest - base))
-            sound.append(root >= FLAT_DYAD * np.prod(np.sin(stand.arcs)))
+            sound.append(root >= SINGULAR_DYAD_SINE * np.prod(np.sin(stand.arcs)))
         margin = np.fmin.reduce(margins)
         limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
         status = np.where(np.all(sound, axis=0), Status.OK, Status.AT_SINGULARITY)

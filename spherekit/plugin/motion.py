@@ -15,6 +15,6 @@ if TYPE_CHECKING:
         configuration_curves as configuration_curves,
     )
     from spherekit.positions.motion import Motion as Motion
-    from spherekit.positions.motion import PositionAnalysis as PositionAnalysis
+    from spherekit.positions.position_analysis import PositionAnalysis as PositionAnalysis
 
 __all__, __getattr__, __dir__ = _offered(__name__, __file__, _offer)

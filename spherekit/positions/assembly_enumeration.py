@@ -12,7 +12,6 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.numerics.angles import wrap
-from spherekit.positions.assembly_mode import Solver, flatness
 from spherekit.positions.gear_phases import GearPhases
 from spherekit.positions.group_assembly import (
     State,
@@ -21,6 +20,7 @@ from spherekit.positions.group_assembly import (
     group_variables,
     place_dyad,
 )
+from spherekit.positions.group_conditioning import group_reciprocal_condition
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
     SEARCH,
@@ -33,6 +33,7 @@ from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.linearisation import Linearisation, condition
 from spherekit.positions.pair_states import penetrates
 from spherekit.positions.path_continuation import determinant_sign
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import (
     POLISHING_STEPS,
     SEED,
@@ -84,15 +85,15 @@ class Assemblies(NamedTuple):
         return all_complete(self.methods) and not self.is_truncated
 
 
-def assemblies(solver: Solver, q: Floats) -> Assemblies:
+def assemblies(solver: PositionSolver, q: Floats) -> Assemblies:
     """Return every mode found at inputs q (inputs,), and how."""
     methods: list[Method | None] = [None] * len(solver.assembly.groups)
     searched = any(
-        not group.revolute and number not in solver.trains
+        not group.revolute and number not in solver.wheel_trains
         for number, group in enumerate(solver.assembly.groups)
     )
-    if searched and solver.meshes is not None and solver.meshes.all_known:
-        there = _modes_in_mesh(solver, solver.meshes, q)
+    if searched and solver.gear_phases is not None and solver.gear_phases.all_known:
+        there = _modes_in_mesh(solver, solver.gear_phases, q)
         signs = tuple(signs_at(solver, values) for values in there)
         return Assemblies(signs, there, (SEARCH,) * len(methods))
     every = chains(solver, q[None], MOST_CONFIGURATIONS + 1, methods)
@@ -108,7 +109,7 @@ def assemblies(solver: Solver, q: Floats) -> Assemblies:
     return Assemblies(signs, values, tuple(methods), is_truncated)
 
 
-def _modes_in_mesh(solver: Solver, meshes: GearPhases, q: Floats) -> Floats:
+def _modes_in_mesh(solver: PositionSolver, meshes: GearPhases, q: Floats) -> Floats:
     """Return the closed configurations (n, variables) found with wheels in mesh."""
     near = q - whole_laps(q - meshes.anchor, meshes.periods)
     held = np.append(near, meshes.rolled(near[None]))[None]
@@ -116,11 +117,11 @@ def _modes_in_mesh(solver: Solver, meshes: GearPhases, q: Floats) -> Floats:
     distinct = Distinct(locked)
     search(locked, distinct)
     values = np.reshape(distinct.values, (-1, len(solver.closure.tree.owners)))
-    return solver.moved(values, q[None])
+    return solver.shift_inputs(values, q[None])
 
 
 def chains(
-    solver: Solver, q: Floats, most: int, methods: list[Method | None] | None = None
+    solver: PositionSolver, q: Floats, most: int, methods: list[Method | None] | None = None
 ) -> list[tuple[tuple[int, ...], State]]:
     """Return dyad signs and states of the modes that close at any of inputs q (n, inputs).
 
@@ -146,20 +147,22 @@ def chains(
 
 
 def _grown(
-    solver: Solver, state: State, number: int, q: Floats
+    solver: PositionSolver, state: State, number: int, q: Floats
 ) -> tuple[list[tuple[int, State]], Method]:
     """Return the states in which a group is placed, with dyad signs, and the method.
 
     It is the group of that number; q (n, inputs) are the inputs.
     """
     group, grown = solver.assembly.groups[number], []
-    if group.is_dyad or number in solver.trains:
+    if group.is_dyad or number in solver.wheel_trains:
         for sign in (1, -1) if group.is_dyad else (0,):
             further = state.copy()
             if sign:
                 place_dyad(further, group, sign)
             else:
-                further.lost |= ~(solver.place(further, number, q).gap < CLOSURE_TOLERANCE)
+                further.lost |= ~(
+                    solver.place_wheel_train(further, number, q).gap < CLOSURE_TOLERANCE
+                )
             if not np.all(further.lost):
                 grown.append((sign, further))
         return grown, CLOSED_FORM
@@ -178,7 +181,7 @@ def _grown(
     return grown, method
 
 
-def signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
+def signs_at(solver: PositionSolver, values: Floats) -> tuple[int, ...]:
     """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
     signs = zip(
         solver.assembly.groups, group_signs(solver, values[None], 0.0)[0], strict=True
@@ -186,7 +189,7 @@ def signs_at(solver: Solver, values: Floats) -> tuple[int, ...]:
     return tuple((1 if sign >= 0 else -1) if g.is_dyad else 0 for g, sign in signs)
 
 
-def group_matrices(solver: Solver, at: Linearisation, number: int) -> Floats:
+def group_matrices(solver: PositionSolver, at: Linearisation, number: int) -> Floats:
     """Return matrices (n, k, m) of a group, whose determinants tell its modes apart.
 
     A dyad's axes, the velocity equations of another group.
@@ -198,7 +201,9 @@ def group_matrices(solver: Solver, at: Linearisation, number: int) -> Floats:
     return group_tree(group, solver.joints).jacobian(at.vectors[:, variables])
 
 
-def group_signs(solver: Solver, values: Floats, least: float = FLAT_SIGN) -> SmallIntegers:
+def group_signs(
+    solver: PositionSolver, values: Floats, least: float = FLAT_SIGN
+) -> SmallIntegers:
     """Return the signs (n, groups) that tell modes of closed configurations apart.
 
     Of the triple product of a dyad's axes and of the determinant of another group's
@@ -217,7 +222,7 @@ def group_signs(solver: Solver, values: Floats, least: float = FLAT_SIGN) -> Sma
 
 
 def random_starts(
-    solver: Solver,
+    solver: PositionSolver,
     low: Floats,
     high: Floats,
     samples: Floats | None = None,
@@ -236,7 +241,11 @@ def random_starts(
     samples
         (n, inputs) the inputs to start at if they are to be kept.
     """
-    random, closure, meshes = np.random.default_rng(seed), solver.closure, solver.meshes
+    random, closure, meshes = (
+        np.random.default_rng(seed),
+        solver.closure,
+        solver.gear_phases,
+    )
     driven = list(solver.driven)
     first, last = starting_range(closure)
     first[driven], last[driven] = low, high
@@ -256,7 +265,7 @@ def random_starts(
                 values[:, rolled] = meshes.rolled(values[:, driven])
             values, near = damped(closure, values, held, least, most)
             at = closure.solve(values[near], driven + rolled, iterations=POLISHING_STEPS)
-            reciprocal_condition = flatness(at.jacobian[:, :, ~is_input])
+            reciprocal_condition = group_reciprocal_condition(at.jacobian[:, :, ~is_input])
             good = (at.gap < CLOSURE_TOLERANCE) & np.all(at.states.inside, axis=1)
             good &= (reciprocal_condition > FLAT) & ~penetrates(closure.joints, at.states)
         at.values[:, turning] = wrap(at.values[:, turning])

@@ -29,10 +29,10 @@ from scipy.sparse.csgraph import connected_components
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.rotation import max_abs
 from spherekit.numerics.angles import wrap
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.path_continuation import determinant_sign, flat, follow_inputs
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.progress import ProgressReporter
 from spherekit.status import Status
 
@@ -82,7 +82,7 @@ class ConfigurationGraph:
         caller sets it. Only paths to samples that are not complete can lead to new nodes.
     """
 
-    def __init__(self, solver: Solver, input_grid: InputGrid) -> None:
+    def __init__(self, solver: PositionSolver, input_grid: InputGrid) -> None:
         self.solver = solver
         self.input_grid = input_grid
         variables = len(solver.mechanism.variable_owners)
@@ -437,7 +437,7 @@ class ConfigurationGraph:
             goals,
             smallest_step=SMALLEST_STEP_RAD,
         )
-        values = self.solver.moved(reached.values, self.input_grid.q[sample])
+        values = self.solver.shift_inputs(reached.values, self.input_grid.q[sample])
         return status == Status.OK, values
 
     def _unite_pieces(self, node: int, other: int) -> None:

@@ -21,7 +21,7 @@ from spherekit.errors import SolveError
 from spherekit.geometry.rotation import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_enumeration import RANGE_ROUNDS, assemblies, random_starts
-from spherekit.positions.assembly_mode import AssemblyMode, Solver
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.curve_crossing import ways_out
@@ -31,6 +31,7 @@ from spherekit.positions.input_turning_points import (
     InputTurningPoints,
     input_turning_points,
 )
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import SEED, SearchStatistics
 from spherekit.progress import ProgressReporter
 from spherekit.status import Status
@@ -159,7 +160,7 @@ class Configurations(NamedTuple):
 
 @checked(SolveError)
 def configuration_curves(
-    solver: Solver,
+    solver: PositionSolver,
     assembly_modes: Sequence[AssemblyMode],
     low: float,
     high: float,
@@ -179,7 +180,7 @@ def configuration_curves(
         there = solver.evaluate(assembly_mode, inputs[:, None])
         search.add(there.values[there.status == Status.OK])
     reference = solver.reference
-    if reference is not None and low <= reference[solver.single] <= high:
+    if reference is not None and low <= reference[solver.input_variable] <= high:
         search.add(reference[None])  # where the input stands still no mode goes through it
     drive = easiest_drive(solver)
     dead = input_turning_points(
@@ -193,7 +194,8 @@ def configuration_curves(
     for end in _crossing_ends(search.curves):  # which grow on the way
         search.add(ways_out(solver.closure, end))
     parts = [
-        monotone_pieces(curve, solver.single, low, high, period) for curve in search.curves
+        monotone_pieces(curve, solver.input_variable, low, high, period)
+        for curve in search.curves
     ]
     search.count([part for one in parts for part in one], complete)
     if search.problems:
@@ -217,7 +219,7 @@ def configuration_curves(
 
 
 def _assigned(
-    solver: Solver,
+    solver: PositionSolver,
     assembly_modes: Sequence[AssemblyMode],
     curve: ArcCurve,
     pieces: Sequence[Piece],
@@ -226,7 +228,7 @@ def _assigned(
     assigned = list(pieces)
     middles = np.array([piece.middle for piece in pieces])
     for assembly_mode in assembly_modes:
-        there = solver.evaluate(assembly_mode, middles[:, [solver.single]]).values
+        there = solver.evaluate(assembly_mode, middles[:, [solver.input_variable]]).values
         gap = max_abs(curve.wrapped(there - middles), axis=1)
         for row in np.flatnonzero(gap < SAME_CONFIGURATION):
             assigned[row] = assigned[row]._replace(assembly_mode=assembly_mode.number)
@@ -240,7 +242,9 @@ class _CurveSearch:
     curves; `problems` says in words what does not agree.
     """
 
-    def __init__(self, solver: Solver, low: float, high: float, longest: float) -> None:
+    def __init__(
+        self, solver: PositionSolver, low: float, high: float, longest: float
+    ) -> None:
         self.solver = solver
         self.low = low
         self.high = high
@@ -274,7 +278,7 @@ class _CurveSearch:
             ):
                 self.problems.append(words)
 
-    def sweep(self, drive: Solver, dead: InputTurningPoints) -> Completeness:
+    def sweep(self, drive: PositionSolver, dead: InputTurningPoints) -> Completeness:
         """Follow the curves of all modes of `drive` between its dead inputs."""
         for q in dead.probes(STEP):
             here = assemblies(drive, np.array([q]))
@@ -293,7 +297,7 @@ class _CurveSearch:
         The starts are others than those by which a run finds its assembly modes, so that
         how often they met the curves known before says what both may have missed.
         """
-        if self.solver.meshes is not None and not self.solver.meshes.all_known:
+        if self.solver.gear_phases is not None and not self.solver.gear_phases.all_known:
             return Completeness(
                 Guarantee.COMPONENT, "wheels in mesh as in the assembly modes given"
             )
@@ -322,7 +326,9 @@ class _CurveSearch:
                 if here.is_complete:
                     self.counted.append((q, len(here.values)))
         lows, highs = np.array([(p.lowest, p.highest) for p in pieces]).reshape(-1, 2).T
-        crossed = np.array([end[self.solver.single] for end in _crossing_ends(self.curves)])
+        crossed = np.array(
+            [end[self.solver.input_variable] for end in _crossing_ends(self.curves)]
+        )
         for q, modes in self.counted:
             away = np.min(np.abs([lows - q, highs - q]), initial=np.inf)
             past = np.min(np.abs(wrap(crossed - q)), initial=np.inf)

@@ -10,14 +10,14 @@ import numpy as np
 
 from spherekit.errors import PlanError
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.input_turning_points import meetings_of
+from spherekit.positions.position_solver import PositionSolver
 
 CHEAP = 2e-3
 """A pair whose functions of meeting modes take less than this (s) is good enough."""
 
 
-def easiest_drive(solver: Solver) -> Solver:
+def easiest_drive(solver: PositionSolver) -> PositionSolver:
     """Return a mechanism driven where the inputs at which modes meet are found easily.
 
     It is the given one where they are found easily too, or at no other pair.
@@ -25,7 +25,7 @@ def easiest_drive(solver: Solver) -> Solver:
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):
         return solver
 
-    def cost(way: Solver) -> float:
+    def cost(way: PositionSolver) -> float:
         meetings = meetings_of(way, CHEAP)
         return np.inf if meetings is None else meetings.cost
 
@@ -35,7 +35,7 @@ def easiest_drive(solver: Solver) -> Solver:
     for pair in solver.mechanism.pairs:
         mechanism = solver.mechanism.with_inputs(pair.name)
         with suppress(PlanError):
-            ways.append(Solver(mechanism, plan_assembly(mechanism)))
+            ways.append(PositionSolver(mechanism, plan_assembly(mechanism)))
             costs.append(cost(ways[-1]))
     if np.min(costs) < np.inf:
         return ways[np.argmin(costs)]

@@ -23,11 +23,11 @@ from spherekit.completeness import Completeness, Guarantee
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.mechanism.joint import revolute
 from spherekit.numerics.sign_changes import MOST_CELLS, crossings
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.curve_crossing import Crossing
 from spherekit.positions.group_assembly import train_turns
 from spherekit.positions.group_solutions import Frames, Order, orders_of
 from spherekit.positions.mode_meetings import SAME_INPUT_RAD, degrees_text, find_crossings
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.progress import ProgressReporter
 from spherekit.wording import counted, listing
 
@@ -43,7 +43,9 @@ ALIKE = 1e-9
 """Determinants that differ by less, over the largest, are the same in all modes."""
 
 
-def meetings_of(solver: Solver, most_cost: float = np.inf) -> "ModeCoalescence | None":
+def meetings_of(
+    solver: PositionSolver, most_cost: float = np.inf
+) -> "ModeCoalescence | None":
     """Return the functions of a mechanism with one input, None if they are not known.
 
     They are for chains of trains of wheels, dyads and triads, and for a single group of
@@ -53,7 +55,7 @@ def meetings_of(solver: Solver, most_cost: float = np.inf) -> "ModeCoalescence |
     orders = [
         orders_of(group) if group.revolute and group.loops in COSTS else ()
         for number, group in enumerate(groups)
-        if number not in solver.trains
+        if number not in solver.wheel_trains
     ]
     if len(solver.driven) != 1 or not all(orders):
         return None
@@ -73,7 +75,7 @@ class ModeCoalescence:
     see their modes: those are no factors of its function, which would only be a power.
     """
 
-    def __init__(self, solver: Solver) -> None:
+    def __init__(self, solver: PositionSolver) -> None:
         self.solver = solver
         self.groups = solver.assembly.groups
         every = frozenset(range(len(self.groups)))
@@ -82,7 +84,7 @@ class ModeCoalescence:
         self._seen: list[frozenset[int]] = []
         for part, group in enumerate(self.groups):
             self._seen.append(every)
-            tried = (None,) if part in solver.trains else orders_of(group)
+            tried = (None,) if part in solver.wheel_trains else orders_of(group)
             self._orders.append(tried[0])
             for self._orders[part] in tried:
                 determinants = self._determinants(part, tried_at)
@@ -143,7 +145,7 @@ class ModeCoalescence:
         """
         state, ends = self.solver.start(q), self.solver.mechanism.ends
         within = [state.within[k][:, None].astype(complex) for k in sorted(state.within)]
-        fixed = self.solver.train_angles(q)
+        fixed = self.solver.gear_train_angles(q)
         angles = {pair: angle[:, None] for pair, angle in fixed.items()}
         for number, group in enumerate(self.groups[:part]):
             order, step = self._orders[number], self._count(number)
@@ -270,7 +272,7 @@ class InputTurningPoints(NamedTuple):
 
 
 def input_turning_points(
-    solver: Solver,
+    solver: PositionSolver,
     low: float,
     high: float,
     most_cost: float = np.inf,
@@ -304,7 +306,7 @@ def input_turning_points(
 
 
 def _with_crossings(
-    solver: Solver, turning_points: InputTurningPoints
+    solver: PositionSolver, turning_points: InputTurningPoints
 ) -> InputTurningPoints:
     """Return turning points where doubtful parts in which curves cross are crossings.
 
@@ -320,7 +322,7 @@ def _with_crossings(
         crossings += crossings_there
         if not crossings_there:
             still_doubtful.append([start, stop])
-    inputs = np.sort([crossing.values[solver.single] for crossing in crossings])
+    inputs = np.sort([crossing.values[solver.input_variable] for crossing in crossings])
     is_new = np.diff(inputs, prepend=-np.inf) > SAME_INPUT_RAD
     return turning_points._replace(
         doubtful=np.reshape(still_doubtful, (-1, 2)),

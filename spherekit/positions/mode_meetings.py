@@ -19,10 +19,11 @@ from spherekit.conventions import Facts
 from spherekit.geometry.rotation import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.assembly_mode import AssemblyMode, Solver
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.curve_crossing import NEARLY_NULL, Crossing, crossing_near
 from spherekit.positions.mode_predictor import ModeCurve
 from spherekit.positions.path_continuation import Nodes, nodes_at
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.tolerances import EPS
 from spherekit.wording import listing
 
@@ -64,7 +65,7 @@ def degrees_text(angle: float) -> str:
 
 
 def find_crossings(
-    solver: Solver, start: float, stop: float, low: float, high: float
+    solver: PositionSolver, start: float, stop: float, low: float, high: float
 ) -> list[Crossing]:
     """Return the crossings of curves in a short interval of the only input.
 
@@ -106,7 +107,7 @@ def find_crossings(
             crossing = crossing_near(solver.closure, values)
             if crossing is None or crossing.miss > MAX_MISS_RAD:
                 continue
-            q = crossing.values[solver.single]
+            q = crossing.values[solver.input_variable]
             is_inside = start - SAME_INPUT_RAD <= q <= stop + SAME_INPUT_RAD
             is_inside &= low - SAME_INPUT_RAD <= q <= high + SAME_INPUT_RAD
             is_new = all(
@@ -189,7 +190,9 @@ class ModeMeeting:
 
 
 def find_mode_meetings(
-    solver: Solver, assembly_modes: Sequence[AssemblyMode], crossings: Sequence[Crossing]
+    solver: PositionSolver,
+    assembly_modes: Sequence[AssemblyMode],
+    crossings: Sequence[Crossing],
 ) -> tuple[ModeMeeting, ...]:
     """Return the inputs at which modes meet, with the modes that continue each other.
 
@@ -212,13 +215,15 @@ def find_mode_meetings(
     """
     # One list for each input at which curves cross, with the crossings at this input.
     inputs: list[list[Crossing]] = []
-    for crossing in sorted(crossings, key=lambda item: float(item.values[solver.single])):
-        q = crossing.values[solver.single]
-        if inputs and q - inputs[-1][0].values[solver.single] < SAME_INPUT_RAD:
+    for crossing in sorted(
+        crossings, key=lambda item: float(item.values[solver.input_variable])
+    ):
+        q = crossing.values[solver.input_variable]
+        if inputs and q - inputs[-1][0].values[solver.input_variable] < SAME_INPUT_RAD:
             inputs[-1].append(crossing)
         else:
             inputs.append([crossing])
-    group_inputs = np.array([group[0].values[solver.single] for group in inputs])
+    group_inputs = np.array([group[0].values[solver.input_variable] for group in inputs])
     # Distances between neighbouring inputs; gaps[k] is below input k, gaps[k + 1] above it.
     gaps = np.diff(group_inputs, prepend=-np.inf, append=np.inf)
     meetings = []
@@ -231,7 +236,7 @@ def find_mode_meetings(
 
 
 def _compare_modes(
-    solver: Solver,
+    solver: PositionSolver,
     assembly_modes: Sequence[AssemblyMode],
     crossings: Sequence[Crossing],
     distance: float,
@@ -254,7 +259,7 @@ def _compare_modes(
     distance
         Distance (rad) from the input at which modes are evaluated, below and above it.
     """
-    q = float(np.mean([crossing.values[solver.single] for crossing in crossings]))
+    q = float(np.mean([crossing.values[solver.input_variable] for crossing in crossings]))
     below = _evaluate_modes(solver, assembly_modes, q - distance)
     above = _evaluate_modes(solver, assembly_modes, q + distance)
     meeting: list[tuple[int, ...]] = []
@@ -302,7 +307,7 @@ misses that counts as rounding."""
 
 
 def _evaluate_modes(
-    solver: Solver, assembly_modes: Sequence[AssemblyMode], q: float
+    solver: PositionSolver, assembly_modes: Sequence[AssemblyMode], q: float
 ) -> Nodes:
     """Evaluate all modes at input q (rad), with their derivatives with respect to it.
 
@@ -313,7 +318,7 @@ def _evaluate_modes(
     )
     with np.errstate(all="ignore"):
         at = solver.closure.at(values)
-        return nodes_at(at, [solver.single], np.ones((len(values), 1)))
+        return nodes_at(at, [solver.input_variable], np.ones((len(values), 1)))
 
 
 def _find_coincident_modes(values: Floats) -> Bools:

@@ -27,7 +27,7 @@ from spherekit.positions.assembly_enumeration import (
     random_starts,
     signs_at,
 )
-from spherekit.positions.assembly_mode import AssemblyMode, Solver
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.configuration_space import monotone_pieces
 from spherekit.positions.curve_continuation import LONGEST, follow_arc
@@ -46,6 +46,7 @@ from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.input_turning_points import input_turning_points
 from spherekit.positions.mode_predictor import ModeCurve, ModeOverGrid, follow_each
 from spherekit.positions.modes_over_samples import REFERENCE_ONLY, SampledModes
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import SAME_MODE, SearchStatistics
 from spherekit.progress import ProgressReporter
 from spherekit.status import Status
@@ -111,7 +112,7 @@ class ModeSearch:
     Parameters
     ----------
     independent
-        As of `spherekit.positions.motion.PositionAnalysis`.
+        As of `spherekit.positions.position_analysis.PositionAnalysis`.
 
     Raises
     ------
@@ -124,7 +125,7 @@ class ModeSearch:
 
     def __init__(
         self,
-        solver: Solver,
+        solver: PositionSolver,
         input_grid: InputGrid,
         search: bool = True,
         independent: bool = False,
@@ -206,7 +207,7 @@ class ModeSearch:
                     if any(group.redundant for group in self.groups):
                         closed = state.values[~state.lost]
                         rows = spread_rows(len(closed), RANKED)
-                        self._check_rank(min(map(solver.freedoms, closed[rows])))
+                        self._check_rank(min(map(solver.compute_mobility, closed[rows])))
         different = list(dict.fromkeys(signs))
         if len(different) > MOST_ASSEMBLY_MODES:
             words = f"the first {MOST_ASSEMBLY_MODES} modes are kept, and there are more"
@@ -226,7 +227,7 @@ class ModeSearch:
 
     def _probed(self) -> tuple[Floats, Completeness]:
         """Return the inputs (k, inputs) at which the modes of dyads are looked for."""
-        grid, trains = self.input_grid, self.solver.trains
+        grid, trains = self.input_grid, self.solver.wheel_trains
         if len(trains) == len(self.groups):
             words = "wheels in mesh have one" if trains else "no loop has to close"
             return grid.q[:1], Completeness(Guarantee.COMPLETE, words)
@@ -256,9 +257,9 @@ class ModeSearch:
         away = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - held
         outside = np.abs(away) > 0.5 * np.ptp(q, axis=0)
         far = np.where(outside, whole_laps(away, solver.periods), 0.0)
-        values = solver.moved(reference[None], held + far)
+        values = solver.shift_inputs(reference[None], held + far)
         self._add(*self._guided(values)[0])
-        if not self.assembly_modes and len(held) == 1 and solver.meshes is not None:
+        if not self.assembly_modes and len(held) == 1 and solver.gear_phases is not None:
             self._add_along(values[0])
         if self._freedoms and self._freedoms[0] < len(held):
             # Where the pose given cannot move, a search of other modes takes long and is
@@ -274,7 +275,7 @@ class ModeSearch:
         values = solver.closure.solve(values, driven).values
         moving = np.ones(len(values), dtype=bool)
         if any(group.redundant for group in self.groups):
-            freedoms = [solver.freedoms(one) for one in values]
+            freedoms = [solver.compute_mobility(one) for one in values]
             self._freedoms += freedoms
             moving = np.array(freedoms) == len(driven)
         ends = self.input_grid.range
@@ -311,13 +312,13 @@ class ModeSearch:
     def _all_modes(self) -> Completeness:
         """Look for further modes in the whole range; return what is claimed then."""
         solver, q = self.solver, self.input_grid.q
-        if solver.meshes is not None:
+        if solver.gear_phases is not None:
             if not self.assembly_modes:
                 self._probe(q[:1])
-            if not solver.meshes.all_known:
+            if not solver.gear_phases.all_known:
                 return self._as_assembled()
         if all(
-            group.is_dyad or number in solver.trains or has_elimination(group)
+            group.is_dyad or number in solver.wheel_trains or has_elimination(group)
             for number, group in enumerate(self.groups)
         ) and (claim := self._eliminated()):
             return claim
@@ -442,14 +443,14 @@ class ModeSearch:
 
     def _add_along(self, values: Floats, family: int | None = None) -> None:
         """Add the modes in the range that lie on the curve through a configuration."""
-        meshes = self.solver.meshes
+        meshes = self.solver.gear_phases
         longest = LONGEST if meshes is None or meshes.all_known else LONGEST_ROLLED
         try:
             curve = follow_arc(self.solver.closure, values, longest=longest)
         except SolveError:
             return
         self._curves.append(curve)
-        given = self.solver.single, *self.input_grid.range, *self.solver.periods
+        given = self.solver.input_variable, *self.input_grid.range, *self.solver.periods
         middles = [piece.middle for piece in monotone_pieces(curve, *given)]
         values = np.array(middles).reshape(-1, curve.nodes.values.shape[1])
         self._add_new(values, np.zeros(len(values), dtype=np.intp), family)
@@ -469,7 +470,7 @@ class ModeSearch:
         return census
 
 
-def _why_nothing_closes(solver: Solver, input_grid: InputGrid) -> str:
+def _why_nothing_closes(solver: PositionSolver, input_grid: InputGrid) -> str:
     name = solver.mechanism.name
     inputs = solver.mechanism.names_of(solver.assembly.inputs)
     lows, highs = np.degrees([np.min(input_grid.q, axis=0), np.max(input_grid.q, axis=0)])

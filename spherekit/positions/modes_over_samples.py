@@ -23,7 +23,7 @@ from spherekit.positions.assembly_enumeration import (
     group_signs,
     random_starts,
 )
-from spherekit.positions.assembly_mode import AssemblyMode, Solver
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_graph import ConfigurationGraph, share_numbers
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
@@ -35,6 +35,7 @@ from spherekit.positions.group_solutions import (
 from spherekit.positions.input_grid import InputGrid, spread_rows
 from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.mode_predictor import ModeOverGrid, sheets_through
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import SearchStatistics
 from spherekit.positions.sample_configurations import (
     can_enumerate,
@@ -93,7 +94,7 @@ class SampledModes:
 
     def __init__(
         self,
-        solver: Solver,
+        solver: PositionSolver,
         input_grid: InputGrid,
         search: bool = True,
         shares_numbers: bool = False,
@@ -138,7 +139,7 @@ class SampledModes:
         if (
             not can_enumerate(solver)
             or any(group.redundant for group in self.groups)
-            or (solver.meshes is not None and not solver.meshes.all_known)
+            or (solver.gear_phases is not None and not solver.gear_phases.all_known)
         ):
             return False
         # An elimination fails at every sample if a link has an arc of 0 or 180 deg.
@@ -157,7 +158,7 @@ class SampledModes:
         self.probes = len(q)
         self.methods = [
             CLOSED_FORM
-            if group.is_dyad or number in self.solver.trains
+            if group.is_dyad or number in self.solver.wheel_trains
             else Method(f"elimination: all {orders_of(group)[0].roots} complex roots")
             for number, group in enumerate(self.groups)
         ]
@@ -221,7 +222,7 @@ class SampledModes:
         offset = 0.5 * (np.min(q, axis=0) + np.max(q, axis=0)) - inputs
         is_outside = np.abs(offset) > 0.5 * np.ptp(q, axis=0)
         input_shift = np.where(is_outside, whole_laps(offset, solver.periods), 0.0)
-        values = solver.moved(reference[None], inputs + input_shift)
+        values = solver.shift_inputs(reference[None], inputs + input_shift)
         sheet = self._follow_sheet(values)
         if sheet is None:
             return None
@@ -251,7 +252,7 @@ class SampledModes:
         driven = list(self.solver.driven)
         closed = self.solver.closure.solve(values, driven).values
         if any(group.redundant for group in self.groups):
-            self.mobilities.append(self.solver.freedoms(closed[0]))
+            self.mobilities.append(self.solver.compute_mobility(closed[0]))
             if self.mobilities[-1] != len(driven):
                 return None
         return sheets_through(self.solver.closure, driven, self.input_grid, closed)[0]
@@ -318,10 +319,10 @@ class SampledModes:
         How complete the modes are.
         """
         solver = self.solver
-        if solver.meshes is not None:
+        if solver.gear_phases is not None:
             if not self._sheet_count:
                 self._probe(0)
-            if not solver.meshes.all_known:
+            if not solver.gear_phases.all_known:
                 for sample in spread_rows(
                     len(self.input_grid), MAX_SEARCHED_SAMPLES
                 ).tolist():

@@ -12,7 +12,7 @@ from spherekit.files.study import Crossings
 from spherekit.mechanism.cache import Cache
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, driven_at, plan_assembly
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 MAX_KEPT_GEOMETRIES = 8
 """Geometries whose assembly modes are kept. Larger: more memory; smaller: simulations and

@@ -44,7 +44,7 @@ input that is nearer to a dead centre is taken to be at it. The float64 number c
 a decimal number of degrees, as that of pi for 180 degrees."""
 LARGEST_ANGLE_ERROR_RAD = 1e-5
 """Configurations with a larger error bound have the status AT_SINGULARITY, and
-`Solver.evaluate` returns NaN for their variables."""
+`PositionSolver.evaluate` returns NaN for their variables."""
 MAX_NEWTON_STEPS = 40
 """Newton steps for one group. A step gains about 16 digits at most, since the Jacobian is
 inverted in float64, and few near a dead centre."""

@@ -19,7 +19,6 @@ from spherekit.geometry.rotation import all_finite, cross, max_abs
 from spherekit.geometry.trigonometric_system import estimate_real_angles
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import Group
-from spherekit.positions.assembly_mode import FLAT_DYAD, Solver
 from spherekit.positions.group_assembly import (
     State,
     group_closure,
@@ -39,8 +38,9 @@ from spherekit.positions.group_solutions import (
 )
 from spherekit.positions.linearisation import condition
 from spherekit.positions.loop_closure import Closure, least_change
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import POLISHING_STEPS
-from spherekit.tolerances import CLOSURE_TOLERANCE
+from spherekit.tolerances import CLOSURE_TOLERANCE, SINGULAR_DYAD_SINE
 
 SAMPLES_AT_ONCE = 256
 """Number of samples that are solved together. Larger: the arrays do not fit into the
@@ -92,15 +92,15 @@ class SampleConfigurations:
     problem: str
 
 
-def can_enumerate(solver: Solver) -> bool:
+def can_enumerate(solver: PositionSolver) -> bool:
     """Return whether each group is a dyad, a train of wheels, or has an elimination."""
     return all(
-        group.is_dyad or number in solver.trains or has_elimination(group)
+        group.is_dyad or number in solver.wheel_trains or has_elimination(group)
         for number, group in enumerate(solver.assembly.groups)
     )
 
 
-def enumerate_configurations(solver: Solver, q: Floats) -> SampleConfigurations:
+def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     """Return all configurations of a mechanism at many samples of its inputs.
 
     Parameters
@@ -129,7 +129,7 @@ def enumerate_configurations(solver: Solver, q: Floats) -> SampleConfigurations:
     )
 
 
-def _polish(solver: Solver, values: Floats) -> Floats:
+def _polish(solver: PositionSolver, values: Floats) -> Floats:
     """Return closed configurations after one more Newton step of all their loops.
 
     A group counts as closed at a residual below 1e-15 rad. Multiplied by the inverse of the
@@ -157,7 +157,7 @@ def _polish(solver: Solver, values: Floats) -> Floats:
     return np.where(is_small[:, None], values + step, values)
 
 
-def _enumerate_batch(solver: Solver, q: Floats) -> SampleConfigurations:
+def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     """Return all configurations at one batch of inputs q (n, inputs), in rad.
 
     Only the groups are closed. `_polish` is not applied.
@@ -172,8 +172,11 @@ def _enumerate_batch(solver: Solver, q: Floats) -> SampleConfigurations:
         for number, group in enumerate(solver.assembly.groups):
             if group.is_dyad:
                 state, parent = _place_both_modes(state, group)
-            elif number in solver.trains:
-                closed = solver.place(state, number, q[sample]).gap < CLOSURE_TOLERANCE
+            elif number in solver.wheel_trains:
+                closed = (
+                    solver.place_wheel_train(state, number, q[sample]).gap
+                    < CLOSURE_TOLERANCE
+                )
                 parent = np.flatnonzero(closed)
                 state = state.rows(parent)
             else:
@@ -216,7 +219,7 @@ def _place_both_modes(state: State, group: Group) -> tuple[State, Indices]:
         closes = ~placed.lost
         # Both signs give the same configuration of a flat dyad. Sign 1 has it already.
         if sign < 0:
-            closes &= ~(sine < FLAT_DYAD)
+            closes &= ~(sine < SINGULAR_DYAD_SINE)
         parents.append(np.flatnonzero(closes))
         states.append(placed.rows(parents[-1]))
     parent = np.concatenate(parents)

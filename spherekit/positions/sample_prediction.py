@@ -13,7 +13,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.geometry.rotation import max_abs
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
 DEGREE = 7

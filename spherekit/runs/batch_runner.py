@@ -17,9 +17,10 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.rotation import max_abs, nans
-from spherekit.positions.assembly_mode import assembled
+from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.mode_predictor import ModeCurve
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.sample_prediction import predictor
 from spherekit.runs.kernel_columns import SLICE, ComputedColumns, LazyField, Part, slices_of
 from spherekit.runs.prefetch import each_at_once, in_turn
@@ -405,7 +406,7 @@ class BatchRunner:
                 out = values[:, :, low:high]
                 self.predicted(samples[low], samples[high - 1] + 1, out)
         seen = rows.fill(samples)
-        failed = ~assembled(rows.status)
+        failed = ~has_configuration(rows.status)
         rows.values[:, failed] = rows.closure[:, failed] = np.nan
         careful = ~(rows.vouched | failed)
         doubtful = np.flatnonzero(careful)

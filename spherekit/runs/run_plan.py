@@ -18,7 +18,8 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.planning.pole_plan import Plan
 from spherekit.planning.submechanism import part_for
-from spherekit.positions.motion import LastAngles, Motion
+from spherekit.positions.angle_unwrapping import LastAngles
+from spherekit.positions.motion import Motion
 from spherekit.runs.analysis_requests import requests_for
 from spherekit.runs.batch_runner import BatchRunner
 from spherekit.runs.contract import AbstractAnalysis, Analyses

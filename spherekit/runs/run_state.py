@@ -11,8 +11,10 @@ import numpy as np
 from spherekit.arrays import Array, Floats, SmallIntegers
 from spherekit.conventions import Facts, Names
 from spherekit.numerics.lazy_columns import Interleaved
+from spherekit.positions.angle_unwrapping import LastAngles
 from spherekit.positions.linearisation import rank_mobility, redundancy
-from spherekit.positions.motion import LastAngles, Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.contract import Analyses, Findings
 from spherekit.runs.kernel_columns import LazyField, largest_errors
 from spherekit.runs.table_scenes import Batch, Fields, run_status

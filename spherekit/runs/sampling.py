@@ -19,15 +19,10 @@ from spherekit.geometry.rotation import nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at
-from spherekit.positions.motion import (
-    BLOCK,
-    LastAngles,
-    Motion,
-    PositionAnalysis,
-    continued,
-    extents,
-)
-from spherekit.positions.timing import Timing, by_laws
+from spherekit.positions.angle_unwrapping import LastAngles, continue_angles
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import BLOCK_ROWS, PositionAnalysis
+from spherekit.positions.timing import Timing, evaluate_time_laws, input_extents
 from spherekit.status import Status
 from spherekit.tables.table import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.velocities.kernels import Engine
@@ -79,7 +74,7 @@ class Sampling:
     @cached_property
     def extents(self) -> list[Floats]:
         """Least and greatest inputs and rates of all samples."""
-        return extents(self.inputs, self.timing)
+        return input_extents(self.inputs, self.timing)
 
     @property
     def block(self) -> int:
@@ -141,7 +136,7 @@ class Sampling:
             values = motion.values.copy()
             values[:, solver.angles] += TURN * np.round(whole / TURN)[:, solver.angles]
             motion = replace(motion, values=values)
-        return continued(motion, names, solver, last)
+        return continue_angles(motion, names, self.tracer.angle_unwrapping, last)
 
     @property
     def titles(self) -> dict[int, str]:
@@ -181,7 +176,7 @@ class Sampling:
     def warnings(self) -> Names:
         """What is to be heeded of names of modes, and in the rows of a simulation."""
         missed = self.simulation.missed if self.simulation is not None else None
-        return self.tracer.unnamed + (() if missed is None else (missed,))
+        return self.tracer.unused_mode_names + (() if missed is None else (missed,))
 
     def summary(self) -> dict[str, Any]:
         """Return what is to be said of time, and of a simulation's checks."""
@@ -274,7 +269,7 @@ def course_of(
     if not laws:  # through its range
         driven = mechanism.inputs[0]
         laws = {driven.pair: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)}
-    q, timing = by_laws(inputs, laws, t)
+    q, timing = evaluate_time_laws(inputs, laws, t)
     tracer = PositionAnalysis(
         mechanism, None, assembly_mode, study.search, path=q, crossings=study.crossings
     )
@@ -363,7 +358,7 @@ def simulated_course(
     last = simulation.end.t
     if last < duration:
         t = np.append(t[t < last], last)
-    states = (simulation.at(t[k : k + BLOCK]) for k in range(0, len(t), BLOCK))
+    states = (simulation.at(t[k : k + BLOCK_ROWS]) for k in range(0, len(t), BLOCK_ROWS))
     parts = ((x.inputs, x.input_rates, x.input_accelerations) for x in states)
     q, dq, ddq = map(np.concatenate, zip(*parts, strict=True))
     return Sampling(
@@ -376,7 +371,7 @@ def _at_unit_speed(q: Floats, straight: bool) -> Timing:
 
     A single input on another path turns from its least value at 1 rad/s.
     """
-    ends = q[[0, -1]] if straight else extents(q)[0]
+    ends = q[[0, -1]] if straight else input_extents(q)[0]
     way = ends[1] - ends[0]
     fastest = np.argmax(np.abs(way))
     t = np.abs(q[:, fastest] - ends[0, fastest]) / UNIT_SPEED

@@ -13,8 +13,9 @@ from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.lazy_columns import Interleaved, LazyColumn
 from spherekit.planning.pole_plan import Plan, Pole, pole_of
-from spherekit.positions.motion import Motion, PositionAnalysis, extents
-from spherekit.positions.timing import Timing
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.timing import Timing, input_extents
 from spherekit.runs.kernel_columns import LazyField
 from spherekit.runs.needs import Needs
 from spherekit.scenes.scene import Primitive, Range, Scene, Series
@@ -387,8 +388,8 @@ class Batch:
         return self._motion.timing
 
     def _range(self, quantity: int) -> Range:
-        """Return extents of the run, or of the batch where there is none; see `extents`."""
-        whole = self._of_run or extents(self._motion.inputs, self._motion.timing)
+        """Return the extents of the run, or of the batch if there is no run."""
+        whole = self._of_run or input_extents(self._motion.inputs, self._motion.timing)
         low, high = self._single(whole[quantity])
         return float(low), float(high)
 

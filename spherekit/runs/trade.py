@@ -17,7 +17,7 @@ from spherekit.conventions import TURN, Facts, Names
 from spherekit.errors import AnalysisError
 from spherekit.files.study import DEFAULT_TOLERANCE, Study
 from spherekit.geometry.rotation import all_finite, max_abs
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.runs import batch_runner
 from spherekit.runs.contract import AbstractAnalysis, Sweep

@@ -19,11 +19,11 @@ from spherekit.geometry.sphere_mesh import labels
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.positions import input_grid as grids
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.curve_continuation import periods_of
 from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.input_revolutions import less_periods
 from spherekit.positions.path_continuation import follow_inputs
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.several_inputs import LocusName
 from spherekit.singularities.slices import SingularityLocus, configurations, solver_of
 from spherekit.singularities.stationarity import InputsLocked, OutputStationary, output_of
@@ -143,7 +143,7 @@ def aspects(
     return spread.labelled(("II", "I") if "I" in free_of else ("II",))
 
 
-def _starts(solver: Solver, input_grid: InputGrid) -> tuple[Floats, Indices]:
+def _starts(solver: PositionSolver, input_grid: InputGrid) -> tuple[Floats, Indices]:
     """Return configurations (n, V) and their samples (n,): all of dyads, of groups some."""
     if solver.assembly.has_closed_form:
         rows = np.arange(len(input_grid))
@@ -187,7 +187,7 @@ class _Spread:
 
     def __init__(
         self,
-        solver: Solver,
+        solver: PositionSolver,
         input_grid: InputGrid,
         output: OutputStationary | None,
         divides: bool,

@@ -8,7 +8,7 @@ from spherekit.arrays import Floats
 from spherekit.completeness import Completeness, Guarantee, TimeLimit
 from spherekit.errors import AnalysisError
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.assembly_mode import Solver
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import starting_range
 from spherekit.singularities.several_inputs import LocusName, SingularityReport
 from spherekit.singularities.slices import (
@@ -166,7 +166,7 @@ def ranges_of(mechanism: Mechanism) -> list[tuple[float, float]]:
 
 
 def closed_configurations(
-    solver: Solver, count: int, random: np.random.Generator
+    solver: PositionSolver, count: int, random: np.random.Generator
 ) -> Floats:
     """Return the closed configurations (n, V) that random starts lead to.
 
@@ -178,7 +178,7 @@ def closed_configurations(
     held = list(solver.driven)
     first, last = np.transpose(ranges_of(solver.mechanism))
     start[:, held] = random.uniform(first, last, (count, len(held)))
-    meshes = solver.meshes
+    meshes = solver.gear_phases
     if meshes is not None and meshes.all_known:
         start[:, list(meshes.variables)] = meshes.rolled(start[:, held])
         held += meshes.variables

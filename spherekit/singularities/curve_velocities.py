@@ -16,7 +16,8 @@ from spherekit.planning.pole_plan import Plan, Pole
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_segment import bordered, bordered_condition
 from spherekit.positions.linearisation import left_inverse
-from spherekit.positions.motion import PositionAnalysis, motion_of
+from spherekit.positions.motion import make_motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.tolerances import EPS
 from spherekit.velocities.pole_sequence import PlannedPoles
@@ -61,7 +62,7 @@ class LinkMotion:
         self, tracer: PositionAnalysis, values: Floats, tangents: Floats, bends: Floats
     ) -> None:
         self.values = values
-        self.motion = motion_of(tracer.solver, values)
+        self.motion = make_motion(tracer.solver, values)
         at = self.motion.linearisation
         self.w = at.body_rates(tangents)
         self.dw = at.body_rates(bends)

@@ -161,7 +161,7 @@ def _ends(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
     pieces = sampled.configurations.curves[number].pieces
     rows = [(piece.start, piece.stop, piece.shift) for piece in pieces]
     ends, shifts = np.split(np.reshape(rows, (-1, 3)), [2], axis=1)
-    turned = curve.at(ends.ravel()).values[:, sampled.tracer.solver.single]
+    turned = curve.at(ends.ravel()).values[:, sampled.tracer.solver.input_variable]
     q = turned.reshape(ends.shape) + shifts
     taken = np.zeros(ends.shape, dtype=bool)
     if not sampled.whole_range(number):

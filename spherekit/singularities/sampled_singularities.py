@@ -35,7 +35,8 @@ from spherekit.positions.input_revolutions import (
 )
 from spherekit.positions.input_turning_points import input_turning_points
 from spherekit.positions.mode_search import MOST_COST, MOST_TIME
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Form, Type
 from spherekit.singularities.single_freedom import SingleFreedom
 from spherekit.status import Status
@@ -57,7 +58,7 @@ def traced_part(
     """
     whole = tracer.mechanism
     made = whole if tracer.by_rank else part_for(whole, links)
-    if made is not whole and tracer.solver.meshes is None:
+    if made is not whole and tracer.solver.gear_phases is None:
         part = PositionAnalysis(made, path=np.linspace(*tracer.range, COMPARED)[:, None])
         pairs = (whole.pair_number[pair.name] for pair in made.pairs)
         variables = [*chain(*map(whole.variables_of, pairs))]
@@ -153,7 +154,7 @@ class SampledSingularities:
         links = tracer.mechanism.links
         self.whole, self._values = tracer, values
         self.tracer, variables, self._modes = traced_part(tracer, [*chain(*outputs)])
-        self._driven = self.tracer.solver.single
+        self._driven = self.tracer.solver.input_variable
         self.configurations: Configurations = self.tracer.configurations
         self.curves = [item.curve for item in self.configurations.curves]
         self.report = SingleFreedom(
@@ -387,7 +388,9 @@ class SampledSingularities:
         """
         solver = self.whole.solver
         placed = np.where(self.curve[:, None] >= 0, self._values, np.nan)
-        return hold(solver.closure.tree, [solver.single], solver.closure.at(placed).vectors)
+        return hold(
+            solver.closure.tree, [solver.input_variable], solver.closure.at(placed).vectors
+        )
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
         """Return (n,) rad at rising s: the variable of the output's R pair on the curve.

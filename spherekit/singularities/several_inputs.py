@@ -22,9 +22,9 @@ from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.geometry.rotation import all_finite, cross, nans
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.pole_plan import Pole, pole_of
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.input_revolutions import in_range, into_range
-from spherekit.positions.motion import Motion, motion_of
+from spherekit.positions.motion import Motion, make_motion
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.input_output_relation import FourLinks, relation_of
 from spherekit.singularities.slices import LocusPoints, SingularityLocus, adjugate
 from spherekit.singularities.stationarity import InputsLocked, OutputStationary
@@ -402,14 +402,14 @@ class SingularPoints(ArrayRows):
 class SingularityReport:
     """The singular configurations of a type, and what of them is reported."""
 
-    solver: Solver
+    solver: PositionSolver
     output: OutputStationary
     kind: LocusName
     part: OutputPart | None = None
 
     @staticmethod
     def of(
-        solver: Solver, output: OutputStationary, kind: LocusName
+        solver: PositionSolver, output: OutputStationary, kind: LocusName
     ) -> "SingularityReport":
         """Return what is singular of an output: of the part alone that moves it.
 
@@ -444,7 +444,7 @@ class SingularityReport:
 
     def types(self, values: Floats) -> SmallIntegers:
         """Return the types (n,) of configurations for the output."""
-        motion = motion_of(self.solver, values)
+        motion = make_motion(self.solver, values)
         space = tangent_space(motion.linearisation, len(self.solver.driven))
         return by_motions(motion, space, self.output)["type"]
 

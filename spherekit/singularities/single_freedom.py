@@ -22,7 +22,7 @@ from spherekit.planning.pole_planner import plan
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import SINGULAR
 from spherekit.positions.curve_crossing import Crossing, crossing_near
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.curve_velocities import AT_REST, AlongCurve, LinkMotion
 from spherekit.singularities.geometric_conditions import TOLD, RelationAt, judged
 from spherekit.singularities.input_output_relation import (
@@ -329,7 +329,9 @@ class SingleFreedom:
         closed = motion.values[~motion.failed]
         if solver.closure.at(reference).gap[0] < CLOSURE_TOLERANCE:
             closed = np.concatenate([reference, closed])
-        least = min((solver.freedoms(values, SINGULAR) for values in closed), default=0)
+        least = min(
+            (solver.compute_mobility(values, SINGULAR) for values in closed), default=0
+        )
         return least if least > 1 else None
 
 

@@ -19,12 +19,13 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.assembly_mode import AssemblyMode, Solver
+from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import follow_arcs
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.positions.linearisation import REDUNDANT
 from spherekit.positions.loop_closure import Closure, newton
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.stationarity import StationarityConstraint
 from spherekit.singularities.tangent_space import (
     TINY,
@@ -325,7 +326,7 @@ TOGETHER = 12
 """Slices of dyads that are followed side by side."""
 
 
-def solver_of(mechanism: Mechanism) -> Solver:
+def solver_of(mechanism: Mechanism) -> PositionSolver:
     """Return the solver of a mechanism, its modes not looked for.
 
     Raises
@@ -334,12 +335,12 @@ def solver_of(mechanism: Mechanism) -> Solver:
         If the mechanism has not one freedom for each input.
     """
     try:
-        return Solver(mechanism, plan_assembly(mechanism))
+        return PositionSolver(mechanism, plan_assembly(mechanism))
     except CountError:
-        return Solver(mechanism, plan_assembly(mechanism, by_rank=True))
+        return PositionSolver(mechanism, plan_assembly(mechanism, by_rank=True))
 
 
-def configurations(solver: Solver, q: Floats) -> tuple[Floats, Indices]:
+def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
     """Return the closed configurations (n, V) of all modes at inputs q (k, inputs).
 
     With them the row (n,) of q that each belongs to.
@@ -360,7 +361,7 @@ def configurations(solver: Solver, q: Floats) -> tuple[Floats, Indices]:
 
 
 def _slices(
-    solver: Solver, free: int, held: Floats, budget: TimeLimit
+    solver: PositionSolver, free: int, held: Floats, budget: TimeLimit
 ) -> Iterator[ArcCurve]:
     """Yield all curves found with all inputs but one locked at values (m, inputs).
 
@@ -402,7 +403,7 @@ class LockedInputSection:
 
 
 def cut(
-    solver: Solver,
+    solver: PositionSolver,
     ranges: Sequence[tuple[float, float]],
     values_of_each: int,
     budget: TimeLimit | None = None,

@@ -261,7 +261,7 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
     axes
         (n, pairs, 3) unit axes of all pairs in ground axes, in quad precision.
     """
-    tree, free = motion.linearisation.tree, list(motion.free)
+    tree, free = motion.linearisation.tree, list(motion.passive_variables)
     (driven_variable,) = motion.mechanism.variables_of(driven)
     signs, paths = tree.signs.astype(axes.dtype), tree.paths.astype(axes.dtype)
     firsts = tree.firsts

@@ -245,7 +245,7 @@ class _Rows:
         if not len(rows):
             return []
         jacobians = self.motion.linearisation.jacobian[rows]
-        passive = jacobians[:, :, list(self.motion.free)]
+        passive = jacobians[:, :, list(self.motion.passive_variables)]
         least = inverse_sizes(passive) * np.linalg.norm(passive, axis=(1, 2))
         # Near a singular configuration every order gives a large inverse.
         is_regular = condition_numbers[rows] <= MAX_AMPLIFICATION * least
@@ -254,7 +254,7 @@ class _Rows:
         return [
             (own_order, rows[some])
             for own_order, some in assign_elimination_orders(
-                jacobians[misordered], self.motion.free
+                jacobians[misordered], self.motion.passive_variables
             )
         ]
 
@@ -282,11 +282,13 @@ class _Rows:
         self._columns[:, rows], self._aside[:, rows] = columns, aside
         flatness, bend, _ = aside[self._places["shape"]]
         _, over, over_bent, fast, swings = aside[self._places["left"]]
-        gap = np.where(closed, EPS * (2.0 + tree.longest_loop), self.motion.gap[rows])
+        gap = np.where(
+            closed, EPS * (2.0 + tree.longest_loop), self.motion.residual_bound[rows]
+        )
 
         ways = 3 * len(tree.chords)
         inverse = aside[self._places["inverse"]].reshape(
-            len(self.motion.free), ways, len(rows)
+            len(self.motion.passive_variables), ways, len(rows)
         )
         has_contacts = self.motion.mechanism.has_contacts
 
@@ -364,7 +366,7 @@ class _Rows:
         turns = np.zeros((inverse.shape[1], tree.count, 3, len(rows)))
         for turn, moved in zip(turns, inverse.swapaxes(0, 1), strict=True):
             rates = np.zeros((len(rows), vectors.shape[1]))
-            rates[:, list(self.motion.free)] = moved.T
+            rates[:, list(self.motion.passive_variables)] = moved.T
             turn[:] = np.moveaxis(tree.body_rates(vectors, rates), 0, -1)
         return turns
 

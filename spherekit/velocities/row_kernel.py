@@ -114,7 +114,11 @@ class RowKernel:
         pivots: EliminationOrder,
         engine: Engine,
     ) -> None:
-        mechanism, self.engine, self.free = motion.mechanism, engine, motion.free
+        mechanism, self.engine, self.free = (
+            motion.mechanism,
+            engine,
+            motion.passive_variables,
+        )
         self._variables = symbols(mechanism.variable_names)
         given = mechanism, self._variables, pivots, motion.assembly.inputs
         rows, columns = RowTerms(*given), dict[Any, int]()
@@ -122,7 +126,7 @@ class RowKernel:
         self.moving = [MovingTerms(rows, item, columns) for item in requests]
         self._columns = [x[1] if isinstance(x, tuple) else x for x in columns]
         doubts = (moving.in_doubt for moving in self.moving)
-        self.vouches = bool(motion.free) and not any(doubts)
+        self.vouches = bool(motion.passive_variables) and not any(doubts)
         self._profiles = rows.pairs.sides_with_columns
         self._form = None if self._profiles else closed_form(mechanism, motion.assembly)
         self.in_threads, self.kept = engine == "compiled", len(self._columns)
@@ -355,7 +359,7 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     One order need not be regular in all assembly modes: where loops repeat equations of
     others, which of them do may depend on the mode.
     """
-    if not motion.free:
+    if not motion.passive_variables:
         return []
     good = np.flatnonzero(~motion.failed & (motion.float64_error < 1e-6))
     if not len(good):
@@ -363,7 +367,9 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     if not len(good):
         return None
     chosen = good[np.unique(np.linspace(0, len(good) - 1, REFERENCES).astype(int))]
-    assigned = assign_elimination_orders(motion.linearisation.jacobian[chosen], motion.free)
+    assigned = assign_elimination_orders(
+        motion.linearisation.jacobian[chosen], motion.passive_variables
+    )
     if not assigned:
         return None
     # Of orders with as many rows the first: it was chosen by all rows together.

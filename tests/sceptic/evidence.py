@@ -15,7 +15,7 @@ from pandas.api.types import is_numeric_dtype
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.conventions import DEFAULT_SAMPLES
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.tables.table_files import read_parquet
 
 ANALYSES = (

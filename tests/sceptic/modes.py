@@ -8,7 +8,7 @@ from sceptic.evidence import Kind, check
 
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
 SAME = 1e-6
@@ -78,7 +78,7 @@ def run_and_curves(evidence, notes):
         points = [
             each.curve.at(s).values
             for each in found.curves
-            for s in each.curve.at_input(tracer.solver.single, float(q[0])).places
+            for s in each.curve.at_input(tracer.solver.input_variable, float(q[0])).places
         ]
         on_curves = placed(tracer, np.array(points))
         # Wheels in mesh come back to an input in another configuration.

@@ -64,7 +64,7 @@ def _on_curves(evidence, points, notes):
         )
         if row.kind == "III":
             continue  # where curves cross they end a little before
-        off = abs(values[0, tracer.solver.single] - row.q)
+        off = abs(values[0, tracer.solver.input_variable] - row.q)
         off = abs(off - 2.0 * np.pi * round(off / (2.0 * np.pi)))
         notes.contradiction(
             not off < AGREE,

@@ -19,7 +19,7 @@ from spherekit.mechanism.elements import (
 )
 from spherekit.mechanism.inertia import Mass
 from spherekit.planning.assembly_plan import driven_at
-from spherekit.positions.motion import PositionAnalysis
+from spherekit.positions.position_analysis import PositionAnalysis
 
 TURN = 2.0 * np.pi
 RANGES = ((0.0, TURN), (-np.pi, np.pi), (0.0, 2.0 * TURN), (-0.7, 1.9), (-TURN, TURN))

@@ -41,12 +41,12 @@ from spherekit.planning.pole_plan import (
     pole_of,
 )
 from spherekit.planning.pole_planner import plans
-from spherekit.positions.assembly_mode import Solver
 from spherekit.positions.mode_meetings import degrees_text
 from spherekit.positions.motion_cache import (
     assembly_by_count_or_rank,
     is_mobile_by_rank_only,
 )
+from spherekit.positions.position_solver import PositionSolver
 from spherekit.scenes.link_scenes import PROFILE_POINTS
 from spherekit.velocities.load_numbers import LOADED
 from spherekit.velocities.row_quantities import middle_pairs, row_quantities
@@ -181,7 +181,7 @@ class PageMaker:
 
         After a `period` (rad) of the input all configurations return; None without one.
         """
-        solver = Solver(self.mechanism, assembly_by_count_or_rank(self.mechanism))
+        solver = PositionSolver(self.mechanism, assembly_by_count_or_rank(self.mechanism))
         (anchor,), (period,) = solver.anchor, solver.periods
         return {
             "pair": pair,
@@ -195,7 +195,7 @@ class PageMaker:
         `anchor` is the input (rad) of the reference pose, at which smooth curves have the
         numbers of the modes. It is None if it is not in the range.
         """
-        solver = Solver(self.mechanism, assembly_by_count_or_rank(self.mechanism))
+        solver = PositionSolver(self.mechanism, assembly_by_count_or_rank(self.mechanism))
         (anchor,), (driven,) = solver.anchor, self.mechanism.inputs
         low, high = driven.range
         if solver.reference is None or not low <= anchor <= high:

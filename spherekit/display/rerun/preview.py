@@ -14,7 +14,8 @@ from spherekit.geometry.triangle import arc
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_planner import plans
-from spherekit.positions.motion import Motion, PositionAnalysis
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.scenes.link_scenes import link_shapes, motion_scenes, static_scene
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Mark, Primitive, Scene, SphereCurves, Text

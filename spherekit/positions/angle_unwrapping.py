@@ -1,0 +1,488 @@
+"""Angles of passive pairs, counted over full revolutions.
+
+A motion reduces the angles of passive R pairs to (-pi, pi]. Along an assembly mode these
+angles are continuous functions of the inputs, and loads such as wound springs depend on
+how many revolutions a pair has made. The revolutions are counted from the anchor: the
+inputs of the reference pose, or zero. At the anchor every passive angle is in (-pi, pi].
+
+Angles that gear ratios fix are linear functions of the inputs. All others are followed by
+verified steps from the anchor, however far apart the samples are.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats
+from spherekit.conventions import TURN
+from spherekit.geometry.rotation import all_finite, max_abs, nans
+from spherekit.positions.assembly_mode import AssemblyMode
+from spherekit.positions.group_conditioning import group_reciprocal_condition
+from spherekit.positions.input_revolutions import whole_laps
+from spherekit.positions.mode_predictor import ModeCurve, follow_each
+from spherekit.positions.motion import Motion
+from spherekit.positions.path_continuation import follow_inputs
+from spherekit.positions.position_solver import PositionSolver
+from spherekit.status import Status
+from spherekit.tolerances import SINGULAR_GROUP_CONDITION
+
+SAME_MODE_TOLERANCE_RAD = 0.3
+"""Angles that differ more from those of a followed mode belong to another mode.
+
+The comparison is between verified configurations at equal inputs. Larger: neighbouring
+modes are confused. Smaller: interpolated angles are no longer recognised.
+"""
+DEAD_CENTRE_SLACK_RAD = 1e-4
+"""An input so little beyond the end of a followed curve counts as at its end.
+
+The curve ends at a dead centre, a little before the inputs of the last samples.
+"""
+CROSSING_DISTANCE_RAD = 1e-4
+"""Angles on both sides of a crossing of curves are compared so far from it."""
+LARGEST_REDUCED_ANGLE = np.pi + 1e-3
+"""Upper end (rad) of the interval into which angles at the anchor are reduced.
+
+It is a little greater than pi, so that an angle of half a revolution is positive in spite
+of rounding, also if the anchor is a dead centre, where rounding errors are large.
+"""
+
+LastAngles = dict[str, list[float]]
+"""The last configuration of each mode, with its revolutions, by the number of the mode.
+
+The next block of samples continues from it. It is empty for mechanisms with one input,
+whose value alone determines all revolutions.
+"""
+
+
+def count_revolutions(angles: Floats) -> Floats:
+    """Return the whole revolutions by which angles (rad) exceed (-pi, pi]."""
+    return np.ceil((angles - LARGEST_REDUCED_ANGLE) / TURN)
+
+
+class RevolutionSteps(NamedTuple):
+    """Revolutions gained between configurations.
+
+    Attributes
+    ----------
+    revolutions
+        (n, angles) whole revolutions.
+    is_connected
+        (n,) whether a straight path of the inputs connects the configurations.
+    """
+
+    revolutions: Floats
+    is_connected: Bools
+
+
+@dataclass(frozen=True)
+class UnwrappedStretch:
+    """A stretch of one input over which the angles of a mode were followed.
+
+    Attributes
+    ----------
+    curve
+        The followed configurations.
+    input_variable, angles
+        Numbers of the variable of the input and of the passive angles.
+    period
+        Growth of the input (rad) after which the configurations repeat, or infinite.
+    winding
+        (angles,) revolutions that the angles gain in one period.
+    start_revolutions
+        (angles,) revolutions of the curve at the anchor.
+    """
+
+    curve: ModeCurve
+    input_variable: int
+    angles: list[int]
+    period: float
+    winding: Floats
+    start_revolutions: Floats
+
+    def count_revolutions(self, values: Floats) -> Floats:
+        """Return the revolutions to be added to the angles of configurations.
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad), the input over full revolutions.
+
+        Returns
+        -------
+        (n, angles) revolutions; NaN for configurations that are not on this stretch.
+        """
+        low, high = self.curve.inputs[[0, -1]]
+        # A sample just below the lower end belongs to this lap, not to the end of the one
+        # before.
+        from_low = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
+        reduced_input = low - DEAD_CENTRE_SLACK_RAD + np.mod(from_low, self.period)
+        followed, _ = self.curve.predict(np.clip(reduced_input, low, high))
+        difference = (followed - values)[:, self.angles]
+        revolutions = np.round(difference / TURN)
+        deviation = max_abs(difference - TURN * revolutions, axis=1)
+        is_on_stretch = reduced_input <= high + DEAD_CENTRE_SLACK_RAD
+        is_on_stretch &= deviation < SAME_MODE_TOLERANCE_RAD
+        laps = np.floor(from_low / self.period)
+        revolutions += laps[:, None] * self.winding - self.start_revolutions
+        return np.where(is_on_stretch[:, None], revolutions, np.nan)
+
+
+class AngleUnwrapping:
+    """Counts the revolutions of the passive pairs of one mechanism.
+
+    With one input, the stretches that were followed are kept for later calls.
+    """
+
+    def __init__(self, solver: PositionSolver) -> None:
+        self.solver = solver
+        self._closure = solver.closure
+        self._driven = list(solver.driven)
+        self._angles = sorted({*solver.angles} - {*solver.driven})
+        self._stretches: dict[int, list[UnwrappedStretch]] = {}
+
+    def count(
+        self,
+        mode: int,
+        values: Floats,
+        q: Floats,
+        requested: Sequence[int],
+        last: Sequence[float] | None = None,
+    ) -> Floats:
+        """Return the revolutions to be added to the variables of configurations.
+
+        Parameters
+        ----------
+        mode
+            Number under which followed stretches of the mode are kept.
+        values
+            (n, variables) configurations of the mode (rad). With several inputs each is
+            followed from the one before.
+        q
+            (n, inputs) inputs (rad) over full revolutions. They may be whole periods away
+            from those of the configurations.
+        requested
+            Numbers of the variables whose revolutions are needed. Those of others may be
+            returned as zero, which saves time.
+        last
+            (variables,) the configuration before the first with its revolutions; the
+            anchor if None. With one input it is not used.
+
+        Returns
+        -------
+        (n, variables) whole revolutions.
+        """
+        revolutions = np.zeros_like(values)
+        settled = set(self._driven)
+        anchor_angles = self.solver.gear_train_angles(self.solver.anchor[None])
+        for pair, angle in self.solver.gear_train_angles(q).items():
+            (variable,) = self.solver.mechanism.variables_of(pair)
+            start_revolutions = count_revolutions(anchor_angles[pair])
+            growth = angle - TURN * start_revolutions - values[:, variable]
+            revolutions[:, variable] = np.round(growth / TURN)
+            settled.add(variable)
+        sought = [v for v in self._angles if v not in settled]
+        if not set(sought) & set(requested) or not len(values):
+            return revolutions
+        shifted = self.solver.shift_inputs(values, q)
+        if len(self._driven) == 1:
+            passive = self._count_by_stretches(mode, shifted)
+        else:
+            passive = self._count_along_path(shifted, last)
+        revolutions[:, sought] = passive[:, np.isin(self._angles, sought)]
+        return revolutions
+
+    def count_through_crossings(
+        self, mode: AssemblyMode, values: Floats, q: Floats, requested: Sequence[int]
+    ) -> Floats:
+        """Return revolutions that are continuous through the crossings that a mode passes.
+
+        Parameters
+        ----------
+        mode
+            A mode with `pieces`.
+        values
+            (n, variables) configurations of the mode (rad).
+        q
+            (n, 1) inputs (rad) over full revolutions.
+        requested
+            Numbers of the variables whose revolutions are needed.
+
+        Returns
+        -------
+        (n, variables) whole revolutions. Below the first crossing they are those of the
+        first piece.
+        """
+        revolutions = np.zeros_like(values)
+        piece_numbers = mode.pieces_at(q[:, 0])
+        shift = np.zeros(values.shape[1])
+        for number, (crossing, piece) in enumerate(mode.pieces):
+            # Each piece keeps its own stretches: near a crossing the curves of other
+            # pieces are as near as its own. Modes have the numbers from 0 on.
+            key = -1 - mode.number * len(mode.pieces) - number
+            is_on_piece = piece_numbers == number
+            # At a crossing itself it is open which of the curves is followed.
+            ends = [start for start, _ in mode.pieces[number : number + 2]]
+            for end in ends:
+                is_on_piece &= np.abs(q[:, 0] - end) > CROSSING_DISTANCE_RAD
+            rows = np.flatnonzero(is_on_piece)
+            revolutions[rows] = self.count(key, values[rows], q[rows], requested)
+            revolutions[rows] += shift
+            if number:
+                previous_piece = mode.pieces[number - 1][1]
+                below = self._unwrap_at(
+                    key + 1, previous_piece, crossing - CROSSING_DISTANCE_RAD, requested
+                )
+                above = self._unwrap_at(
+                    key, piece, crossing + CROSSING_DISTANCE_RAD, requested
+                )
+                if not (all_finite(below) and all_finite(above)):
+                    continue  # The curve ends at the crossing.
+                at_crossing = np.abs(q[:, 0] - crossing) <= CROSSING_DISTANCE_RAD
+                difference = below - values[at_crossing]
+                revolutions[at_crossing] = shift + np.round(difference / TURN)
+                change = np.round((below - above) / TURN)
+                shift = shift + change
+                revolutions[rows] += change
+        revolutions[:, self._driven] = 0.0
+        return revolutions
+
+    def _unwrap_at(
+        self, key: int, mode: AssemblyMode, q: float, requested: Sequence[int]
+    ) -> Floats:
+        """Return the variables (variables,) rad of a mode over full revolutions at q (rad).
+
+        The `key` is the number of the mode for `count`.
+        """
+        inputs = np.array([[q]])
+        values = self.solver.evaluate(mode, inputs).values
+        if not all_finite(values):
+            return values[0]
+        unwrapped: Floats = values + TURN * self.count(key, values, inputs, requested)
+        return unwrapped[0]
+
+    def _count_by_stretches(self, mode: int, values: Floats) -> Floats:
+        """Return the revolutions (n, angles) of configurations (n, variables), one input.
+
+        The stretches that are known already are tried first. Then a new one is followed
+        from the first configuration that is on none of them.
+        """
+        (driven,) = self._driven
+        (period,) = self.solver.periods
+        revolutions = nans((len(values), len(self._angles)))
+        remaining = np.arange(len(values))
+        stretches = self._stretches.setdefault(mode, [])
+        number = 0
+        while len(remaining):
+            is_new = number == len(stretches)
+            if is_new:
+                start = values[remaining[0]]
+                inputs = values[remaining, driven]
+                stretches.append(self._follow_stretch(start, inputs, period))
+            revolutions[remaining] = stretches[number].count_revolutions(values[remaining])
+            if is_new:
+                # The start is not tried again, even if its own stretch does not contain it.
+                remaining = remaining[1:]
+            remaining = remaining[np.isnan(revolutions[remaining, 0])]
+            number += 1
+        return revolutions
+
+    def _follow_stretch(
+        self, start: Floats, inputs: Floats, period: float
+    ) -> UnwrappedStretch:
+        """Follow the mode from a configuration to the anchor and to other inputs.
+
+        Parameters
+        ----------
+        start
+            (variables,) a configuration (rad).
+        inputs
+            (m,) inputs (rad) to be reached if they do not repeat.
+        period
+            Growth of the input (rad) after which the configurations repeat, or infinite.
+        """
+        (driven,) = self._driven
+        (anchor,) = self.solver.anchor
+        angles = self._angles
+        if np.isfinite(period):
+            # One period from the anchor on contains all configurations.
+            start_input = anchor + np.mod(start[driven] - anchor, period)
+            values = self.solver.shift_inputs(start[None], np.array([[start_input]]))[0]
+            ends = [anchor, anchor + period]
+        else:
+            values = start
+            ends = [anchor, *inputs.tolist()]
+        curve = follow_each(self._closure, driven, values[None], min(ends), max(ends))[0]
+        low, high = curve.inputs[[0, -1]]
+        growth = (curve.values[-1] - curve.values[0])[angles]
+        winding = np.round(growth / TURN)
+        if not high - low > period - DEAD_CENTRE_SLACK_RAD:
+            winding = np.zeros(len(angles))
+        elif not max_abs(growth - TURN * winding) < SAME_MODE_TOLERANCE_RAD:
+            # After one period the curve is in another mode: it does not repeat.
+            return self._follow_stretch(start, inputs, np.inf)
+        # If the curve does not reach the anchor, its end nearest to the anchor is used.
+        reference = np.clip(anchor, low, high)
+        is_below_reached = low > anchor + DEAD_CENTRE_SLACK_RAD
+        if is_below_reached and high > anchor + period - DEAD_CENTRE_SLACK_RAD:
+            reference = high
+        reference_values = curve.predict(np.array([reference]))[0][0]
+        return UnwrappedStretch(
+            curve=curve,
+            input_variable=driven,
+            angles=angles,
+            period=period,
+            winding=winding,
+            start_revolutions=count_revolutions(reference_values)[angles],
+        )
+
+    def _count_along_path(self, values: Floats, last: Sequence[float] | None) -> Floats:
+        """Return the revolutions of successive configurations, for several inputs.
+
+        A configuration is connected with the one before by a straight path of the inputs
+        within the mode. If that fails, it is connected with the anchor in the same way;
+        full periods of the inputs, in which angles gain as much as at the anchor, are
+        added unless the anchor is singular. If that fails too, angles are in (-pi, pi].
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad), inputs over full revolutions.
+        last
+            (variables,) configuration before the first, with its revolutions.
+
+        Returns
+        -------
+        (n, angles) revolutions.
+        """
+        angles = self._angles
+        chain = values if last is None else np.concatenate([[last], values])
+        steps = self._follow_to(chain[1:], chain[:-1])
+        starts_anew = np.concatenate([[last is None], ~steps.is_connected])
+
+        # Connect the first configuration of each part of the path with the anchor.
+        first = chain[starts_anew]
+        periods = self.solver.periods
+        q = first[:, self._driven]
+        whole_periods = whole_laps(q - self.solver.anchor, periods)
+        goal = np.full_like(q, self.solver.anchor)
+        near_anchor = self.solver.shift_inputs(first, q - whole_periods)
+        nodes, _, _ = follow_inputs(self._closure, self._driven, near_anchor, goal)
+        at_anchor = nodes.values
+        input_error = max_abs(at_anchor[:, self._driven] - goal, axis=1)
+        is_connected = input_error < DEAD_CENTRE_SLACK_RAD
+        revolutions = np.zeros((len(chain), len(angles)))
+        reference = np.where(is_connected[:, None], at_anchor, near_anchor)
+        revolutions[starts_anew] = -count_revolutions(reference[:, angles])
+
+        # Add what the angles gain in the whole periods between there and the anchor.
+        jacobian = np.delete(self._closure.at(at_anchor).jacobian, self._driven, axis=2)
+        is_connected &= group_reciprocal_condition(jacobian) >= SINGULAR_GROUP_CONDITION
+        parts, inputs = np.nonzero(whole_periods * is_connected[:, None])
+        anchor_values = at_anchor[parts]
+        period = periods[inputs, None]
+        one_period_on = goal[parts] + np.eye(len(periods))[inputs] * period
+        gain = self._follow_to(
+            anchor_values, self.solver.shift_inputs(anchor_values, one_period_on)
+        )
+        gained = gain.is_connected
+        laps = whole_periods[parts[gained], inputs[gained], None] / period[gained]
+        rows = np.flatnonzero(starts_anew)[parts[gained]]
+        np.add.at(revolutions, rows, gain.revolutions[gained] * laps)
+
+        for row in np.flatnonzero(~starts_anew[1:]):
+            revolutions[row + 1] = revolutions[row] - steps.revolutions[row]
+        return revolutions[len(chain) - len(values) :]
+
+    def _follow_to(self, values: Floats, targets: Floats) -> RevolutionSteps:
+        """Follow configurations to the inputs of others, and compare the angles there.
+
+        Parameters
+        ----------
+        values, targets
+            (n, variables) closed configurations (rad). The inputs of `values` are moved on
+            a straight path to those of `targets`.
+
+        Returns
+        -------
+        RevolutionSteps
+            The revolutions by which the followed angles exceed those of the targets. They
+            are not connected if the path or the comparison fails.
+        """
+        nodes, status, _ = follow_inputs(
+            self._closure, self._driven, values, targets[:, self._driven]
+        )
+        difference = (nodes.values - targets)[:, self._angles]
+        revolutions = np.round(difference / TURN)
+        deviation = max_abs(difference - TURN * revolutions, axis=1)
+        is_same_mode = deviation < SAME_MODE_TOLERANCE_RAD
+        return RevolutionSteps(revolutions, (status == Status.OK) & is_same_mode)
+
+
+def continue_angles(
+    motion: Motion, names: Iterable[str], unwrapping: AngleUnwrapping, last: LastAngles
+) -> Mapping[str, Floats]:
+    """Return the variables of pairs over full revolutions at a block of samples.
+
+    Parameters
+    ----------
+    motion
+        The block. Rows without a configuration stay NaN.
+    names
+        Names of pairs with one variable.
+    unwrapping
+        Counts the revolutions for the mechanism of the motion.
+    last
+        Where the block before ended. It is set to where this block ends.
+
+    Returns
+    -------
+    mapping from the name of each pair to (n,) values. The value of a driven pair is the
+    input of the row. Arc lengths are those of the motion, and so are all variables of a
+    motion with a `sense`, which comes from a simulation and is continuous already.
+    """
+    mechanism = motion.mechanism
+    inputs = motion.assembly.inputs
+    names = list(names)
+    revolutions = np.zeros_like(motion.values)
+    requested = [mechanism.angles[name] for name in names if name in mechanism.angles]
+    if requested and motion.sense is None:
+        for index, mode in enumerate(motion.assembly_modes):
+            first = index * motion.samples
+            key = str(mode.number)
+            mode_values = motion.values[first : first + motion.samples]
+            rows = np.flatnonzero(all_finite(mode_values, 1)) + first
+            if not len(rows):
+                continue
+            values = motion.values[rows]
+            q = motion.inputs[rows]
+            if mode.pieces:
+                revolutions[rows] = unwrapping.count_through_crossings(
+                    mode, values, q, requested
+                )
+            else:
+                revolutions[rows] = unwrapping.count(
+                    mode.number, values, q, requested, last.get(key)
+                )
+            if len(inputs) > 1:
+                last_values = motion.values[rows[-1]] + TURN * revolutions[rows[-1]]
+                last_values[list(unwrapping.solver.driven)] = motion.inputs[rows[-1]]
+                last[key] = last_values.tolist()
+    variables = {}
+    for name in names:
+        pair = mechanism.pair_number[name]
+        (variable,) = mechanism.variables_of(pair)
+        variables[name] = motion.values[:, variable] + TURN * revolutions[:, variable]
+        if pair in inputs:
+            variables[name] = motion.inputs[:, inputs.index(pair)]
+    return variables
+
+
+def unwrap_motion(motion: Motion, unwrapping: AngleUnwrapping) -> Motion:
+    """Return a motion whose angles run over full revolutions, as loads need them."""
+    values = motion.values.copy()
+    angles = motion.mechanism.angles
+    for pair, angle in continue_angles(motion, angles, unwrapping, {}).items():
+        values[:, angles[pair]] = angle
+    return replace(motion, values=values)

@@ -1,0 +1,61 @@
+"""How well the closure equations of one group determine its variables."""
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.geometry.rotation import all_finite
+from spherekit.positions.linearisation import left_inverse
+
+MIN_RELATIVE_SPREAD = 1e-9
+"""Smallest spread of axes, relative to their common direction, that is compensated.
+
+Larger: groups with nearly parallel axes count as singular. Smaller: rounding errors of
+parallel axes are enlarged as if they were a spread.
+"""
+
+
+def group_reciprocal_condition(jacobians: Floats) -> Floats:
+    """Return the reciprocal condition numbers of the Jacobians of a group.
+
+    The result does not depend on how close together the axes of the group are: a group
+    whose axes all lie in a small part of the sphere is small, not singular.
+
+    Parameters
+    ----------
+    jacobians
+        (n, 3 loops, variables) derivatives of the closure residuals of a group.
+
+    Returns
+    -------
+    (n,) reciprocals of the condition numbers in the Frobenius norm. The value is 0 where
+    the Jacobian is singular and 1 where it is not finite.
+    """
+    reciprocal_condition = np.ones(len(jacobians))
+    finite = all_finite(jacobians, (1, 2))
+    scaled = _equalise_directions(jacobians[finite])
+    norm = np.linalg.norm(scaled, axis=(1, 2))
+    inverse_norm = np.linalg.norm(left_inverse(scaled), axis=(1, 2))
+    reciprocal_condition[finite] = np.nan_to_num(1.0 / (norm * inverse_norm))
+    return reciprocal_condition
+
+
+def _equalise_directions(jacobians: Floats) -> Floats:
+    """Return Jacobians (n, 3 loops, variables) scaled as if their axes were far apart.
+
+    The columns of a Jacobian consist of vectors in space, one for each loop. If the axes of
+    a group are close together, all these vectors have nearly one direction. Their
+    components along it are divided by the largest singular value of all vectors, and the
+    components across it by the second. All loops are scaled alike, so that the rank of the
+    Jacobian does not change.
+    """
+    n, rows, count = jacobians.shape
+    loops = jacobians.reshape(n, rows // 3, 3, count)
+    vectors = np.moveaxis(loops, 2, 1).reshape(n, 3, rows // 3 * count)
+    left, sizes, _ = np.linalg.svd(vectors, full_matrices=False)
+    along_common = left[:, :, :1] @ np.swapaxes(left[:, :, :1], 1, 2)
+    # A Jacobian with a single column has one singular value only.
+    sizes = np.pad(sizes, ((0, 0), (0, 1)))
+    largest = sizes[:, :1, None]
+    second = np.maximum(sizes[:, 1:2, None], MIN_RELATIVE_SPREAD * largest)
+    scaling = along_common / largest + (np.eye(3) - along_common) / second
+    return (scaling[:, None] @ loops).reshape(n, rows, count)

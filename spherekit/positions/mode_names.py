@@ -1,0 +1,112 @@
+"""The names that a mechanism file gives to assembly modes."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.conventions import Names
+from spherekit.geometry.rotation import all_finite
+from spherekit.numerics.angles import wrap
+from spherekit.positions.assembly_mode import AssemblyMode
+from spherekit.positions.mode_predictor import ModeOverGrid
+from spherekit.positions.position_solver import PositionSolver
+from spherekit.wording import listing
+
+MAX_NAME_DEVIATION_RAD = np.radians(10.0)
+"""A mode whose angles deviate more from those of a name does not get the name.
+
+Larger: a name whose angles are wrong is given to some mode all the same. Smaller: angles
+that were read off a drawing have to be more accurate.
+"""
+MAX_DEVIATION_RATIO = 0.5
+"""The deviation of the named mode is less than this part of every other mode's deviation.
+
+Larger: the name is accepted where two modes fit nearly as well. Smaller: names are refused
+where modes are close to each other.
+"""
+
+
+class NamedModes(NamedTuple):
+    """Assembly modes with their names, and a sentence for each name that no mode has."""
+
+    assembly_modes: tuple[AssemblyMode, ...]
+    unused_names: Names
+
+
+def assign_mode_names(
+    solver: PositionSolver, assembly_modes: Sequence[AssemblyMode]
+) -> NamedModes:
+    """Return assembly modes with the names that the file gives them.
+
+    In the file a name has one configuration: values of all inputs and of some other pairs.
+    The name is given to the mode that is nearest to this configuration at these inputs.
+    A name that does not state all inputs is ignored.
+    """
+    names: dict[int, str] = {}
+    unused_names: list[str] = []
+    if not assembly_modes:
+        return NamedModes((), ())
+    inputs = solver.mechanism.input_pairs
+    for name, angles_by_pair in solver.mechanism.modes.items():
+        if not set(inputs) <= angles_by_pair.keys():
+            continue
+        index, reason = _find_named_mode(solver, assembly_modes, angles_by_pair)
+        if index in names:
+            reason = f"it is mode {assembly_modes[index].number}, as {names[index]} is"
+        if reason:
+            unused_names.append(f"modes.{name}: {reason}; no mode has this name")
+        else:
+            names[index] = name
+    return NamedModes(
+        tuple(
+            mode._replace(name=names.get(index, ""))
+            for index, mode in enumerate(assembly_modes)
+        ),
+        tuple(unused_names),
+    )
+
+
+def _find_named_mode(
+    solver: PositionSolver,
+    assembly_modes: Sequence[AssemblyMode],
+    angles_by_pair: Mapping[str, float],
+) -> tuple[int, str]:
+    """Return the index of the mode with these angles (rad), or -1 and why none has them."""
+    if any(isinstance(mode.guide, ModeOverGrid) for mode in assembly_modes):
+        return -1, "modes followed over samples of several inputs have no names"
+    inputs = solver.mechanism.input_pairs
+    input_order = solver.mechanism.names_of(solver.assembly.inputs)
+    q = np.array([[angles_by_pair[pair] for pair in input_order]])
+    passive_pairs = [pair for pair in angles_by_pair if pair not in inputs]
+    variables = [solver.mechanism.angles[pair] for pair in passive_pairs]
+    angles_of_modes = [
+        solver.evaluate(mode, q).values[0, variables] for mode in assembly_modes
+    ]
+    stated_angles = [angles_by_pair[pair] for pair in passive_pairs]
+    differences = np.abs(wrap(np.array(angles_of_modes) - stated_angles))
+    # A mode that has no configuration at these inputs is infinitely far away.
+    deviations = np.nan_to_num(np.max(differences, axis=1, initial=0.0), nan=np.inf)
+    best = int(np.argmin(deviations))
+    other_deviations = np.delete(deviations, best)
+    limit = min(MAX_NAME_DEVIATION_RAD, *MAX_DEVIATION_RATIO * other_deviations)
+    if deviations[best] < limit:
+        return best, ""
+    existing_modes = [
+        f"mode {mode.number}: {', '.join(_format_angles(passive_pairs, wrap(angles)))}"
+        for mode, angles in zip(assembly_modes, angles_of_modes, strict=True)
+        if all_finite(angles)
+    ]
+    stated_inputs = _format_angles(inputs, (angles_by_pair[pair] for pair in inputs))
+    return -1, (
+        f"it is none at {listing(stated_inputs)}, where there are "
+        f"{listing(existing_modes) or 'no modes'}"
+    )
+
+
+def _format_angles(pairs: Iterable[str], angles: Iterable[float]) -> list[str]:
+    """Return texts such as ``21 = 40 deg`` for angles in rad."""
+    return [
+        f"{pair} = {angle:.6g} deg"
+        for pair, angle in zip(pairs, np.degrees([*angles]), strict=True)
+    ]

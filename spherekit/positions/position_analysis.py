@@ -1,0 +1,398 @@
+"""The position analysis: every assembly mode of a mechanism at samples of its inputs."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.argument_validation import checked
+from spherekit.arrays import Floats, Indices
+from spherekit.conventions import DEFAULT_SAMPLES, Names
+from spherekit.errors import CountError, SolveError, SpherekitError
+from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
+from spherekit.files.study import Crossings
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import driven_at, plan_assembly
+from spherekit.positions.angle_unwrapping import AngleUnwrapping
+from spherekit.positions.assembly_mode import AssemblyMode
+from spherekit.positions.configuration_space import Configurations, configuration_curves
+from spherekit.positions.input_grid import given_path, sampled, spread_rows
+from spherekit.positions.mode_meetings import (
+    ModeMeeting,
+    find_mode_meetings,
+    follow_smooth_curves,
+)
+from spherekit.positions.mode_names import assign_mode_names
+from spherekit.positions.mode_predictor import ModeOverGrid
+from spherekit.positions.mode_search import ModeSearch
+from spherekit.positions.motion import Motion, arrange_rows, make_motion
+from spherekit.positions.position_solver import ModeConfigurations, PositionSolver
+from spherekit.wording import listing
+
+MIN_CROSSING_DISTANCE_RAD = 1e-6
+"""Smoothed modes are not numbered at an input nearer than this to a crossing of curves.
+
+At a crossing itself the modes coincide and cannot be told apart.
+"""
+BLOCK_ROWS = 16384
+"""Rows in a block of `PositionAnalysis.blocks`.
+
+Larger: the arrays of a block exceed the caches of the processor. Smaller: the overhead of
+calls is noticeable. With half or twice as many a run takes the same time.
+"""
+
+
+class PositionAnalysis:
+    """The assembly modes of a mechanism over samples of its inputs.
+
+    Modes are searched when the analysis is constructed. Configurations are computed on
+    request.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with as many degrees of freedom as inputs.
+    input_pair
+        Names of the driven pairs, by default those that the mechanism declares.
+    assembly_mode
+        Number or name of the only mode that is wanted; all by default.
+    search
+        Whether to search for modes other than that of a given reference pose.
+    samples
+        Number of samples on the straight path through the ranges of all inputs; with
+        `grid` the number for each input, or a sequence of those.
+    grid
+        Whether to sample all combinations of the inputs.
+    path
+        (n, inputs) values of the inputs (rad), instead of their ranges.
+    follow
+        Whether assembly modes are searched. If not, there are none, and every motion is
+        empty.
+    crossings
+        What an assembly mode does where configuration curves cross. With "end" it keeps
+        the signs of its dyads. With "pass" it follows its smooth curve through the
+        crossing, and the signs change there.
+    independent
+        Whether the samples of a path are unrelated to each other, and are no motion. Then
+        configurations of several inputs that no verified steps connect may belong to one
+        mode, if it has none at a sample between them. So inputs far apart have few modes.
+        If no sample can be reached, there is one mode of failed rows instead of an error.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism, driven at the chosen pairs.
+    input_grid
+        The sampled inputs.
+    assembly, solver
+        The groups in solving order, and the solver of the positions.
+    assembly_modes
+        The modes that were found, or the wanted one.
+    by_rank
+        Whether the mobility follows from the rank of the velocity equations, because
+        counting on the graph gives another one.
+    claim
+        Whether assembly modes can be missing.
+    methods
+        How the modes of each group were found, None if they were not searched.
+    unused_mode_names
+        A sentence for each name in the file that no mode has.
+    numbering_input
+        With "pass": the input (rad) at which each smooth curve has the number and the
+        signs of the mode there.
+
+    Raises
+    ------
+    PlanError
+        If the mobility is not the number of inputs, or an input is a contact pair.
+    SolveError
+        If the mechanism cannot be assembled anywhere, or the wanted mode does not exist.
+    """
+
+    @checked(SolveError)
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        input_pair: str | Sequence[str] | None = None,
+        assembly_mode: int | str | None = None,
+        search: bool = True,
+        samples: int | Sequence[int] = DEFAULT_SAMPLES,
+        grid: bool = False,
+        path: Floats | None = None,
+        follow: bool = True,
+        crossings: Crossings = "end",
+        independent: bool = False,
+    ) -> None:
+        self._follow = follow
+        self._independent = independent
+        self.crossings = crossings
+        self.numbering_input = np.nan
+        self.mechanism = driven_at(mechanism, input_pair)
+        self.input_grid = sampled(self.mechanism, samples, grid, path)
+        self.by_rank = False
+        try:
+            self.assembly_modes = self._search_modes(search)
+        except CountError as count_error:
+            # Constraints that repeat each other make the count too small. The rank at the
+            # configurations decides then.
+            self.by_rank = True
+            try:
+                self.assembly_modes = self._search_modes(search)
+            except SpherekitError:
+                raise count_error from None
+        self._modes_with_constant_signs = self.assembly_modes
+        if crossings == "pass" and follow:
+            self._pass_crossings()
+        named_modes = assign_mode_names(self.solver, self.assembly_modes)
+        self.assembly_modes = named_modes.assembly_modes
+        self.unused_mode_names = named_modes.unused_names
+        if assembly_mode is not None:
+            self.assembly_modes = (
+                self.assembly_modes[self.find_mode_index(assembly_mode)],
+            )
+
+    def find_mode_index(self, assembly_mode: int | str) -> int:
+        """Return the position in `assembly_modes` of a mode, by its number or name.
+
+        Raises
+        ------
+        SolveError
+            If no mode has this number or name.
+        """
+        for index, mode in enumerate(self.assembly_modes):
+            if str(assembly_mode) in (str(mode.number), mode.name or str(mode.number)):
+                return index
+        titles = listing(f"{mode.number} ({mode.title})" for mode in self.assembly_modes)
+        raise SolveError(
+            f"{self.mechanism.name}: there is no assembly mode {assembly_mode}; the "
+            f"assembly modes found are {titles}"
+            f"{''.join(f'; {sentence}' for sentence in self.unused_mode_names)}"
+        )
+
+    def _search_modes(self, search: bool) -> tuple[AssemblyMode, ...]:
+        """Plan the assembly, search its modes and return them.
+
+        Raises
+        ------
+        PlanError
+            If the mobility is not the number of inputs.
+        """
+        self.assembly = plan_assembly(self.mechanism, self.by_rank)
+        self.solver = PositionSolver(self.mechanism, self.assembly)
+        if not self._follow:
+            return ()
+        mode_search = ModeSearch(self.solver, self.input_grid, search, self._independent)
+        self.methods = mode_search.methods
+        self.claim = mode_search.claim
+        self._probe_count = mode_search.probes
+        self._crossings = mode_search.crossings
+        self.solver.exact_configurations += [
+            crossing.values for crossing in mode_search.crossings
+        ]
+        return tuple(mode_search.assembly_modes)
+
+    def _pass_crossings(self) -> None:
+        """Replace the modes by those that follow smooth curves through crossings.
+
+        A smooth curve has the number of the mode on it at the reference pose, if this input
+        is in the range and is not a crossing, and otherwise at the low end of the range.
+
+        Raises
+        ------
+        SolveError
+            If there are several inputs, or curves meet and it is not known how they
+            continue.
+        """
+        name = self.mechanism.name
+        if len(self.inputs) != 1:
+            raise SolveError(
+                f"{name}: crossings are passed with one input only: the inputs are "
+                f'{listing(self.inputs)}; lock all but one, or leave crossings at "end"'
+            )
+        for meeting in self.mode_meetings:
+            if not meeting.resolved:
+                raise SolveError(
+                    f"{name}: {meeting.describe(self.inputs[0], True)}; narrow the range "
+                    'to one side of that input, or leave crossings at "end"'
+                )
+        low, high = self.input_grid.range
+        self.numbering_input = low + MIN_CROSSING_DISTANCE_RAD
+        anchor = float(self.solver.anchor[0])
+        distances = [abs(meeting.input - anchor) for meeting in self.mode_meetings]
+        if (
+            self.solver.reference is not None
+            and low <= anchor <= high
+            and min(distances, default=np.inf) > MIN_CROSSING_DISTANCE_RAD
+        ):
+            self.numbering_input = anchor
+        self.assembly_modes = follow_smooth_curves(
+            self._modes_with_constant_signs, self.mode_meetings, self.numbering_input
+        )
+
+    @cached_property
+    def mode_meetings(self) -> tuple[ModeMeeting, ...]:
+        """Inputs in the range at which curves of assembly modes cross, in rising order.
+
+        They are known for one input if all groups are dyads, triads or trains of wheels,
+        or if there is one group of seven bodies. Otherwise the result is empty.
+        """
+        if not self._follow or len(self.inputs) != 1:
+            return ()
+        return find_mode_meetings(
+            self.solver, self._modes_with_constant_signs, self._crossings
+        )
+
+    @property
+    def meeting_sentences(self) -> Names:
+        """A sentence for each input at which modes meet."""
+        name = self.inputs[0] if len(self.inputs) == 1 else ""
+        passes = self.crossings == "pass"
+        return tuple(meeting.describe(name, passes) for meeting in self.mode_meetings)
+
+    @property
+    def inputs(self) -> Names:
+        """Names of the driven pairs."""
+        return self.mechanism.input_pairs
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the greatest sampled value of the only input (rad).
+
+        Raises
+        ------
+        PlanError
+            If there are several inputs.
+        """
+        _ = self.assembly.input
+        return self.input_grid.range
+
+    @property
+    def search(self) -> str:
+        """How the assembly modes were searched, and whether some can be missing."""
+        if not self._follow:
+            return "no motion was traced"
+        if not self._probe_count:
+            return f"{self.claim}; no others were looked for"
+        method_texts = [
+            f"{group.kind}: {method.words}"
+            for group, method in zip(self.assembly.groups, self.methods, strict=True)
+            if method is not None
+        ]
+        return "; ".join(dict.fromkeys([str(self.claim), *method_texts]))
+
+    @cached_property
+    def configurations(self) -> Configurations:
+        """All configuration curves that meet the input's range; `PlanError` as `range`."""
+        return configuration_curves(self.solver, self.assembly_modes, *self.range)
+
+    @cached_property
+    def angle_unwrapping(self) -> AngleUnwrapping:
+        """Counts the revolutions of passive pairs."""
+        return AngleUnwrapping(self.solver)
+
+    def at(self, q: Floats) -> Motion:
+        """Return all assembly modes at inputs q (k,) or (k, inputs) rad in any order.
+
+        Raises
+        ------
+        SolveError
+            If several inputs drive irreducible groups. Their modes are known at the samples
+            of the analysis only.
+        """
+        if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
+            raise SolveError(
+                f"{self.mechanism.name}: with several inputs and irreducible groups the "
+                "motion is known at the samples of the tracer only; give these inputs as "
+                "its path"
+            )
+        return self._evaluate(given_path(q, len(self.inputs)).q, None)
+
+    def given(self, values: Floats) -> Motion:
+        """Return closed configurations (n, variables), rad, as a motion of one mode."""
+        return make_motion(self.solver, values)
+
+    def _evaluate(self, q: Floats, rows: Indices | None) -> Motion:
+        """Return all assembly modes at inputs.
+
+        Parameters
+        ----------
+        q
+            (k, inputs) inputs (rad).
+        rows
+            (k,) the samples that have these inputs, None if they are not samples.
+        """
+        if not self.assembly_modes:
+            no_values = np.empty((0, len(self.mechanism.variable_owners)))
+            return replace(make_motion(self.solver, no_values), samples=len(q))
+        configurations = ModeConfigurations.joined(
+            [self.solver.evaluate(mode, q, rows) for mode in self.assembly_modes]
+        )
+        motion = arrange_rows(
+            self.solver,
+            self.assembly_modes,
+            q=q,
+            sample=np.arange(len(q)) if rows is None else rows,
+            configurations=configurations,
+            is_path=self.input_grid.is_path,
+        )
+        return replace(motion, search=self.search)
+
+    def sparse(self, most: int) -> Motion:
+        """Return the motion at no more than `most` samples, spread evenly."""
+        return self.samples(spread_rows(len(self.input_grid), most))
+
+    def samples(self, rows: Indices) -> Motion:
+        """Return the motion at some of the samples, by their numbers."""
+        return self._evaluate(self.input_grid.q[rows], rows)
+
+    @property
+    def block(self) -> int:
+        """Number of samples in a block: all modes together have about `BLOCK_ROWS` rows."""
+        return max(1, BLOCK_ROWS // max(1, len(self.assembly_modes)))
+
+    def motion(self) -> Motion:
+        """Return the motion at all samples."""
+        return next(self.blocks(len(self.input_grid)))
+
+    def blocks(self, size: int | None = None, first: int = 0) -> Iterator[Motion]:
+        """Yield the motion in blocks of successive samples.
+
+        Parameters
+        ----------
+        size
+            Samples in a block, by default `block`.
+        first
+            Sample with which the first block begins.
+        """
+        size = size or self.block
+        for start in range(first, len(self.input_grid), size):
+            yield self.samples(np.arange(start, min(start + size, len(self.input_grid))))
+
+
+@checked(SolveError)
+def trace(
+    mechanism: AnyMechanism,
+    samples: int | Sequence[int] = DEFAULT_SAMPLES,
+    input_pair: str | Sequence[str] | None = None,
+    assembly_mode: int | None = None,
+    search: bool = True,
+    grid: bool = False,
+    path: Floats | None = None,
+    crossings: Crossings = "end",
+) -> Motion:
+    """Return the motion of a mechanism over the ranges of its inputs.
+
+    Parameters and errors are those of `PositionAnalysis`.
+    """
+    position_analysis = PositionAnalysis(
+        mechanism_of(mechanism),
+        input_pair,
+        assembly_mode,
+        search,
+        samples,
+        grid,
+        path,
+        crossings=crossings,
+    )
+    return position_analysis.motion()

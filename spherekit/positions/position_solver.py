@@ -1,0 +1,510 @@
+"""Solves the positions of a mechanism in one assembly mode at any inputs.
+
+The groups of the mechanism are placed one after another, in the order of its assembly
+plan. Dyads are placed in closed form, trains of wheels by their gear ratios, and other
+groups by Newton's method from a configuration that the mode predicts. Each sample ends
+with a status that says whether it has a configuration.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
+from spherekit.conventions import TURN
+from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.mechanism.joint_construction import make_joints_in_pose
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.angles import wrap
+from spherekit.numerics.array_rows import ArrayRows
+from spherekit.planning.assembly_plan import Assembly
+from spherekit.planning.wheel_train import GearTrain, wheel_train
+from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
+from spherekit.positions.fold_bounds import place_at_folds
+from spherekit.positions.gear_phases import GearPhases, meshes_of
+from spherekit.positions.group_assembly import (
+    State,
+    group_variables,
+    place_dyad,
+    place_group,
+    train_turns,
+    train_ways,
+)
+from spherekit.positions.group_conditioning import group_reciprocal_condition
+from spherekit.positions.linearisation import DEPENDENT, Linearisation, rank_mobility
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.mode_predictor import ModeCurve
+from spherekit.positions.pair_states import penetrates
+from spherekit.positions.path_continuation import determinant_sign
+from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD, QuadAssembly
+from spherekit.status import Status
+from spherekit.tolerances import (
+    CLOSURE_TOLERANCE,
+    EPS,
+    REACH_SLACK,
+    SINGULAR_DYAD_SINE,
+    SINGULAR_GROUP_CONDITION,
+)
+
+LAST_NODE_DISTANCE_RAD = 1e-9
+"""The last node of a mode's curve is nearer than this to the dead centre at its end.
+
+Inputs so little beyond the node count as beside the dead centre, not as out of reach.
+"""
+SAME_INPUT_TOLERANCE = 1e-15
+"""Deviation (rad, relative above 1 rad) of an input that is caused by rounding only."""
+EXACT_ERROR_RAD = 16.0 * EPS
+"""Error bound of the variables of an exact configuration."""
+EXACT_DISTANCE_RAD = 1e-5
+"""A singular configuration nearer to an exact one is replaced by it.
+
+Larger: the configuration of another mode may be replaced. Smaller: a closed form, which
+has half the digits at a dead centre, is no longer recognised.
+"""
+PREDICTION_RATIO = 0.25
+"""Newton's method may end this part of the distance of two nodes from the prediction."""
+PREDICTION_SLACK_RAD = 1e-6
+"""Deviation from the prediction that is always accepted."""
+
+
+@dataclass(frozen=True)
+class ModeConfigurations(ArrayRows):
+    """The configurations of an assembly mode at n samples of the inputs.
+
+    Attributes
+    ----------
+    values
+        (n, variables) pair variables (rad).
+    rotations
+        (n, links, 3, 3) rotations from link axes to ground axes.
+    status
+        (n,) `Status` of each sample. Samples without a configuration are NaN elsewhere.
+    residual
+        (n,) largest component of the closure residuals (rad).
+    singular_error
+        (n,) bounds (rad) of the errors of `values` near dead centres, NaN elsewhere.
+    """
+
+    values: Floats
+    rotations: Floats
+    status: SmallIntegers
+    residual: Floats
+    singular_error: Floats
+
+
+class PositionSolver:
+    """The geometry, the groups and the loop closure of a mechanism with driven pairs.
+
+    Attributes
+    ----------
+    mechanism, assembly
+        The mechanism, and its groups in the order in which they are placed.
+    joints
+        The joint of each pair.
+    reference
+        (variables,) the reference pose (rad), None if the file gives none.
+    closure
+        Loop closure of the whole mechanism.
+    driven
+        Numbers of the variables that are inputs.
+    anchor
+        (inputs,) inputs (rad) of the reference pose, or zero. There passive angles are in
+        (-pi, pi]; elsewhere they are counted from there over full revolutions.
+    exact_configurations
+        Configurations (variables,) that are known but for rounding: the reference pose,
+        and those at which curves cross. A closed form has only half the digits there.
+    """
+
+    def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
+        self.mechanism = mechanism
+        self.assembly = assembly
+        self.joints, self.reference = make_joints_in_pose(mechanism)
+        self.closure = Closure.of(mechanism, self.joints)
+        self.driven = tuple(
+            number for pair in assembly.inputs for number in mechanism.variables_of(pair)
+        )
+        self.anchor = np.zeros(len(self.driven))
+        self.exact_configurations: list[Floats] = []
+        if self.reference is not None:
+            self.anchor = self.reference[list(self.driven)]
+            self.exact_configurations.append(self.reference)
+
+    @property
+    def input_variable(self) -> int:
+        """The number of the only input's variable; `PlanError` if there are several."""
+        (number,) = self.mechanism.variables_of(self.assembly.input)
+        return number
+
+    @property
+    def angles(self) -> list[int]:
+        """Numbers of the variables that are angles of R pairs."""
+        return list(self.mechanism.angles.values())
+
+    @cached_property
+    def _gear_train(self) -> GearTrain | None:
+        """The angles that follow from the inputs by gear ratios."""
+        return wheel_train(self.mechanism, self.assembly.inputs, whole=False)
+
+    @cached_property
+    def gear_phases(self) -> GearPhases | None:
+        """How far wheels have rolled at given inputs, None without rolling contacts."""
+        return meshes_of(self.closure, self.anchor, self._gear_train)
+
+    @property
+    def periods(self) -> Floats:
+        """(inputs,) growth (rad) of each input after which the configurations repeat.
+
+        One revolution; several if wheels count revolutions, infinite if configurations
+        never repeat.
+        """
+        if self.gear_phases is None:
+            return np.full(len(self.driven), TURN)
+        return self.gear_phases.periods
+
+    def reduce_inputs(self, q: Floats) -> Floats:
+        """Return inputs (n, inputs) less whole periods, in half a period around zero."""
+        periods = self.periods
+        is_periodic = np.isfinite(periods)
+        revolutions = np.where(is_periodic, periods, TURN) / TURN
+        return np.where(is_periodic, revolutions * wrap(q / revolutions), q)
+
+    def shift_inputs(self, values: Floats, q: Floats) -> Floats:
+        """Return the same configurations at inputs that are whole periods away.
+
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad).
+        q
+            (n, inputs) new values of the inputs (rad).
+
+        Returns
+        -------
+        (n, variables) configurations in which wheels have rolled by the difference.
+        """
+        shifted = values.copy()
+        shifted[:, list(self.driven)] = q
+        if self.gear_phases is not None:
+            input_growth = q - values[:, list(self.driven)]
+            variables = list(self.gear_phases.variables)
+            shifted[:, variables] += input_growth @ self.gear_phases.ratios.T
+        return shifted
+
+    @cached_property
+    def wheel_trains(self) -> frozenset[int]:
+        """Positions of the groups whose bodies are all placed by gear ratios."""
+        gear_train = self._gear_train
+        if gear_train is None:
+            return frozenset()
+        positions = set()
+        for position, group in enumerate(self.assembly.groups):
+            contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
+            placed_count = 1 + len(train_ways(group, gear_train.followers))
+            all_placed = placed_count == len(group.bodies)
+            if all_placed and contacts and contacts <= {*gear_train.contacts}:
+                positions.add(position)
+        return frozenset(positions)
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether every group is a dyad or a train of wheels."""
+        return all(
+            group.is_dyad or position in self.wheel_trains
+            for position, group in enumerate(self.assembly.groups)
+        )
+
+    def gear_train_angles(self, q: Floats) -> dict[int, Floats]:
+        """Return the angles (n,) rad that gear ratios fix, by pair, at q (n, inputs)."""
+        gear_train = self._gear_train
+        if gear_train is None:
+            return {}
+        angles = gear_train.offsets + q @ gear_train.ratios.T
+        return dict(zip(gear_train.followers, angles.T, strict=True))
+
+    def place_wheel_train(self, state: State, position: int, q: Floats) -> Linearisation:
+        """Place the bodies of a train of wheels, and merge them into one body of `state`.
+
+        Parameters
+        ----------
+        state
+            The bodies that are placed so far; changed in place.
+        position
+            Position of the group in the assembly plan, one of `wheel_trains`.
+        q
+            (n, inputs) inputs (rad).
+
+        Returns
+        -------
+        Linearisation
+            The closure of the group, from which the caller reads whether it is closed.
+        """
+        group = self.assembly.groups[position]
+        rotations = train_turns(
+            group, state.within, state.ends, self.joints, self.gear_train_angles(q)
+        )
+        rotations = [np.broadcast_to(rotation, (len(q), 3, 3)) for rotation in rotations]
+        # The ratios give angles of some pairs only. All pair variables are read from the
+        # placed bodies, and Newton's method starts from them.
+        predicted = state.copy()
+        predicted.merge(group, np.stack(rotations, axis=1))
+        predicted.read_values(group)
+        if self.gear_phases is not None:
+            rolled_variables = list(self.gear_phases.variables)
+            predicted.values[:, rolled_variables] = self.gear_phases.rolled(q)
+        start = predicted.values[:, group_variables(state, group)]
+        return place_group(state, group, start)
+
+    def start(self, q: Floats) -> State:
+        """Return the state in which only the inputs are placed, at q (n, inputs) rad."""
+        return State.start(self.mechanism, self.joints, self.assembly, q)
+
+    def compute_mobility(self, values: Floats, rank_tolerance: float = DEPENDENT) -> int:
+        """Return the mobility of a closed configuration (variables,) by rank.
+
+        Singular values of the velocity equations count as zero below `rank_tolerance`
+        times the largest.
+        """
+        vectors = self.closure.at(values[None]).vectors
+        return int(rank_mobility(self.closure.tree, vectors, rank_tolerance)[0])
+
+    def evaluate(
+        self, assembly_mode: AssemblyMode, q: Floats, rows: Indices | None = None
+    ) -> ModeConfigurations:
+        """Return the configurations of an assembly mode at inputs in any order.
+
+        Parameters
+        ----------
+        assembly_mode
+            The mode.
+        q
+            (n, inputs) inputs (rad).
+        rows
+            (n,) samples of the input grid. They are needed for modes that are known at the
+            samples of a grid only.
+        """
+        if assembly_mode.pieces:
+            return self._evaluate_pieces(assembly_mode, q)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            state = self.start(q)
+            status = np.zeros(len(q), dtype=np.int8)
+            for position, sign in enumerate(assembly_mode.signs):
+                if sign:
+                    sine = place_dyad(state, self.assembly.groups[position], sign)
+                    _set_status(status, state.lost, Status.OUT_OF_REACH)
+                    _set_status(status, sine < SINGULAR_DYAD_SINE, Status.AT_SINGULARITY)
+                else:
+                    self._place_without_sign(
+                        assembly_mode, position, q, rows, state, status
+                    )
+
+            # Rows near dead centres are solved again, by a method that keeps more digits.
+            is_exact = self._restore_exact(q, state.values, status)
+            is_past_end = self._clip_to_last_node(assembly_mode, q, state, status)
+            singular = ((status == Status.AT_SINGULARITY) & ~is_exact) | is_past_end
+            # Several dyads that are nearly in line lose as many digits as one that is, and
+            # so does a dyad between axes that nearly coincide.
+            loses_digits = state.slack > REACH_SLACK / SINGULAR_DYAD_SINE
+            loses_digits |= state.slenderness < SINGULAR_DYAD_SINE
+            singular |= (status == Status.OK) & loses_digits
+            singular_error = np.where(is_exact, EXACT_ERROR_RAD, np.nan)
+            if np.any(singular):
+                singular_rows = np.flatnonzero(singular)
+                singular_error[singular_rows] = self._place_singular(
+                    assembly_mode, q, singular_rows, state, status
+                )
+
+            closure = self.closure.at(state.values)
+            values = closure.values
+            rotations = closure.placed
+            residual = closure.gap
+            has_angles = all_finite(state.values, 1) | (status != Status.AT_SINGULARITY)
+            is_open = ~(residual < CLOSURE_TOLERANCE)
+            _set_status(status, has_angles & is_open, Status.NOT_CLOSED)
+            failed = ~has_configuration(status) | ~has_angles
+            for array in (values, rotations, residual):
+                array[failed] = np.nan
+            passive_angles = [v for v in self.angles if v not in self.driven]
+            values[:, passive_angles] = wrap(values[:, passive_angles])
+            return ModeConfigurations(values, rotations, status, residual, singular_error)
+
+    def _evaluate_pieces(
+        self, assembly_mode: AssemblyMode, q: Floats
+    ) -> ModeConfigurations:
+        """Return the configurations of a mode with pieces at inputs q (n, 1) rad."""
+        piece_numbers = assembly_mode.pieces_at(q[:, 0])
+        order = np.argsort(piece_numbers, kind="stable")
+        sorted_parts = [
+            self.evaluate(mode, q[piece_numbers == number])
+            for number, (_, mode) in enumerate(assembly_mode.pieces)
+        ]
+        return ModeConfigurations.joined(sorted_parts).rows(np.argsort(order))
+
+    def _place_without_sign(
+        self,
+        assembly_mode: AssemblyMode,
+        position: int,
+        q: Floats,
+        rows: Indices | None,
+        state: State,
+        status: SmallIntegers,
+    ) -> None:
+        """Place a group that is not a dyad, and set the status of samples that fail.
+
+        The parameters are those of `evaluate`, with the position of the group, the bodies
+        placed so far and the status (n,). The last two are changed in place.
+        """
+        group = self.assembly.groups[position]
+        if position in self.wheel_trains:
+            closure = self.place_wheel_train(state, position, q)
+            is_open = ~(closure.gap < CLOSURE_TOLERANCE)
+            _set_status(status, is_open, Status.NOT_CONVERGED)
+        else:
+            assert assembly_mode.guide is not None
+            predicted, spread, mode_status = assembly_mode.guide.at(q, rows)
+            lost = has_configuration(status) & (mode_status != Status.OK)
+            status[lost] = mode_status[lost]
+            start = predicted[:, group_variables(state, group)]
+            start = np.where(has_configuration(status)[:, None], start, np.nan)
+            closure = place_group(state, group, start)
+            is_open = ~(closure.gap < CLOSURE_TOLERANCE)
+            _set_status(status, is_open, Status.NOT_CONVERGED)
+            # Newton's method may converge to another mode, which is farther away than an
+            # interpolation between two verified nodes can be wrong.
+            deviation = max_abs(closure.values - start, axis=1)
+            limit = PREDICTION_RATIO * spread + PREDICTION_SLACK_RAD
+            _set_status(status, ~(deviation <= limit), Status.MODE_LOST)
+        reciprocal_condition = group_reciprocal_condition(closure.jacobian)
+        is_singular = reciprocal_condition < SINGULAR_GROUP_CONDITION
+        if assembly_mode.determinants:
+            # The sign of the determinant differs between neighbouring modes. In a singular
+            # configuration it is caused by rounding.
+            sign = determinant_sign(closure.jacobian)
+            is_flipped = sign != assembly_mode.determinants[position]
+            is_flipped &= reciprocal_condition >= SINGULAR_GROUP_CONDITION
+            _set_status(status, is_flipped, Status.MODE_LOST)
+        _set_status(status, is_singular, Status.AT_SINGULARITY)
+        is_off_profile = ~np.all(closure.states.inside, axis=1)
+        _set_status(status, is_off_profile, Status.OFF_PROFILE)
+        joints = [self.joints[pair] for pair in group.pairs]
+        _set_status(status, penetrates(joints, closure.states), Status.CURVATURE)
+
+    def _restore_exact(self, q: Floats, values: Floats, status: SmallIntegers) -> Bools:
+        """Replace singular configurations at the inputs of an exact configuration by it.
+
+        Parameters
+        ----------
+        q
+            (n, inputs) inputs (rad).
+        values
+            (n, variables) configurations (rad), changed in place.
+        status
+            (n,) status of each configuration.
+
+        Returns
+        -------
+        (n,) whether the configuration is now exact.
+        """
+        is_exact = np.zeros(len(q), dtype=bool)
+        singular = np.flatnonzero(status == Status.AT_SINGULARITY)
+        if not len(singular):
+            return is_exact
+        driven = list(self.driven)
+        angles = [v for v in self.angles if v not in driven]
+        for exact in self.exact_configurations:
+            input_deviation = max_abs(wrap(q[singular] - exact[driven]), axis=1)
+            scale = np.maximum(1.0, max_abs(q[singular], axis=1))
+            rows = singular[input_deviation <= SAME_INPUT_TOLERANCE * scale]
+            offset = exact - values[rows]
+            offset[:, angles] = wrap(offset[:, angles])
+            offset[:, driven] = 0.0
+            is_near = max_abs(offset, axis=1) < EXACT_DISTANCE_RAD
+            values[rows[is_near]] += offset[is_near]
+            is_exact[rows[is_near]] = True
+        return is_exact
+
+    @cached_property
+    def _quad_assembly(self) -> QuadAssembly:
+        """Places R pairs in quad precision."""
+        return QuadAssembly(self.mechanism, self.assembly)
+
+    def _clip_to_last_node(
+        self, assembly_mode: AssemblyMode, q: Floats, state: State, status: SmallIntegers
+    ) -> Bools:
+        """Return which samples (n,) lie between the last node of a curve and its end.
+
+        The curve of a mode ends at a dead centre, and its last node is a little before it.
+        Beyond the node the variables of these samples are set to those of the node.
+        """
+        is_past_end = np.zeros(len(q), dtype=bool)
+        guide = assembly_mode.guide
+        is_out = status == Status.OUT_OF_REACH
+        if isinstance(guide, ModeCurve) and np.any(is_out):
+            nearest = np.clip(q[:, 0], guide.inputs[0], guide.inputs[-1])
+            is_past_end = is_out & (np.abs(q[:, 0] - nearest) < LAST_NODE_DISTANCE_RAD)
+            state.values[is_past_end] = guide.predict(nearest[is_past_end])[0]
+        return is_past_end
+
+    def _place_singular(
+        self,
+        assembly_mode: AssemblyMode,
+        q: Floats,
+        rows: Indices,
+        state: State,
+        status: SmallIntegers,
+    ) -> Floats:
+        """Place the samples `rows` (k,) beside a dead centre again, and set their status.
+
+        In float64, angles lose half their digits with each group that is at its dead
+        centre. R pairs are therefore placed in quad precision. Contacts and loops with
+        redundant equations keep float64 values. So do rows of status OK for which the quad
+        placement has no error bound: in a long chain of dyads, bounds multiply. Angles
+        that are not known to `LARGEST_ANGLE_ERROR_RAD` are set to NaN.
+
+        Returns
+        -------
+        (k,) bounds (rad) of the errors of the variables.
+        """
+        if self._quad_assembly.is_supported:
+            placed = self._quad_assembly.place(
+                assembly_mode.signs, assembly_mode.determinants, q[rows], state.values[rows]
+            )
+            values = placed.values
+            error = placed.error
+            new_status = placed.status
+            is_unknown = ~(error <= LARGEST_ANGLE_ERROR_RAD)
+            in_float64 = np.flatnonzero((status[rows] == Status.OK) & is_unknown)
+        else:
+            values = state.values[rows]
+            error = np.full(len(rows), np.inf)
+            new_status = status[rows]
+            in_float64 = np.arange(len(rows))
+        if len(in_float64):
+            float64_rows = rows[in_float64]
+            fold = place_at_folds(
+                self.closure, self.driven, q[float64_rows], state.values[float64_rows]
+            )
+            values[in_float64] = fold.values
+            error[in_float64] = fold.error
+            is_regular = (status[float64_rows] == Status.OK) & np.isfinite(fold.error)
+            new_status[in_float64] = np.select(
+                [is_regular, fold.is_out_of_reach],
+                [Status.OK, Status.OUT_OF_REACH],
+                Status.AT_SINGULARITY,
+            )
+        has_angles = error <= LARGEST_ANGLE_ERROR_RAD
+        state.values[rows] = np.where(has_angles[:, None], values, np.nan)
+        was_out = status[rows] == Status.OUT_OF_REACH
+        status[rows] = np.where(was_out & ~has_angles, Status.OUT_OF_REACH, new_status)
+        return error
+
+
+def _set_status(status: SmallIntegers, where: Bools, code: Status) -> None:
+    """Set the status of some samples that have not failed before.
+
+    A sample keeps the first failure. AT_SINGULARITY is not a failure and is overwritten.
+    """
+    can_change = status == Status.OK
+    if code != Status.AT_SINGULARITY:
+        can_change |= status == Status.AT_SINGULARITY
+    status[where & can_change] = code
