@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 import spherekit as sk
 from spherekit.errors import AnalysisError, SolveError
 from spherekit.geometry.mirror import normal_at, quaternion, upward
-from spherekit.geometry.region_margins import spread
 from spherekit.geometry.rotation import from_quaternion
+from spherekit.geometry.sphere_mesh import spiral_directions
 from spherekit.geometry.tilt_torsion import rotation, tilt_torsion
 from spherekit.mechanism.elements import Output
 from spherekit.numerics.angles import wrap
@@ -169,7 +169,7 @@ def test_one_pose_in_all_its_terms():
 def test_nearest_reachable_pose_is_offered():
     """Against a dense sample of the sphere: nothing reachable is nearer than the offer."""
     plane = mid_plane_form(sk.load("two_dof_spm")).plane
-    every, limits = spread(200_000), np.sin(plane.arcs)
+    every, limits = spiral_directions(200_000), np.sin(plane.arcs)
     inside = upward(every[np.all(np.abs(every @ plane.axes.T) <= limits, axis=1)])
     for pose in ((120.0, 0.0), (-70.0, 40.0), (100.0, -60.0), (0.0, 120.0)):
         normal = normal_at(*np.radians(pose))

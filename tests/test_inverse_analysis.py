@@ -14,7 +14,7 @@ from spherekit_analyses.inverse_kinematics.pose_lists import read_poses
 
 import spherekit as sk
 from spherekit.errors import AnalysisError, FileError
-from spherekit.geometry.region_margins import spread
+from spherekit.geometry.sphere_mesh import spiral_directions
 from spherekit.outputs.dyad_chain import rates_of_turns
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
 from spherekit.outputs.pose_solver import GraphKinematics, output_kinematics
@@ -31,7 +31,7 @@ found_in = partial(told_by, "inverse_kinematics")
 
 def poses_for(solver, count, seed=1):
     if solver.points:
-        return spread(count)
+        return spiral_directions(count)
     return Rotation.random(count, random_state=seed).as_matrix()
 
 
@@ -77,7 +77,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
 def test_forward_of_inverse_names_the_working_mode(name):
     solver = output_kinematics(sk.load(name))
-    rows = solver.inverse(spread(40), solver.labels)
+    rows = solver.inverse(spiral_directions(40), solver.labels)
     good = np.flatnonzero((rows.status == sk.Status.OK) & (rows.type_2 > AWAY))[:40]
     names = solver.mechanism.input_pairs
     text = "+".join(
@@ -88,7 +88,7 @@ def test_forward_of_inverse_names_the_working_mode(name):
     result, findings = found_in(name, poses=text, unit="rad")
     assert findings["inputs"] == len(good)
     table = result.frame("inverse_kinematics", "forward")
-    places = spread(40)[rows.pose[good]]
+    places = spiral_directions(40)[rows.pose[good]]
     legs = list(solver.form.plane.driven) if solver.form else [0, 1]
     for number, at in enumerate(good):
         own = table[table["pose"] == number]

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.errors import AnalysisError
-from spherekit.geometry.region_margins import spread
+from spherekit.geometry.sphere_mesh import spiral_directions
 from spherekit.outputs.pose_solver import output_kinematics
 from spherekit.plugin.rotations import from_tilt_torsion
 
@@ -107,7 +107,7 @@ def test_the_closed_form_is_that_of_the_graph(made, wrist):
     mechanism = wrist if made == "differential" else gimbal(made == "pan_tilt_roll")
     closed, graph = output_kinematics(mechanism), output_kinematics(mechanism, graph=True)
     assert (closed.solved_by, graph.solved_by) == ("dyads", "graph")
-    poses = spread(6) if closed.points else from_tilt_torsion(POSES[:4])
+    poses = spiral_directions(6) if closed.points else from_tilt_torsion(POSES[:4])
     one = closed.inverse(poses, closed.labels, range(len(mechanism.pairs)))
     other = graph.inverse(poses, graph.labels, range(len(mechanism.pairs)))
     assert len(one) == 2 * len(poses) and np.all(one.status == 0)

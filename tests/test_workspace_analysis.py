@@ -11,8 +11,8 @@ from example_mechanisms import mechanism_of, unlike_legs
 from sphere_areas import common_area
 
 import spherekit as sk
-from spherekit.geometry.region_margins import spread
 from spherekit.geometry.rotation import from_quaternion, transpose
+from spherekit.geometry.sphere_mesh import spiral_directions
 from spherekit.geometry.tilt_torsion import azimuth_tilt, euler_zyz
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.elements import Output
@@ -39,7 +39,7 @@ from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.scenes.scene import SphereCurves, SphereMap, Text
 from spherekit.status import Status
 
-DIRECTIONS = spread(20_000)
+DIRECTIONS = spiral_directions(20_000)
 SCATTER = 0.02
 """What an area counted from these may be off by (sr): some 30 of them."""
 

@@ -1,7 +1,4 @@
-"""Triangles over the sphere, refined until a region's border and area are known.
-
-The directions where given margins are not negative, with area, border and parts.
-"""
+"""Regions of directions in which margins are at least 0: area, border and parts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,266 +6,40 @@ from itertools import combinations
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices, Integers
+from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import RegionError
-from spherekit.geometry.region_border import (
-    ORDERS,
-    BoundarySegments,
-    corners,
-    crossings,
-    nearest_on,
-)
+from spherekit.geometry.border_segment import BorderSegments, find_nearest_point
 from spherekit.geometry.region_margins import (
-    Evaluator,
+    MarginEvaluator,
     Margins,
-    TriangleClass,
-    check_positive,
-    judge,
-    least,
+    require_positive,
+    smallest_margins,
 )
-from spherekit.geometry.rotation import unit_rows
-from spherekit.geometry.sphere_mesh import (
-    bisected,
-    chains,
-    edge_lengths,
-    edges_of,
-    icosahedron,
-    labels,
-    triangle_areas,
-)
-from spherekit.tolerances import EPS
+from spherekit.geometry.region_refinement import RegionRefinement
+from spherekit.geometry.sphere_mesh import list_edges
+from spherekit.numerics.connectivity import label_components
 
-FINEST = 1e-6
-"""Triangles with edges shorter than this (rad) are not cut further."""
-BROKEN_SIZE = 0.05
-"""Longest edge (rad) of a triangle in which the border is that of being defined."""
-COST_OF_CUT = 50
-"""Evaluations that cutting a triangle costs, about."""
-ROUNDED = 16.0
-"""A piece whose error is below this times rounding is as good as it gets."""
+AREA_ROUNDING_SR = 1e-14
+"""Rounding error of a sum of areas (sr), a part of every error."""
 
+MAX_EXCLUDING_MARGINS = 4
+"""Largest set of margins that is tried in search of the reason why a region is empty."""
 
-class Refinement:
-    """The state of the search: a mesh, what is known of its triangles, and the border."""
-
-    def __init__(self, evaluate: Evaluator, spacing: float) -> None:
-        self.evaluate = evaluate
-        self.points, self.triangles = icosahedron(spacing)
-        self.values = evaluate(self.points)
-        count = len(self.triangles)
-        self.verdict = np.full(count, -1)
-        self.size = np.zeros(count)
-        self.contested = np.zeros(count, dtype=bool)
-        self.crossing_keys = self.crossing_margins = nothing = np.zeros(0, np.intp)
-        self.crossing_points = none = self.points[:0]
-        no = self.contested[:0]
-        self.pieces = BoundarySegments.over(
-            evaluate, (none, none), nothing, (nothing, nothing, nothing, no), no
-        )
-
-    def run(self, tolerance: float, feature: float, most: int) -> None:
-        """Refine until the error is at most `tolerance` (sr) or nothing more helps.
-
-        Open triangles are cut down to `feature` (rad), and below only while that brings
-        the error down to the tolerance; the work ends after `most` evaluations.
-        """
-        while True:
-            self._judge()
-            cut = (self.verdict == TriangleClass.BROKEN) & (self.size > BROKEN_SIZE)
-            cut |= self.open & (self.size > feature)
-            if not cut.any():
-                self._bound()
-                cut = self.open & (self.size > feature)
-            if not cut.any():
-                cut = self._improve(tolerance)
-            cost = COST_OF_CUT * np.count_nonzero(cut)
-            if not cost or self.evaluate.evaluations + cost > most:
-                break
-            self._cut(cut)
-        self._bound()
-
-    @property
-    def inside(self) -> Bools:
-        """Which vertices (V,) are in the region."""
-        return least(self.values) >= 0.0
-
-    @property
-    def areas(self) -> Floats:
-        """The areas (T,) of the triangles (sr)."""
-        a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
-        return triangle_areas(a, b, c)
-
-    @property
-    def open(self) -> Bools:
-        """Of which triangles (T,) too little is known."""
-        return self.verdict == TriangleClass.OPEN
-
-    def _mixed(self) -> tuple[Integers, Indices, Indices, Bools]:
-        """Return what triangles with a piece of the border are divided into.
-
-        The number (T,) of vertices inside of every triangle; for each piece the vertex with
-        which it makes a fan, the third vertex of a triangle between the fan and the rest,
-        and whether the region has that triangle too.
-        """
-        held = self.inside[self.triangles].sum(axis=1)
-        odd, second, third = self._turned(self.pieces.owner)
-        single = held[self.pieces.owner] == 1
-        return held, np.where(single, odd, second), third, ~single & self.pieces.leading
-
-    def area_inside(self) -> Floats:
-        """Return the area (T,) of the region that each triangle accounts for.
-
-        A piece of the border may leave its triangle: only the sum over triangles that
-        hang together means something.
-        """
-        held, top, third, more = self._mixed()
-        apex, beside = self.points[top], self.points[third]
-        start, end = np.moveaxis(self.pieces.ends, 1, 0)
-        part = triangle_areas(apex, start, end) + self.pieces.area
-        part += more * triangle_areas(apex, beside, start)
-        return (held == 3) * self.areas + np.bincount(self.pieces.owner, part, len(held))
-
-    def surface(self) -> tuple[Floats, Indices]:
-        """Return points and triangles of the region alone, its border as it was found."""
-        held, apex, third, more = self._mixed()
-        nodes, piece = self.pieces.points(np.arange(len(apex)))
-        points = np.concatenate([self.points, nodes])
-        number = np.arange(len(self.points), len(points))
-        starts = np.diff(piece, prepend=-1) > 0
-        fan = np.stack([apex[piece], number, number + 1], axis=1)[:-1][~starts[1:]]
-        first = np.stack([apex, third, number[starts]], axis=1)[more]
-        return points, np.concatenate([self.triangles[held == 3], fan, first])
-
-    def loops(self) -> list[Indices]:
-        """Return the pieces of every closed curve of the border, in order."""
-        pieces = self.pieces
-        number = np.arange(len(self.pieces.start))
-        second, first = of_start = np.full((2, len(self.crossing_keys)), -1)
-        of_start[pieces.leading.astype(int), pieces.start] = number
-        corner = np.where(pieces.leading, second[pieces.start], -1)
-        ahead = np.where(corner >= 0, corner, first[pieces.stop])
-        links = np.stack([number, ahead], axis=1)[ahead >= 0]
-        return chains(len(number), links, directed=True)
-
-    def _turned(self, which: Indices) -> Indices:
-        """Return the vertices (3, n) of mixed triangles, that unlike the others first."""
-        vertices = self.triangles[which]
-        held = self.inside[vertices]
-        unlike = held == (held.sum(axis=1) == 1)[:, None]
-        place = (np.argmax(unlike, axis=1)[:, None] + np.arange(3)) % 3
-        return np.take_along_axis(vertices, place, axis=1).T
-
-    def _judge(self) -> None:
-        """Sample the triangles not yet judged."""
-        fresh = np.flatnonzero(self.verdict < 0)
-        triangles = self.triangles[fresh]
-        self.size[fresh] = edge_lengths(self.points, triangles).max(axis=1)
-        edges, sides = edges_of(triangles)
-        low, high = np.moveaxis(self.points[edges], 1, 0)
-        centres = self.points[triangles].sum(axis=1)
-        places = np.concatenate([low + high, 3.0 * low + high, centres])
-        margins = self.evaluate(unit_rows(places))
-        middle, check, centre = np.split(margins, [len(edges), 2 * len(edges)])
-        rows = [self.values[triangles.T], middle[sides.T], check[sides.T], centre[None]]
-        self.verdict[fresh], self.contested[fresh] = judge(
-            self.points, triangles, np.concatenate(rows)
-        )
-
-    def _bound(self) -> None:
-        """Find the border in the mixed triangles where it is not known yet."""
-        held = self.inside[self.triangles].sum(axis=1)
-        mixed = held % 3 != 0
-        self.verdict[(self.verdict == TriangleClass.BROKEN) & ~mixed] = TriangleClass.OPEN
-        mixed[self.pieces.owner] = False
-        self.verdict[mixed & (self.verdict < TriangleClass.SIMPLE)] = TriangleClass.OPEN
-        fresh = np.flatnonzero(mixed)
-        odd, second, third = self._turned(fresh)
-        both = self._cross(odd, second), self._cross(odd, third)
-        ends = np.where(held[fresh] == 1, both, both[::-1])
-        margins = self.crossing_margins[ends]
-        (a, b) = self.crossing_points[ends]
-        turning = np.flatnonzero(margins[0] != margins[1])
-        pair = margins[:, turning].T
-        corner, sound = corners(self.evaluate, a[turning], b[turning], pair)
-        self.verdict[fresh[turning[~sound]]] = TriangleClass.OPEN
-        more, corner = turning[sound], corner[sound]
-        middle = b.copy()
-        middle[more] = corner
-        every = np.append(np.arange(len(fresh)), more)
-        owner = fresh[every]
-        pieces = BoundarySegments.over(
-            self.evaluate,
-            (np.concatenate([a, corner]), np.concatenate([middle, b[more]])),
-            np.append(margins[0], margins[1, more]),
-            (owner, *ends[:, every], np.arange(len(every)) < len(fresh)),
-            ~self.open[owner],
-        )
-        pieces.audit(self.evaluate, np.flatnonzero(self.contested[owner] & pieces.sound))
-        self.verdict[owner[~pieces.sound]] = TriangleClass.OPEN
-        self.pieces = BoundarySegments.joined([self.pieces, pieces])
-
-    def _cross(self, one: Indices, other: Indices) -> Indices:
-        """Return the numbers of the crossings of edges (n,), one end inside."""
-        ends = np.where(self.inside[one], [one, other], [other, one])
-        keys = ends[0] << 32 | ends[1]
-        fresh = np.setdiff1d(keys, self.crossing_keys)
-        points, margins = crossings(
-            self.evaluate, self.points[fresh >> 32], self.points[fresh & (2**32 - 1)]
-        )
-        self.crossing_keys = np.append(self.crossing_keys, fresh)
-        self.crossing_points = np.concatenate([self.crossing_points, points])
-        self.crossing_margins = np.append(self.crossing_margins, margins)
-        order = np.argsort(self.crossing_keys)
-        return order[np.searchsorted(self.crossing_keys, keys, sorter=order)]
-
-    def _improve(self, tolerance: float) -> Bools:
-        """Bring the error down without new triangles; return those to cut for more."""
-        cut = np.zeros(len(self.triangles), dtype=bool)
-        pieces, share = self.pieces, 0.5 * tolerance
-        while True:
-            counted = ~self.open[pieces.owner]
-            poor = counted & (pieces.error > ROUNDED * EPS * pieces.length)
-            error = np.where(poor, pieces.error, 0.0)
-            if error.sum() <= share:
-                break
-            poor = error > 0.5 * share / np.count_nonzero(counted)
-            rough = poor & (pieces.order < ORDERS[-1])
-            if not rough.any():
-                cut[pieces.owner[poor]] = True
-                break
-            pieces.raise_order(self.evaluate, np.flatnonzero(rough))
-            self.verdict[pieces.owner[~pieces.sound]] = TriangleClass.OPEN
-        area = self.open * self.areas
-        if area.sum() > share:
-            cut |= area > 0.1 * area.max()
-        return cut & (self.size > FINEST)
-
-    def _cut(self, marked: Bools) -> None:
-        """Cut the marked triangles, keeping what is known of the others."""
-        count = len(self.points)
-        self.points, self.triangles, origin = bisected(self.points, self.triangles, marked)
-        self.values = np.concatenate([self.values, self.evaluate(self.points[count:])])
-        place = np.full(len(marked) + 1, -1)
-        place[origin] = np.arange(len(origin))
-        self.verdict = np.where(origin >= 0, self.verdict[origin], -1)
-        self.size = self.size[origin]
-        self.contested = self.contested[origin]
-        self.pieces.owner[:] = place[self.pieces.owner]
-        self.pieces = self.pieces.rows(self.pieces.owner >= 0)
-
-
-ROUNDING = 1e-14
-"""Rounding of a sum of areas (sr), part of every error."""
-LARGEST_SET = 4
-"""Sets of more margins than this are not tried when a region is empty."""
+EVALUATIONS_PER_SET = 100_000
+"""Evaluations after which the search of a region for one such set ends."""
 
 
 @dataclass(frozen=True)
 class BorderArc:
-    """A smooth arc of the border: `points` (m, 3), the region to their left.
+    """A smooth arc of the border.
 
-    `margin` is the number of the margin that is 0 on it, -1 where a margin is undefined
-    on the other side.
+    Attributes
+    ----------
+    margin
+        Number of the margin that is 0 on the arc, or -1 if a margin is undefined on the
+        other side.
+    points
+        (m, 3) unit vectors along the arc, with the region to their left.
     """
 
     margin: int
@@ -277,10 +48,15 @@ class BorderArc:
 
 @dataclass(frozen=True)
 class Boundary:
-    """A closed curve of the border, as its smooth arcs in order.
+    """A closed curve of the border.
 
-    `component` and `gap` are the numbers of the part of the region on its left and of the
-    part of the outside on its right.
+    Attributes
+    ----------
+    arcs
+        Its smooth arcs in order.
+    component, gap
+        Number of the part of the region to its left, and of the part of the outside to its
+        right.
     """
 
     arcs: tuple[BorderArc, ...]
@@ -289,14 +65,14 @@ class Boundary:
 
     @property
     def points(self) -> Floats:
-        """The points (m, 3) of the whole curve, the first repeated at the end."""
+        """Points (m, 3) of the whole curve, the first repeated at the end."""
         return np.concatenate(
             [*(arc.points[:-1] for arc in self.arcs), self.arcs[0].points[:1]]
         )
 
     @property
     def corners(self) -> Floats:
-        """The points (c, 3) where arcs of different margins meet."""
+        """Points (c, 3) at which arcs of different margins meet."""
         starts = [arc.points[0] for arc in self.arcs if len(self.arcs) > 1]
         return np.reshape(starts, (-1, 3))
 
@@ -305,8 +81,17 @@ class Boundary:
 class Part:
     """A connected part of the region or of the outside.
 
-    `area` is in sr, `boundaries` are the numbers of the curves around it, `place` (3,) is
-    its vertex with the largest, or most negative, smallest margin `depth`.
+    Attributes
+    ----------
+    area
+        Area (sr).
+    boundaries
+        Numbers of the closed curves around it.
+    place
+        (3,) unit vector: the vertex of the mesh that is deepest inside the part.
+    depth
+        Smallest margin at this vertex: the largest of the part, or for a part of the
+        outside the most negative.
     """
 
     area: float
@@ -317,32 +102,36 @@ class Part:
 
 @dataclass(frozen=True)
 class Region:
-    """Directions where all margins are at least 0.
+    """The directions in which all margins are at least 0.
 
     Attributes
     ----------
     area, error
-        Area (sr) and a bound of its error: what doubling the order of the border changes,
-        and the whole area of every triangle of which too little is known.
+        Area and a bound of its error (sr). The error is the change of the area if the order
+        of the border curves is halved, plus the area of every triangle about which too
+        little is known.
     unresolved
-        That latter area alone (sr): tangent borders, corners sharper than 0.25 rad,
-        borders of where a margin is defined.
+        Area of these triangles alone (sr). They contain tangent borders, corners sharper
+        than 0.25 rad, or the border of where a margin is defined.
     components
         Connected parts, the largest first.
     gaps
-        Connected parts of the outside, the largest first; the others are the holes.
+        Connected parts of the outside, the largest first. All but the first are holes.
     boundaries
         Closed curves between a component and a gap.
     excluding
-        For an empty region, the smallest sets of margins that leave nothing together.
+        For an empty region, the smallest sets of margins that no direction satisfies
+        together, as numbers of margins.
     points, triangles, values
-        Vertices (V, 3), triangles (T, 3), counter-clockwise from outside, and margins
-        (V, k) at the vertices; NaN where undefined.
+        The mesh: vertices (V, 3), triangles (T, 3), counter-clockwise seen from outside,
+        and margins (V, k) at the vertices, NaN where undefined.
     surface_points, surface_triangles
-        Points (P, 3), the vertices first, and triangles (F, 3) that cover the region alone,
-        up to its border: what maps are drawn on.
+        Points (P, 3), first those of the mesh, and triangles (F, 3) that cover the region
+        alone, up to its border. Maps are drawn on them.
     evaluations, calls
-        Places at which the margins were evaluated, and calls that took.
+        Number of directions at which the margins were evaluated, and of calls.
+    border, margins
+        The segments of the border, and the function of the margins, for `nearest`.
     """
 
     area: float
@@ -359,45 +148,45 @@ class Region:
     surface_triangles: Indices = field(repr=False)
     evaluations: int
     calls: int
-    border: BoundarySegments = field(repr=False)
+    border: BorderSegments = field(repr=False)
     margins: Margins = field(repr=False)
 
     @property
     def inside(self) -> Bools:
-        """Which vertices (V,) are in the region."""
-        return least(self.values) >= 0.0
+        """Whether each vertex (V,) of the mesh is in the region."""
+        return smallest_margins(self.values) >= 0.0
 
     @property
     def holes(self) -> tuple[Part, ...]:
-        """The gaps but for the largest."""
+        """All gaps except the largest."""
         return self.gaps[1:]
 
     def nearest(self, point: Sequence[float] | Floats) -> Floats:
-        """Return the point (3,) of the region nearest to a direction (3,).
+        """Return the unit vector (3,) of the region that is nearest to a direction (3,).
 
-        A direction in the region is returned as it is, scaled to length 1.
+        A direction in the region is returned itself, scaled to length 1.
 
         Raises
         ------
         RegionError
             The region is empty, or the direction is not a vector.
         """
-        place = np.asarray(point, dtype=float)
-        length = np.linalg.norm(place)
-        if place.shape != (3,) or not 0.0 < length < np.inf:
+        direction = np.asarray(point, dtype=float)
+        length = np.linalg.norm(direction)
+        if direction.shape != (3,) or not 0.0 < length < np.inf:
             raise RegionError(
                 f"{point!r} is not a direction; give three finite numbers, not all 0"
             )
-        place = place / length
-        evaluate = Evaluator(self.margins, self.values)
-        if least(evaluate(place[None]))[0] >= 0.0:
-            return place
+        direction = direction / length
+        evaluate = MarginEvaluator(self.margins, self.values)
+        if smallest_margins(evaluate(direction[None]))[0] >= 0.0:
+            return direction
         if not len(self.border.margin):
             raise RegionError(
                 "the region is empty, so no point of it is nearest; sets of margins that "
                 f"exclude each other: {self.excluding}"
             )
-        return nearest_on(self.border, evaluate, place)
+        return find_nearest_point(self.border, evaluate, direction)
 
 
 def find_region(
@@ -407,121 +196,187 @@ def find_region(
     feature: float = 1e-3,
     most: int = 1_000_000,
 ) -> Region:
-    """Return the directions where all margins are at least 0.
+    """Return the region of directions in which all margins are at least 0.
 
     Parameters
     ----------
     margins
-        Values (n, k) at unit vectors (n, 3). Smooth across the border where they can be:
-        a margin that ends at the border, or jumps there, costs far more. NaN says that a
-        direction cannot be reached, unless another margin is negative there.
+        Function of unit vectors (n, 3) that returns margins (n, k). Margins should be
+        smooth across the border. A margin that ends or jumps at the border takes far more
+        evaluations. NaN means that a direction cannot be reached, unless another margin is
+        negative there.
     tolerance
-        Error of the area (sr) to aim at; `error` says what was reached.
+        Wanted error of the area (sr). `Region.error` is the error that was reached.
     spacing
-        Longest edge (rad) of the first triangles, which are sampled at half of it. What the
-        margins do between samples is taken from polynomials of degree 2 whose error is
-        sampled too: features of margins that are narrower and leave no trace at the
-        samples are not seen.
+        Longest edge (rad) of the first triangles, which are sampled at half of it. Between
+        samples the margins are interpolated by polynomials of degree 2, and the error of
+        these is sampled too. Narrower features of margins that do not affect the samples
+        are missed.
     feature
-        Triangles in which a part of the region, or a hole, may hide are cut until their
-        edges are shorter than this (rad); below, only as the tolerance asks.
+        Triangles in which a part of the region, or a hole, may be hidden are cut until
+        their edges are shorter than this (rad). Smaller ones are cut only if the tolerance
+        requires it.
     most
-        Evaluations after which the work ends.
+        Evaluations after which the search ends.
 
     Raises
     ------
     RegionError
         A size is not positive, or the margins do not return a row for each place.
     """
-    check_positive(
+    require_positive(
         {"tolerance": tolerance, "spacing": spacing, "feature": feature, "most": most}
     )
-    evaluate = Evaluator(margins)
-    search = Refinement(evaluate, spacing)
-    search.run(tolerance, feature, most)
-    areas = search.area_inside()
-    unresolved = float(np.sum(search.areas[search.open]))
-    counted = ~search.open[search.pieces.owner]
-    components, gaps, boundaries = _parts(search, areas)
+    evaluate = MarginEvaluator(margins)
+    refinement = RegionRefinement(evaluate, spacing)
+    refinement.refine(tolerance, feature, most)
+    areas_inside = refinement.areas_inside()
+    unresolved = float(np.sum(refinement.areas[refinement.is_open]))
+    is_counted = ~refinement.is_open[refinement.segments.triangle]
+    segment_error = float(np.sum(refinement.segments.error[is_counted]))
+    components, gaps, boundaries = _find_parts(refinement, areas_inside)
+    excluding: tuple[tuple[int, ...], ...] = ()
+    if not components:
+        excluding = _find_excluding_sets(evaluate, refinement.values, spacing, feature)
+    surface_points, surface_triangles = refinement.surface()
     return Region(
-        float(np.sum(areas)),
-        float(np.sum(search.pieces.error[counted])) + unresolved + ROUNDING,
-        unresolved,
-        components,
-        gaps,
-        boundaries,
-        () if components else _excluding(evaluate, search.values, spacing, feature),
-        search.points,
-        search.triangles,
-        search.values,
-        *search.surface(),
-        evaluate.evaluations,
-        evaluate.calls,
-        search.pieces,
-        margins,
+        area=float(np.sum(areas_inside)),
+        error=segment_error + unresolved + AREA_ROUNDING_SR,
+        unresolved=unresolved,
+        components=components,
+        gaps=gaps,
+        boundaries=boundaries,
+        excluding=excluding,
+        points=refinement.points,
+        triangles=refinement.triangles,
+        values=refinement.values,
+        surface_points=surface_points,
+        surface_triangles=surface_triangles,
+        evaluations=evaluate.evaluations,
+        calls=evaluate.calls,
+        border=refinement.segments,
+        margins=margins,
     )
 
 
-def _parts(
-    search: Refinement, areas: Floats
+def _find_parts(
+    refinement: RegionRefinement, areas_inside: Floats
 ) -> tuple[tuple[Part, ...], tuple[Part, ...], tuple[Boundary, ...]]:
-    """Return the parts of the region and of the outside, and the curves between them."""
-    triangles, value = search.triangles, least(search.values)
-    inside = value >= 0.0
-    edges, _ = edges_of(triangles)
-    label = labels(len(inside), edges[inside[edges[:, 0]] == inside[edges[:, 1]]])
-    held = inside[triangles]
-    which = np.stack([np.argmax(held, axis=1), np.argmin(held, axis=1)], axis=1)
-    beside = label[np.take_along_axis(triangles, which, axis=1)]
-    sizes = np.stack([areas, search.areas - areas], axis=1)
-    total = np.bincount(beside.ravel(), sizes.ravel(), label.max() + 1)
-    order = np.argsort(-total, kind="stable")
-    kinds = [order[np.isin(order, label[some])].tolist() for some in (inside, ~inside)]
-    numbers = {part: number for kind in kinds for number, part in enumerate(kind)}
-    loops = search.loops()
-    sides = [beside[search.pieces.owner[loop[0]]].tolist() for loop in loops]
+    """Return the parts of the region and of the outside, and the curves between them.
 
-    def part_of(part: int) -> Part:
-        members = np.flatnonzero(label == part)
-        deepest = members[np.argmax(np.abs(value[members]))]
-        around = tuple(k for k, side in enumerate(sides) if part in side)
-        depth = float(value[deepest])
-        return Part(float(total[part]), around, search.points[deepest], depth)
+    Parameters
+    ----------
+    refinement
+        The refined mesh with the border.
+    areas_inside
+        (T,) area of the region (sr) in each triangle.
 
-    boundaries = (
-        Boundary(_arcs(search.pieces, loop), numbers[component], numbers[gap])
-        for loop, (component, gap) in zip(loops, sides, strict=True)
+    Returns
+    -------
+    components, gaps, boundaries
+        As in `Region`.
+    """
+    triangles = refinement.triangles
+    depth = smallest_margins(refinement.values)
+    is_inside = depth >= 0.0
+
+    # Vertices belong to one part if edges connect them on the same side of the border.
+    edges, _ = list_edges(triangles)
+    is_uncut = is_inside[edges[:, 0]] == is_inside[edges[:, 1]]
+    part_of_vertex = label_components(len(is_inside), edges[is_uncut])
+
+    # The part inside and the part outside of each triangle, by one vertex of each. A
+    # triangle with equal vertices has the same part twice; one of its two areas is 0.
+    inside_corners = is_inside[triangles]
+    corners = np.stack(
+        [np.argmax(inside_corners, axis=1), np.argmin(inside_corners, axis=1)], axis=1
     )
-    components, gaps = (tuple(map(part_of, kind)) for kind in kinds)
+    parts_of_triangle = part_of_vertex[np.take_along_axis(triangles, corners, axis=1)]
+    areas = np.stack([areas_inside, refinement.areas - areas_inside], axis=1)
+    part_areas = np.bincount(
+        parts_of_triangle.ravel(), areas.ravel(), part_of_vertex.max() + 1
+    )
+
+    by_size = np.argsort(-part_areas, kind="stable")
+    inside_parts = by_size[np.isin(by_size, part_of_vertex[is_inside])].tolist()
+    outside_parts = by_size[np.isin(by_size, part_of_vertex[~is_inside])].tolist()
+    component_numbers = {part: number for number, part in enumerate(inside_parts)}
+    gap_numbers = {part: number for number, part in enumerate(outside_parts)}
+
+    boundaries = []
+    parts_of_boundary = []
+    for loop in refinement.border_loops():
+        triangle = refinement.segments.triangle[loop[0]]
+        inside_part, outside_part = parts_of_triangle[triangle].tolist()
+        parts_of_boundary.append((inside_part, outside_part))
+        boundaries.append(
+            Boundary(
+                arcs=_split_into_arcs(refinement.segments, loop),
+                component=component_numbers[inside_part],
+                gap=gap_numbers[outside_part],
+            )
+        )
+
+    def make_part(part: int) -> Part:
+        vertices = np.flatnonzero(part_of_vertex == part)
+        deepest = vertices[np.argmax(np.abs(depth[vertices]))]
+        return Part(
+            area=float(part_areas[part]),
+            boundaries=tuple(
+                number for number, parts in enumerate(parts_of_boundary) if part in parts
+            ),
+            place=refinement.points[deepest],
+            depth=float(depth[deepest]),
+        )
+
+    components = tuple(make_part(part) for part in inside_parts)
+    gaps = tuple(make_part(part) for part in outside_parts)
     return components, gaps, tuple(boundaries)
 
 
-def _arcs(pieces: BoundarySegments, loop: Indices) -> tuple[BorderArc, ...]:
-    """Return the smooth arcs of a closed chain of pieces."""
-    margin = pieces.margin[loop]
+def _split_into_arcs(segments: BorderSegments, loop: Indices) -> tuple[BorderArc, ...]:
+    """Return the smooth arcs of a closed chain of segments, given by their numbers (n,)."""
+    margin = segments.margin[loop]
+    # The loop is rotated so that it begins where the margin changes.
     loop = np.roll(loop, -np.argmax(margin != np.roll(margin, 1)))
-    ends = np.flatnonzero(np.diff(pieces.margin[loop])) + 1
+    changes = np.flatnonzero(np.diff(segments.margin[loop])) + 1
     return tuple(
-        BorderArc(int(pieces.margin[chain[0]]), pieces.curve(chain))
-        for chain in np.split(loop, ends)
+        BorderArc(int(segments.margin[chain[0]]), segments.polyline(chain))
+        for chain in np.split(loop, changes)
     )
 
 
-def _excluding(
-    evaluate: Evaluator, values: Floats, spacing: float, feature: float
+def _find_excluding_sets(
+    evaluate: MarginEvaluator, values: Floats, spacing: float, feature: float
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the smallest sets of margins that no direction satisfies together."""
+    """Return the smallest sets of margins that no direction satisfies together.
 
-    def empty(some: tuple[int, ...]) -> bool:
-        if np.any(least(values[:, some]) >= 0.0):
+    Parameters
+    ----------
+    evaluate
+        All margins.
+    values
+        (V, k) margins at directions that were evaluated before.
+    spacing, feature
+        As in `find_region` (rad).
+
+    Returns
+    -------
+    Sets of numbers of margins. No set contains another one.
+    """
+
+    def excludes_all(margins: tuple[int, ...]) -> bool:
+        if np.any(smallest_margins(values[:, margins]) >= 0.0):
             return False
-        search = Refinement(Evaluator(lambda places: evaluate(places)[:, some]), spacing)
-        search.run(np.inf, feature, 100_000)
-        return not search.inside.any()
+        selected = MarginEvaluator(lambda points: evaluate(points)[:, margins])
+        refinement = RegionRefinement(selected, spacing)
+        refinement.refine(np.inf, feature, EVALUATIONS_PER_SET)
+        return not refinement.is_inside.any()
 
-    sets: list[tuple[int, ...]] = []
-    for size in range(1, LARGEST_SET + 1):
-        for some in combinations(range(values.shape[1]), size):
-            if not any(set(smaller) <= set(some) for smaller in sets) and empty(some):
-                sets.append(some)
-    return tuple(sets)
+    excluding: list[tuple[int, ...]] = []
+    for size in range(1, MAX_EXCLUDING_MARGINS + 1):
+        for margins in combinations(range(values.shape[1]), size):
+            contains_smaller = any(set(smaller) <= set(margins) for smaller in excluding)
+            if not contains_smaller and excludes_all(margins):
+                excluding.append(margins)
+    return tuple(excluding)

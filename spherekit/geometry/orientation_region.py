@@ -1,9 +1,15 @@
-"""The volume of the orientations where given margins are not negative.
+"""The volume of the orientations at which given margins are at least 0.
 
-Unit quaternions up to sign are four cubes: where the component of number c is the
-largest, q is (x, y, z) with a 1 put in at c, divided by its length, and x, y, z lie in
-[-1, 1]. The measure that turning does not change is 8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz;
-all orientations have 8 pi^2 of it, as with Euler angles and sin(b) da db dc.
+Unit quaternions, up to their sign, are divided into four cubes: one for each component that
+is the largest. With a 1 in place of this component and x, y, z in [-1, 1] for the others,
+divided by the length of the vector, every point of a cube is a unit quaternion.
+
+The volume element that is invariant under rotations is
+8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz. All orientations together have the volume 8 pi^2, as
+with Euler angles and sin(b) da db dc.
+
+The cubes are divided into cells with integer coordinates. In a cell each margin is
+interpolated by a polynomial of degree 2 in each coordinate, from 27 samples.
 """
 
 from dataclasses import dataclass
@@ -12,54 +18,70 @@ import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.geometry.region_margins import (
-    VALUE_SLACK,
-    Evaluator,
+    MarginEvaluator,
     Margins,
-    check_positive,
-    least,
+    require_positive,
+    smallest_margins,
 )
 from spherekit.geometry.rotation import max_abs, unit_rows
+from spherekit.geometry.triangle_class import VALUE_SAFETY_FACTOR
 from spherekit.numerics.chebyshev import tensor
 from spherekit.progress import ProgressReporter
 
 ALL_ORIENTATIONS = 8.0 * np.pi**2
 """Volume of all orientations."""
-BITS = 18
-"""Cubes are 2**BITS units wide."""
-SIDES = 3 * (2**BITS + 1,)
-"""Places along each side of a cube."""
-COARSEST = 3
-"""Halvings of the cubes before the first look."""
-STEPS = 6
-"""Steps of the grid on which a cell's polynomials are summed."""
-COST_OF_CUT = 120
-"""Evaluations that halving a cell three ways costs, about."""
+
+CUBE_BITS = 18
+"""A cube is 2**CUBE_BITS units wide. Integer coordinates let equal points of neighbouring
+cells be recognised. Larger: cells can be smaller."""
+
+CUBE_POINTS = 3 * (2**CUBE_BITS + 1,)
+"""Number of integer points along the three sides of a cube."""
+
+FIRST_HALVINGS = 3
+"""Number of times the cubes are halved before the first evaluation."""
+
+MIN_CELL_WIDTH = 4
+"""Cells of this width, in units, are not halved: their samples are one unit apart."""
+
+STEPS_PER_CELL = 6
+"""Steps of the grid in a cell on which the volume is summed. Larger: more accurate volumes
+of cells at the border, and more computation."""
+
+EVALUATIONS_PER_CUT = 120
+"""Approximate number of evaluations that halving a cell in three directions costs."""
+
+VALUES_PER_CHUNK = 2**13
+"""Number of polynomials that are summed at once. It limits the memory."""
 
 
-def _cube(axis: Array) -> Array:
-    """Return the points (n**3, 3) of a cubic grid, the last coordinate fastest."""
+def _cubic_grid(axis: Array) -> Array:
+    """Return the points (n**3, 3) of a grid with n coordinates per axis, last fastest."""
     return tensor(3 * [axis])
 
 
-_THREE, _TWO = _cube(np.arange(3)), _cube(np.arange(2))
-_CHECKS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
-"""Places of four checks in a cell, in quarters of it."""
-_SAMPLED = np.concatenate([2 * _THREE, _CHECKS])
+_TWO_GRID = _cubic_grid(np.arange(2))
+_CHECK_QUARTERS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
+"""(4, 3) coordinates of four check points in a cell, in quarters of its width."""
+
+_SAMPLE_QUARTERS = np.concatenate([2 * _cubic_grid(np.arange(3)), _CHECK_QUARTERS])
+"""(31, 3) the same of the 27 samples and the check points."""
 
 
 @dataclass(frozen=True)
 class Orientations:
-    """Orientations where all margins are at least 0.
+    """The orientations at which all margins are at least 0.
 
     Attributes
     ----------
     volume, error
-        Volume, that of all orientations being 8 pi^2, and a bound of its error: what the
-        last halving of each cell changed.
+        Their volume, of 8 pi^2 for all orientations, and an estimate of its error: the
+        change at the last halving of each cell.
     place, depth
-        The quaternion xyzw (4,) with the largest smallest margin seen, and that margin.
+        (4,) unit quaternion xyzw with the largest smallest margin among all samples, and
+        this margin.
     evaluations, calls
-        Orientations at which the margins were evaluated, and calls that took.
+        Number of orientations at which the margins were evaluated, and of calls.
     """
 
     volume: float
@@ -71,191 +93,253 @@ class Orientations:
 
     @property
     def fraction(self) -> float:
-        """The part of all orientations."""
+        """Part of all orientations."""
         return self.volume / ALL_ORIENTATIONS
 
 
-def _at(places: Floats) -> Floats:
-    """Return what turns the 27 values of a cell into those at places (m, 3), (m, 27)."""
-    u = places.T
-    rows = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)], axis=2)
-    return np.einsum("ma,mb,mc->mabc", *rows).reshape(-1, 27)
+def _interpolation_matrix(points: Floats) -> Floats:
+    """Return the matrix (m, 27) from the 27 samples of a cell to values at points.
+
+    Parameters
+    ----------
+    points
+        (m, 3) coordinates from 0 to 1 in the cell.
+    """
+    u = points.T
+    # Lagrange polynomials of degree 2 for the nodes 0, 1/2 and 1 of each axis.
+    factors = np.stack([(1 - u) * (1 - 2 * u), 4 * u * (1 - u), u * (2 * u - 1)], axis=2)
+    return np.einsum("ma,mb,mc->mabc", *factors).reshape(-1, 27)
 
 
-_LINE = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
-_BOUNDS = np.kron(_LINE, np.kron(_LINE, _LINE))
-"""What turns 27 values into the coefficients that bound their polynomial."""
-_CENTRES = (_cube(np.arange(STEPS)) + 0.5) / STEPS
-_CHANGES = [_at(_CENTRES + h) - _at(_CENTRES - h) for h in 0.5 / STEPS * np.eye(3)]
-"""Of the polynomial over a step in each direction, there exactly its slope."""
-_MEANS = np.mean([_at(_CENTRES + h / STEPS) for h in (_TWO - 0.5) / 3**0.5], axis=0)
-"""Of the polynomial over steps, by Gauss's rule."""
+_LINE_BERNSTEIN = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
+_BERNSTEIN = np.kron(_LINE_BERNSTEIN, np.kron(_LINE_BERNSTEIN, _LINE_BERNSTEIN))
+"""(27, 27) matrix from samples to Bernstein coefficients. The smallest and largest
+coefficient bound the polynomial in the cell."""
+
+_STEP_CENTRES = (_cubic_grid(np.arange(STEPS_PER_CELL)) + 0.5) / STEPS_PER_CELL
+_AT_CENTRES = _interpolation_matrix(_STEP_CENTRES)
+_CHANGES = [
+    _interpolation_matrix(_STEP_CENTRES + half_step)
+    - _interpolation_matrix(_STEP_CENTRES - half_step)
+    for half_step in 0.5 / STEPS_PER_CELL * np.eye(3)
+]
+"""Matrices from samples to the changes over a step in each direction. For polynomials of
+degree 2 they are the derivatives at the centre times the step."""
+
+_STEP_MEANS = np.mean(
+    [
+        _interpolation_matrix(_STEP_CENTRES + offset / STEPS_PER_CELL)
+        for offset in (_TWO_GRID - 0.5) / 3**0.5
+    ],
+    axis=0,
+)
+"""Matrix from samples to the means over steps, by Gauss's rule with two nodes per axis."""
+
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-_GAUSS_PLACES = _cube(0.5 * (1.0 + _NODES))
-_GAUSS_WEIGHTS = np.prod(_cube(0.5 * _WEIGHTS), axis=1)
-"""The places (64, 3) and weights (64,) of Gauss's rule in a cell."""
+_GAUSS_POINTS = _cubic_grid(0.5 * (1.0 + _NODES))
+_GAUSS_WEIGHTS = np.prod(_cubic_grid(0.5 * _WEIGHTS), axis=1)
+"""Points (64, 3) and weights (64,) of Gauss's rule in a cell."""
 
 
 def find_orientations(
     margins: Margins, tolerance: float = 1e-3, most: int = 1_000_000
 ) -> Orientations:
-    """Return the volume of the orientations where all margins are at least 0.
+    """Return the volume of the orientations at which all margins are at least 0.
+
+    Cells in which a margin may change its sign are halved in all three directions, until
+    the volume is known well enough.
 
     Parameters
     ----------
     margins
-        Values (n, k) at unit quaternions (n, 4) xyzw, the same for q and -q. NaN says that
-        an orientation cannot be reached, unless another margin is negative there.
+        Function of unit quaternions (n, 4) xyzw that returns margins (n, k), the same for q
+        and -q. NaN means that an orientation cannot be reached, unless another margin is
+        negative there.
     tolerance
-        Error to aim at, relative to the volume.
+        Wanted error, relative to the volume.
     most
-        Evaluations after which the work ends.
+        Evaluations after which the search ends.
 
     Raises
     ------
     RegionError
         A size is not positive, or the margins do not return a row for each orientation.
-
-    Notes
-    -----
-    Cells in which a margin may change its sign are halved in all three directions. In
-    them every margin is a polynomial of degree 2 in each coordinate.
     """
-    check_positive({"tolerance": tolerance, "most": most})
-    evaluate = Evaluator(margins)
-    cells = _Cells(evaluate)
-    working = ProgressReporter("measuring a set of orientations")
+    require_positive({"tolerance": tolerance, "most": most})
+    evaluate = MarginEvaluator(margins)
+    cells = _OrientationCells(evaluate)
+    progress = ProgressReporter("measuring a set of orientations")
     while True:
         volume = float(cells.volume.sum())
         error = float(cells.error.sum())
-        goal = tolerance * volume
-        told = f"volume {volume:.4g} +- {error:.2g}, to be known to {goal:.2g}"
-        working.tell(told.__str__)
-        if error <= goal:
+        wanted_error = tolerance * volume
+        message = f"volume {volume:.4g} +- {error:.2g}, to be known to {wanted_error:.2g}"
+        progress.tell(message.__str__)
+        if error <= wanted_error:
             break
-        wide = cells.error > 0.5 * goal / np.count_nonzero(cells.error)
-        cut = np.flatnonzero(wide & (cells.cells[:, 4] > 4))
-        cost = COST_OF_CUT * len(cut)
+        # All uncertain cells at this limit would together use half of the wanted error.
+        limit = 0.5 * wanted_error / np.count_nonzero(cells.error)
+        can_halve = cells.cells[:, 4] > MIN_CELL_WIDTH
+        to_halve = np.flatnonzero((cells.error > limit) & can_halve)
+        cost = EVALUATIONS_PER_CUT * len(to_halve)
         if not cost or evaluate.evaluations + cost > most:
             break
-        cells.halve(cut)
+        cells.halve(to_halve)
     return Orientations(
-        volume, error, cells.place, cells.depth, evaluate.evaluations, evaluate.calls
+        volume=volume,
+        error=error,
+        place=cells.deepest,
+        depth=cells.depth,
+        evaluations=evaluate.evaluations,
+        calls=evaluate.calls,
     )
 
 
-class _Cells:
-    """Cells of the cubes, their volumes and how well these are known.
+class _OrientationCells:
+    """Cells of the four cubes, with the volume of the set of orientations in each.
 
-    A row of `cells` (n, 5) is the number of the cube, the lowest corner, and the width.
+    Attributes
+    ----------
+    cells
+        (n, 5) integers: the cube, the three coordinates of the lowest corner, and the
+        width, in units of the cube.
+    volume, error
+        (n,) volume of the set in each cell, and its error; 0 if it is certain.
+    deepest, depth
+        (4,) unit quaternion xyzw with the largest smallest margin, and this margin.
     """
 
-    def __init__(self, evaluate: Evaluator) -> None:
+    def __init__(self, evaluate: MarginEvaluator) -> None:
         self.evaluate = evaluate
-        self.place = np.array([0.0, 0.0, 0.0, 1.0])
+        self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
-        corners = _cube(np.arange(2**COARSEST))
-        width = 2 ** (BITS - COARSEST)
+        corners = _cubic_grid(np.arange(2**FIRST_HALVINGS))
+        width = 2 ** (CUBE_BITS - FIRST_HALVINGS)
         number = np.arange(4 * len(corners))
         self.cells = np.column_stack(
             [number // len(corners), np.tile(corners * width, (4, 1)), width + 0 * number]
         )
-        self.volume, certain = self._measure(self.cells)
-        self.error = np.where(certain, 0.0, _density(self.cells).sum(axis=1))
+        self.volume, is_certain = self._measure(self.cells)
+        self.error = np.where(is_certain, 0.0, _step_volumes(self.cells).sum(axis=1))
 
-    def halve(self, cut: Indices) -> None:
-        """Replace some cells by their eighths."""
-        cells = np.repeat(self.cells[cut], 8, axis=0)
-        cells[:, 4] //= 2
-        cells[:, 1:4] += np.tile(_TWO, (len(cut), 1)) * cells[:, 4:]
-        volume, certain = self._measure(cells)
-        change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[cut])
-        vague = ~certain.reshape(-1, 8)
-        share = change / np.maximum(np.count_nonzero(vague, axis=1), 1)
-        made = {
-            "cells": cells,
-            "volume": volume,
-            "error": np.where(vague, share[:, None], 0.0).ravel(),
-        }
-        for name, eighths in made.items():
-            kept = np.delete(getattr(self, name), cut, axis=0)
-            setattr(self, name, np.concatenate([kept, eighths]))
+    def halve(self, selected: Indices) -> None:
+        """Replace some cells (k,) by their eight parts."""
+        parts = np.repeat(self.cells[selected], 8, axis=0)
+        parts[:, 4] //= 2
+        parts[:, 1:4] += np.tile(_TWO_GRID, (len(selected), 1)) * parts[:, 4:]
+        volume, is_certain = self._measure(parts)
+
+        # The change of the volume is divided among the parts that are not certain.
+        change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[selected])
+        is_uncertain = ~is_certain.reshape(-1, 8)
+        share = change / np.maximum(np.count_nonzero(is_uncertain, axis=1), 1)
+        error = np.where(is_uncertain, share[:, None], 0.0).ravel()
+
+        self.cells = np.concatenate([np.delete(self.cells, selected, axis=0), parts])
+        self.volume = np.concatenate([np.delete(self.volume, selected), volume])
+        self.error = np.concatenate([np.delete(self.error, selected), error])
 
     def _measure(self, cells: Indices) -> tuple[Floats, Bools]:
-        """Return the volumes (n,) of the region in cells, and whether they are certain."""
-        rows, checks = self._sample(cells)
-        k = rows.shape[2]
-        error = max_abs(np.tensordot(_at(_CHECKS / 4.0), rows, axes=1) - checks, axis=0)
-        control = np.tensordot(_BOUNDS, rows, axes=1)
-        slack = VALUE_SLACK * error
-        out = (control.max(axis=0) + slack < 0.0).any(axis=1)
-        certain = out | (control.min(axis=0) >= slack).all(axis=1)
-        share = _density(cells) * ~out[:, None]
-        some = np.flatnonzero(~certain)
-        for part in np.array_split(some, len(some) * k // 2**13 + 1):
-            filled = _filled(rows[:, part].reshape(27, -1))
-            share[part] *= filled.reshape(STEPS**3, len(part), k).min(axis=2).T
-        return share.sum(axis=1), certain
+        """Return the volumes (n,) of the set in cells (n, 5), and whether they are certain.
+
+        A volume is certain if no margin can change its sign in the cell.
+        """
+        samples, checks = self._sample(cells)
+        margin_count = samples.shape[2]
+        at_checks = np.tensordot(
+            _interpolation_matrix(_CHECK_QUARTERS / 4.0), samples, axes=1
+        )
+        slack = VALUE_SAFETY_FACTOR * max_abs(at_checks - checks, axis=0)
+        bernstein = np.tensordot(_BERNSTEIN, samples, axes=1)
+        is_outside = (bernstein.max(axis=0) + slack < 0.0).any(axis=1)
+        is_certain = is_outside | (bernstein.min(axis=0) >= slack).all(axis=1)
+
+        volumes = _step_volumes(cells) * ~is_outside[:, None]
+        uncertain = np.flatnonzero(~is_certain)
+        chunk_count = len(uncertain) * margin_count // VALUES_PER_CHUNK + 1
+        for chunk in np.array_split(uncertain, chunk_count):
+            filled = _filled_fractions(samples[:, chunk].reshape(27, -1))
+            filled = filled.reshape(STEPS_PER_CELL**3, len(chunk), margin_count)
+            # The margin that excludes most of a step decides about it.
+            volumes[chunk] *= filled.min(axis=2).T
+        return volumes.sum(axis=1), is_certain
 
     def _sample(self, cells: Indices) -> tuple[Floats, Floats]:
-        """Return margins at the 27 places (27, n, k) and the checks (4, n, k) of cells.
+        """Return margins at the samples (27, n, k) and check points (4, n, k) of n cells.
 
-        A margin that is NaN is -1 where no other is negative, else the largest in the
-        cell, as it bounds nothing there.
+        A margin that is NaN is replaced: by -1 if no other margin is negative at this
+        point, because the orientation cannot be reached; otherwise by the largest value of
+        the margin in the cell, so that it does not bound the set.
         """
-        whole = cells[:, 1:4] + _SAMPLED[:, None] * (cells[:, 4:] // 4)
-        cubes = np.broadcast_to(cells[:, 0], whole.shape[:2])
-        key = np.ravel_multi_index((cubes, *np.moveaxis(whole, 2, 0)), (4, *SIDES))
-        _, first, back = np.unique(key, return_index=True, return_inverse=True)
-        quaternions = _quaternions(cubes.ravel()[first], whole.reshape(-1, 3)[first])
+        points = cells[:, 1:4] + _SAMPLE_QUARTERS[:, None] * (cells[:, 4:] // 4)
+        cubes = np.broadcast_to(cells[:, 0], points.shape[:2])
+        # Neighbouring cells share samples. Each one is evaluated once.
+        key = np.ravel_multi_index((cubes, *np.moveaxis(points, 2, 0)), (4, *CUBE_POINTS))
+        _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+        quaternions = _quaternions(cubes.ravel()[first], points.reshape(-1, 3)[first])
         margins = self.evaluate(quaternions)
-        smallest = least(margins)
+        smallest = smallest_margins(margins)
         best = int(np.argmax(smallest))
         if smallest[best] > self.depth:
-            self.place = quaternions[best]
+            self.deepest = quaternions[best]
             self.depth = float(smallest[best])
-        rows = margins[back].reshape(*cubes.shape, -1)
-        missing = np.isnan(rows)
-        negative = np.any(rows < 0.0, axis=2, keepdims=True)
-        highest = np.nan_to_num(np.fmax.reduce(rows, axis=0), nan=1.0)
-        rows = np.where(missing, np.where(negative, highest, -1.0), rows)
-        return rows[:27], rows[27:]
+        values = margins[inverse].reshape(*cubes.shape, -1)
+        is_missing = np.isnan(values)
+        has_negative = np.any(values < 0.0, axis=2, keepdims=True)
+        largest = np.nan_to_num(np.fmax.reduce(values, axis=0), nan=1.0)
+        values = np.where(is_missing, np.where(has_negative, largest, -1.0), values)
+        return values[:27], values[27:]
 
 
-def _filled(model: Floats) -> Floats:
-    """Return how full (STEPS**3, m) the steps of cells are, by polynomials (27, m).
+def _filled_fractions(polynomials: Floats) -> Floats:
+    """Return the fraction of each step of a cell in which a polynomial is positive.
 
-    Across the border this rises evenly over the width of the step, which is exact for
-    planes on the average; what bending does to that average is taken away.
+    Across the border the fraction changes linearly over the width of the step. On average
+    this is exact for planes. A correction removes the effect of curvature on the average.
+
+    Parameters
+    ----------
+    polynomials
+        (27, m) samples of m polynomials in a cell.
+
+    Returns
+    -------
+    (STEPS_PER_CELL**3, m) fractions from 0 to 1.
     """
-    value = _at(_CENTRES) @ model
-    changes = np.abs(_CHANGES @ model)
-    reach = changes.sum(axis=0)
-    square = np.sum(changes**2, axis=0)
+    value = _AT_CENTRES @ polynomials
+    changes = np.abs(_CHANGES @ polynomials)
+    change_sum = changes.sum(axis=0)
+    square_sum = np.sum(changes**2, axis=0)
     with np.errstate(all="ignore"):
-        bent = value / reach + (_MEANS @ model - value) * reach / square
-        return np.where(square > 0.0, np.clip(0.5 + bent, 0.0, 1.0), value >= 0.0)
+        curvature = _STEP_MEANS @ polynomials - value
+        offset = value / change_sum + curvature * change_sum / square_sum
+        fraction = np.clip(0.5 + offset, 0.0, 1.0)
+        # A constant polynomial fills the step or leaves it empty.
+        return np.where(square_sum > 0.0, fraction, value >= 0.0)
 
 
-def _quaternions(cube: Indices, units: Array) -> Floats:
-    """Return the unit quaternions (n, 4) xyzw at places (n, 3) of cubes (n,)."""
-    out = np.ones((len(cube), 4))
-    out[np.arange(4) != cube[:, None]] = units.ravel() * 2.0 ** (1 - BITS) - 1.0
-    return unit_rows(out)
+def _quaternions(cube: Indices, points: Array) -> Floats:
+    """Return the unit quaternions (n, 4) xyzw at integer points (n, 3) of cubes (n,)."""
+    quaternions = np.ones((len(cube), 4))
+    coordinates = points.ravel() * 2.0 ** (1 - CUBE_BITS) - 1.0
+    quaternions[np.arange(4) != cube[:, None]] = coordinates
+    return unit_rows(quaternions)
 
 
-def _density(cells: Indices) -> Floats:
-    """Return the volumes (n, STEPS**3) of the steps of cells' grids.
+def _step_volumes(cells: Indices) -> Floats:
+    """Return the volumes (n, STEPS_PER_CELL**3) of the steps of cells (n, 5).
 
-    They are those by their middles, scaled so that their sum is that by Gauss's rule.
+    The volume element at the centre of each step is used. The volumes are then scaled so
+    that their sum is the volume of the cell by Gauss's rule, which is far more accurate.
     """
-    scaled = cells[:, None] * 2.0 ** (1 - BITS)
+    scaled = cells[:, None] * 2.0 ** (1 - CUBE_BITS)
     width = scaled[..., 4:]
 
-    def density(places: Floats) -> Floats:
-        x = scaled[..., 1:4] - 1.0 + places * width
+    def density(points: Floats) -> Floats:
+        """Return the volume element (n, m) at coordinates (m, 3) from 0 to 1 in cells."""
+        x = scaled[..., 1:4] - 1.0 + points * width
         return 8.0 / (1.0 + np.vecdot(x, x)) ** 2
 
-    by_middles = density(_CENTRES)
-    whole = density(_GAUSS_PLACES) @ _GAUSS_WEIGHTS * width[:, 0, 0] ** 3
-    return by_middles * (whole / by_middles.sum(axis=1))[:, None]
+    at_centres = density(_STEP_CENTRES)
+    cell_volume = density(_GAUSS_POINTS) @ _GAUSS_WEIGHTS * width[:, 0, 0] ** 3
+    return at_centres * (cell_volume / at_centres.sum(axis=1))[:, None]

@@ -1,5 +1,10 @@
-"""Triangles on the unit sphere, refined by bisection so that no vertex hangs."""
+"""Directions and triangle meshes on the unit sphere, and how a mesh is refined.
 
+A mesh is an array of vertices (V, 3), unit vectors, and an array of triangles (T, 3),
+vertex numbers. Edges are arcs of great circles.
+"""
+
+from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
 
@@ -10,42 +15,94 @@ from spherekit.geometry.rotation import cross, unit_rows
 from spherekit.geometry.tilt_torsion import pointing
 from spherekit.geometry.triangle import arc
 
-EDGES = np.array([[0, 1], [1, 2], [2, 0]])
-_TILT = np.array([[0.36, 0.48, -0.8], [-0.8, 0.60, 0.0], [0.48, 0.64, 0.6]])
-"""A rotation that keeps the first vertices away from the axes of common regions."""
+TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
+"""Corners of a triangle that its edges 12, 23 and 31 join."""
+
+_MESH_ROTATION = np.array([[0.36, 0.48, -0.8], [-0.8, 0.60, 0.0], [0.48, 0.64, 0.6]])
+"""A rotation that keeps the vertices of the icosahedron away from the coordinate axes.
+Regions of mechanisms are often symmetric about these, and have corners or borders there."""
+
+
+def spiral_directions(count: int, min_z: float = -1.0) -> Floats:
+    """Return directions that are evenly distributed over a cap of the sphere.
+
+    They are on a spiral. Its azimuth increases by the golden section of a revolution from
+    one to the next, so that no direction is close to its neighbours on other turns.
+
+    Parameters
+    ----------
+    count
+        Number of directions.
+    min_z
+        The cap has z > min_z. By default it is the whole sphere.
+
+    Returns
+    -------
+    (count, 3) unit vectors.
+    """
+    number = np.arange(count) + 0.5
+    z = 1.0 - (1.0 - min_z) * number / count
+    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * number
+    side = np.sqrt(1.0 - z * z)
+    return np.stack([side * np.cos(azimuth), side * np.sin(azimuth), z], axis=1)
 
 
 @cache
 def icosahedron(spacing: float) -> tuple[Floats, Indices]:
-    """Return vertices (V, 3) and triangles (T, 3), edges at most `spacing` (rad) long.
+    """Return a mesh of the whole sphere, a refined icosahedron.
 
-    Each face of the icosahedron is quartered as often as that needs. Triangles run
-    counter-clockwise seen from outside; their first edge is the one bisected first.
+    Triangles run counter-clockwise seen from outside.
+
+    Parameters
+    ----------
+    spacing
+        Longest edge (rad). The faces are quartered until their edges are not longer.
+
+    Returns
+    -------
+    points, triangles
+        (V, 3) vertices and (T, 3) triangles.
     """
     golden = 0.5 * (1.0 + np.sqrt(5.0))
-    flat = np.array([[0.0, y, golden * z] for y in (1, -1) for z in (1, -1)])
-    points = unit_rows(np.concatenate([np.roll(flat, k, axis=1) for k in range(3)]))
-    dots = points @ points.T
+    rectangle = np.array([[0.0, y, golden * z] for y in (1, -1) for z in (1, -1)])
+    points = unit_rows(np.concatenate([np.roll(rectangle, k, axis=1) for k in range(3)]))
+    # The cosine between neighbours is 0.447, between other vertices at most -0.447.
+    cosines = points @ points.T
     faces = np.array(
-        [k for k in combinations(range(12), 3) if np.min(dots[np.ix_(k, k)]) > 0.4]
+        [k for k in combinations(range(12), 3) if np.min(cosines[np.ix_(k, k)]) > 0.4]
     )
-    inward = np.linalg.det(points[faces]) < 0.0
-    faces[inward] = faces[inward, ::-1]
-    return refined(points @ _TILT.T, faces, spacing)
+    is_inward = np.linalg.det(points[faces]) < 0.0
+    faces[is_inward] = faces[is_inward, ::-1]
+    return quarter_until_short(points @ _MESH_ROTATION.T, faces, spacing)
 
 
 @cache
 def hemisphere(spacing: float) -> tuple[Floats, Indices]:
-    """Return vertices (V, 3) with z >= 0 and triangles (T, 3), as `icosahedron`.
+    """Return a mesh of the half of the sphere with z >= 0.
 
-    They are quarters of the octahedron's upper half, so that edges lie along the equator.
+    It is the upper half of a refined octahedron, so that edges run along the equator.
+    Parameter and results are those of `icosahedron`.
     """
     points = np.concatenate([np.eye(3), -np.eye(2, 3)])
-    return refined(points, np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2]]), spacing)
+    return quarter_until_short(
+        points, np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2]]), spacing
+    )
 
 
 def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
-    """Return vertices (v, 3) and triangles (t, 3) along longitudes and latitudes."""
+    """Return a mesh of the sphere along meridians and parallels, for drawings.
+
+    Parameters
+    ----------
+    columns, rows
+        Number of steps of the longitude and of the latitude.
+
+    Returns
+    -------
+    points, triangles
+        (V, 3) vertices and (T, 3) triangles. The poles, and the meridian at longitude 0,
+        are repeated, so that each row has columns + 1 vertices.
+    """
     longitude, colatitude = np.meshgrid(
         np.linspace(0.0, 2.0 * np.pi, columns + 1), np.linspace(0.0, np.pi, rows + 1)
     )
@@ -57,10 +114,25 @@ def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
     return vertices, np.concatenate([upper, lower])
 
 
-def refined(points: Floats, triangles: Indices, spacing: float) -> tuple[Floats, Indices]:
-    """Return triangles quartered until their edges are at most `spacing` (rad) long."""
-    while np.max(edge_lengths(points, triangles)) > spacing:
-        edges, sides = edges_of(triangles)
+def quarter_until_short(
+    points: Floats, triangles: Indices, spacing: float
+) -> tuple[Floats, Indices]:
+    """Return a mesh whose triangles are quartered until no edge is longer than `spacing`.
+
+    Parameters
+    ----------
+    points, triangles
+        (V, 3) vertices and (T, 3) triangles.
+    spacing
+        Longest edge (rad).
+
+    Returns
+    -------
+    points, triangles
+        The new mesh. Old vertices come first.
+    """
+    while np.max(measure_edges(points, triangles)) > spacing:
+        edges, sides = list_edges(triangles)
         a, b, c = triangles.T
         ab, bc, ca = len(points) + sides.T
         points = np.concatenate([points, unit_rows(points[edges].sum(axis=1))])
@@ -69,103 +141,120 @@ def refined(points: Floats, triangles: Indices, spacing: float) -> tuple[Floats,
     return points, triangles
 
 
-def edge_lengths(points: Floats, triangles: Indices) -> Floats:
+def measure_edges(points: Floats, triangles: Indices) -> Floats:
     """Return the arcs (T, 3) in rad of the edges of triangles."""
     corners = points[triangles]
     return arc(corners, np.roll(corners, -1, axis=1))
 
 
-def edges_of(triangles: Indices) -> tuple[Indices, Indices]:
-    """Return the edges (E, 2), lower vertex first, and those of each triangle (T, 3)."""
-    low, high = np.moveaxis(np.sort(triangles[:, EDGES], axis=2), 2, 0)
-    keys, place = np.unique(low << 32 | high, return_inverse=True)
-    return np.stack([keys >> 32, keys & (2**32 - 1)], axis=1), place.reshape(-1, 3)
+def list_edges(triangles: Indices) -> tuple[Indices, Indices]:
+    """Return the edges of a mesh, each once.
+
+    Parameters
+    ----------
+    triangles
+        (T, 3) vertex numbers.
+
+    Returns
+    -------
+    edges
+        (E, 2) vertices of each edge, the lower number first.
+    sides
+        (T, 3) numbers of the edges 12, 23 and 31 of each triangle.
+    """
+    low, high = np.moveaxis(np.sort(triangles[:, TRIANGLE_EDGES], axis=2), 2, 0)
+    # Both numbers in one integer: `np.unique` is much faster on integers than on rows.
+    keys, sides = np.unique(low << 32 | high, return_inverse=True)
+    return np.stack([keys >> 32, keys & (2**32 - 1)], axis=1), sides.reshape(-1, 3)
 
 
 def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Return the signed areas (n,) in sr of triangles of great circles, ccw positive.
+    """Return the signed areas of triangles whose sides are arcs of great circles.
 
-    tan(E/2) = a . (b x c) / (1 + a . b + b . c + c . a)  (A. van Oosterom and J. Strackee,
-    1983), the product by differences, which keeps the digits of small triangles.
+    tan(E / 2) = a . (b x c) / (1 + a . b + b . c + c . a), E the area (A. van Oosterom and
+    J. Strackee, 1983).
+
+    Parameters
+    ----------
+    a, b, c
+        (n, 3) unit vectors, the corners.
+
+    Returns
+    -------
+    (n,) areas (sr), positive if the corners are counter-clockwise seen from outside.
     """
+    # a . (b x c) by differences of the corners keeps the digits of small triangles.
     volume = np.vecdot(a, cross(b - a, c - a))
     return 2.0 * np.arctan2(
         volume, 1.0 + np.vecdot(a, b) + np.vecdot(b, c) + np.vecdot(c, a)
     )
 
 
-def bisected(
-    points: Floats, triangles: Indices, marked: Bools
-) -> tuple[Floats, Indices, Indices]:
-    """Return vertices and triangles with the marked ones cut into four.
+@dataclass(frozen=True)
+class BisectedMesh:
+    """A mesh in which some triangles were cut.
 
-    Neighbours are cut in two to four where it takes that to leave no vertex within an
-    edge (newest vertex bisection, W. F. Mitchell 1989, in the array form of S. Funken,
+    Attributes
+    ----------
+    points, triangles
+        (V, 3) vertices and (T, 3) triangles. The old vertices come first and keep their
+        numbers.
+    origin
+        (T,) number of the old triangle if it was not cut, else -1.
+    """
+
+    points: Floats
+    triangles: Indices
+    origin: Indices
+
+
+def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> BisectedMesh:
+    """Return the mesh in which marked triangles are cut into four.
+
+    Their neighbours are cut into two to four, so that no vertex is in the middle of an edge
+    (newest vertex bisection, W. F. Mitchell 1989, in the array form of S. Funken,
     D. Praetorius and P. Wissgott, 2011).
 
-    Returns
-    -------
+    Parameters
+    ----------
     points, triangles
-        The old vertices come first and keep their numbers.
-    origin
-        (T,) the number of the old triangle where it was left as it was, else -1.
+        (V, 3) vertices and (T, 3) triangles. The first edge of each triangle is the one
+        that is cut first.
+    is_marked
+        (T,) triangles to cut.
     """
-    edges, sides = edges_of(triangles)
-    cut = np.zeros(len(edges), dtype=bool)
-    cut[sides[marked]] = True
-    while np.any(closing := cut[sides].any(axis=1) & ~cut[sides[:, 0]]):
-        cut[sides[closing, 0]] = True
-    middle = len(points) - 1 + np.cumsum(cut)
-    points = np.concatenate([points, unit_rows(points[edges[cut]].sum(axis=1))])
+    edges, sides = list_edges(triangles)
+    is_cut = np.zeros(len(edges), dtype=bool)
+    is_cut[sides[is_marked]] = True
+    # A triangle in which any edge is cut must be cut at its first edge too. This spreads to
+    # neighbours until nothing changes.
+    while np.any(must_cut := is_cut[sides].any(axis=1) & ~is_cut[sides[:, 0]]):
+        is_cut[sides[must_cut, 0]] = True
+    midpoint_of_edge = len(points) - 1 + np.cumsum(is_cut)
+    midpoints = unit_rows(points[edges[is_cut]].sum(axis=1))
+    points = np.concatenate([points, midpoints])
+
+    # Vertices n1, n2, n3 and midpoints m1, m2, m3 of the edges 12, 23, 31. The first edge
+    # of every child is opposite to its newest vertex.
     n1, n2, n3 = triangles.T
-    m1, m2, m3 = middle[sides].T
-    first, second, third = cut[sides].T
+    m1, m2, m3 = midpoint_of_edge[sides].T
+    first_cut, second_cut, third_cut = is_cut[sides].T
 
-    def child(where: Bools, *vertices: Indices) -> Indices:
-        return np.stack(vertices, axis=1)[where]
+    def child(is_made: Bools, *vertices: Indices) -> Indices:
+        return np.stack(vertices, axis=1)[is_made]
 
-    kept = np.flatnonzero(~first)
+    uncut = np.flatnonzero(~first_cut)
     parts = [
-        triangles[kept],
-        child(first & ~third, n3, n1, m1),
-        child(first & ~second, n2, n3, m1),
-        child(third, m1, n3, m3),
-        child(third, n1, m1, m3),
-        child(second, m1, n2, m2),
-        child(second, n3, m1, m2),
+        triangles[uncut],
+        # The first edge only: two halves. A half with a further cut is halved again.
+        child(first_cut & ~third_cut, n3, n1, m1),
+        child(first_cut & ~second_cut, n2, n3, m1),
+        child(third_cut, m1, n3, m3),
+        child(third_cut, n1, m1, m3),
+        child(second_cut, m1, n2, m2),
+        child(second_cut, n3, m1, m2),
     ]
     triangles = np.concatenate(parts)
     origin = np.full(len(triangles), -1)
-    origin[: len(kept)] = kept
-    return points, triangles, origin
-
-
-def labels(count: int, links: Indices) -> Indices:
-    """Return the number (count,) of the connected part each of `count` things is in.
-
-    `links` (L, 2) join two things each; parts are numbered by their first thing.
-    """
-    # SciPy's graphs take long to import, and only some regions need them.
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    joined = coo_matrix((np.ones(len(links)), (*links.T,)), (count, count))
-    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.intp)
-
-
-def chains(count: int, links: Indices, directed: bool = False) -> list[Indices]:
-    """Return the numbers of things along each line that they make, open ones first.
-
-    `links` (L, 2) join at most two to each of `count` things, where `directed` the first
-    to the one after it.
-    """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import depth_first_order
-
-    joined = coo_matrix((np.ones(len(links)), (*links.T,)), (count, count)).tocsr()
-    before = np.bincount((links[:, 1] if directed else links).ravel(), minlength=count)
-    order = np.argsort(before, kind="stable")
-    _, ends = np.unique(labels(count, links)[order], return_index=True)
-    starts = order[np.sort(ends)].tolist()
-    orders = (depth_first_order(joined, k, directed, False) for k in starts)
-    return [line.astype(np.intp) for line in orders]
+    origin[: len(uncut)] = uncut
+    return BisectedMesh(points, triangles, origin)

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats
 from spherekit.errors import SolveError
 from spherekit.geometry.mirror import mirror_angles, mirror_of, reflections, upward
-from spherekit.geometry.region_margins import spread
 from spherekit.geometry.rotation import cross, nans, transpose
+from spherekit.geometry.sphere_mesh import spiral_directions
 from spherekit.geometry.tilt_torsion import rotation
 from spherekit.geometry.triangle import frame_toward
 from spherekit.mechanism.elements import Output
@@ -294,7 +294,7 @@ def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int)
 
 def _spread_normals(plane: MidPlane) -> Floats:
     """Return mid-planes (n, 3) spread evenly over the reach of all legs."""
-    normals = spread(SPREAD, lowest=0.0)
+    normals = spiral_directions(SPREAD, min_z=0.0)
     limits = np.sin(0.95 * plane.reach)
     inside = normals[np.all(np.abs(normals @ plane.axes.T) < limits, axis=1)]
     return inside[:: max(1, len(inside) // PROOF_POSES)]

@@ -19,10 +19,11 @@ from spherekit.arrays import Floats, Indices, Integers
 from spherekit.completeness import Completeness, Guarantee, TimeLimit
 from spherekit.errors import ModelError
 from spherekit.geometry.rotation import all_finite, cross, nans, unit_rows
-from spherekit.geometry.sphere_mesh import chains, edges_of, hemisphere
+from spherekit.geometry.sphere_mesh import hemisphere, list_edges
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.connectivity import order_chains
 from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.outputs.mid_plane_symmetry import mid_plane_form
 from spherekit.singularities.several_inputs import LocusName, SingularityReport
@@ -118,7 +119,7 @@ class _Modes:
         nodes = nodes.copy()
         for centre in centres:
             nodes[np.argmax(nodes @ centre)] = centre
-        edges, sides = edges_of(triangles)
+        edges, sides = list_edges(triangles)
         values = function(nodes)[edges]
         changes = all_finite(values, 1) & (values[:, 0] * values[:, 1] < 0.0)
         low, high = nodes[edges[changes]].swapaxes(0, 1)
@@ -136,7 +137,7 @@ class _Modes:
         number = np.where(changes, np.cumsum(changes) - 1, -1)
         ends = np.sort(number[sides], axis=1)
         links = ends[np.sum(ends >= 0, axis=1) == 2, 1:]
-        for line in chains(len(low), links):
+        for line in order_chains(len(low), links):
             closed = bool(np.count_nonzero(links == line[0]) == 2 < len(line))
             normals = roots[np.append(line, line[:1]) if closed else line]
             yield self._curve(normals, modes, closed, why or self._why(normals, modes))

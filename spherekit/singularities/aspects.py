@@ -15,9 +15,9 @@ from spherekit.completeness import TimeLimit
 from spherekit.conventions import TURN
 from spherekit.errors import AnalysisError
 from spherekit.geometry.rotation import max_abs, nans
-from spherekit.geometry.sphere_mesh import labels
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
+from spherekit.numerics.connectivity import label_components
 from spherekit.positions import input_grid as grids
 from spherekit.positions.curve_continuation import periods_of
 from spherekit.positions.input_grid import InputGrid
@@ -289,7 +289,9 @@ class _Spread:
         """Return the regular configurations with their aspects."""
         kept = np.flatnonzero(self.nodes.regular)
         nodes = self.nodes.rows(kept)
-        label = labels(len(kept), np.searchsorted(kept, np.concatenate(self.joined)))
+        label = label_components(
+            len(kept), np.searchsorted(kept, np.concatenate(self.joined))
+        )
         sizes = np.bincount(label)
         order = np.argsort(-sizes, kind="stable")
         label, sizes = np.argsort(order)[label], sizes[order]

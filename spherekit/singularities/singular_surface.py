@@ -18,8 +18,9 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.completeness import Completeness, TimeLimit
-from spherekit.geometry.sphere_mesh import edges_of, labels
+from spherekit.geometry.sphere_mesh import list_edges
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.connectivity import label_components
 from spherekit.positions.curve_continuation import periods_of
 from spherekit.positions.input_revolutions import in_range, less_periods
 from spherekit.singularities.curve_starts import StartPoints
@@ -75,7 +76,7 @@ class SingularSurface:
     @property
     def component(self) -> Indices:
         """(n,) number of the connected part that each vertex is in."""
-        return labels(len(self.nodes), edges_of(self.triangles)[0])
+        return label_components(len(self.nodes), list_edges(self.triangles)[0])
 
     @property
     def guarantee(self) -> str:
@@ -92,7 +93,7 @@ class SingularSurface:
         There the surface leaves the ranges, comes near to a crossing of surfaces, or was
         not closed.
         """
-        edges, sides = edges_of(self.triangles)
+        edges, sides = list_edges(self.triangles)
         return edges[np.bincount(sides.ravel(), minlength=len(edges)) == 1]
 
     def split(self) -> Self:
@@ -100,7 +101,7 @@ class SingularSurface:
 
         An edge whose middle Newton's method does not find is kept.
         """
-        edges, _ = edges_of(self.triangles)
+        edges, _ = list_edges(self.triangles)
         borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         made = self._found(*self._between(edges, 0.5), borders)
         every = np.ones(len(self.nodes), dtype=bool)
@@ -119,7 +120,7 @@ class SingularSurface:
     def _cut(self, number: int, end: float, way: float) -> Self:
         """Return the part where an input is on one side (1, -1) of an end of its range."""
         beyond = way * (self.view.inputs_of(self.nodes.values)[:, number] - end)
-        edges, _ = edges_of(self.triangles)
+        edges, _ = list_edges(self.triangles)
         inside = in_range(beyond, 0.0, np.inf)
         (which,) = np.nonzero(inside[edges[:, 0]] != inside[edges[:, 1]])
         driven = self.view.solver.driven
@@ -167,7 +168,7 @@ class SingularSurface:
 
         Vertices of no triangle go.
         """
-        edges, sides = edges_of(self.triangles)
+        edges, sides = list_edges(self.triangles)
         (good,) = np.nonzero(made.good)
         number = np.full(len(edges), -1)
         number[which[good]] = len(self.nodes) + np.arange(len(good))

@@ -1,0 +1,148 @@
+"""Points of the border of a region: where arcs leave it, and its corners."""
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.region_margins import (
+    MarginEvaluator,
+    find_active_margins,
+    select_margins,
+    smallest_margins,
+)
+from spherekit.geometry.rotation import cross, max_abs, unit_rows
+from spherekit.geometry.triangle import arc
+from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.least_squares import descent
+from spherekit.tolerances import EPS
+
+DIFFERENCE_STEP = 1e-6
+"""Step of the differences that give the slopes of margins, as a part of the chord."""
+
+STEP_BEYOND_BORDER = 1e-7
+"""If the smallest margin is exactly 0 at a crossing, the margin that ends the region is
+looked up this much farther along the edge, as a part of the edge."""
+
+MAX_CORNER_DISTANCE = 4.0
+"""A corner that is farther from its chord than this times the chord's arc is rejected: it
+belongs to another part of the border."""
+
+BORDER_TOLERANCE_FACTOR = 1e4
+"""A point is on the border, or in the region, if no margin is negative by more than this
+times its rounding error."""
+
+
+def points_on_arcs(start: Floats, end: Floats, angle: Floats) -> Floats:
+    """Return points on arcs of great circles.
+
+    Parameters
+    ----------
+    start, end
+        (n, 3) unit vectors, the ends of the arcs.
+    angle
+        (n,) angle (rad) from the start.
+
+    Returns
+    -------
+    (n, 3) unit vectors.
+    """
+    # The difference of the ends keeps the digits of short arcs.
+    toward = unit_rows(cross(cross(start, end - start), start))
+    return np.cos(angle)[:, None] * start + np.sin(angle)[:, None] * toward
+
+
+def find_crossings(
+    evaluate: MarginEvaluator, inside: Floats, outside: Floats
+) -> tuple[Floats, Indices]:
+    """Return the points where arcs leave the region, and the margins that end it there.
+
+    Parameters
+    ----------
+    evaluate
+        The margins.
+    inside, outside
+        (n, 3) unit vectors, the ends of the arcs inside and outside the region.
+
+    Returns
+    -------
+    points
+        (n, 3) unit vectors on the border.
+    margins
+        (n,) numbers of the margins, as of `find_active_margins`.
+    """
+    length = arc(inside, outside)
+
+    def evaluate_on_arcs(angle: Floats, arcs: Indices) -> Floats:
+        return evaluate(points_on_arcs(inside[arcs], outside[arcs], angle))
+
+    all_arcs = np.arange(len(length))
+    crossing_angle, angle_outside = bracketed_zeros(
+        lambda angle, arcs: smallest_margins(evaluate_on_arcs(angle, arcs)),
+        np.zeros(len(length)),
+        length,
+        smallest_margins(evaluate(inside)),
+        smallest_margins(evaluate(outside)),
+        EPS,
+    )
+    value = smallest_margins(evaluate_on_arcs(crossing_angle, all_arcs))
+    lookup_angle = np.where(
+        value == 0.0, crossing_angle + STEP_BEYOND_BORDER * length, angle_outside
+    )
+    values_outside = evaluate_on_arcs(lookup_angle, all_arcs)
+    return (
+        points_on_arcs(inside, outside, crossing_angle),
+        find_active_margins(values_outside, evaluate.rounding_errors),
+    )
+
+
+def find_corners(
+    evaluate: MarginEvaluator, start: Floats, end: Floats, margins: Indices
+) -> tuple[Floats, Bools]:
+    """Return points near chords at which two margins are zero.
+
+    Both margins are brought to zero by least squares in the tangent plane at the middle of
+    the chord. Their slopes are differences.
+
+    Parameters
+    ----------
+    evaluate
+        The margins.
+    start, end
+        (n, 3) unit vectors, the ends of the chords. The first margin is zero at the start,
+        the second at the end.
+    margins
+        (n, 2) numbers of these margins.
+
+    Returns
+    -------
+    corners
+        (n, 3) unit vectors.
+    is_corner
+        (n,) whether both margins are zero there, and the point is near the chord.
+    """
+    middle = unit_rows(start + end)
+    length = arc(start, end)
+    toward = unit_rows(cross(cross(start, end - start), middle))
+    # Rows: the directions along and across each chord, as long as the chord.
+    tangents = np.stack([toward, cross(middle, toward)], axis=1) * length[:, None, None]
+
+    def points_at(x: Floats, chords: Indices) -> Floats:
+        """Return points (k, m, 3) at tangent plane coordinates (k, m, 2) of k chords."""
+        return unit_rows(x @ tangents[chords] + middle[chords, None])
+
+    def residuals(x: Floats, chords: Indices) -> tuple[Floats, Floats]:
+        # The point itself and one step in each direction.
+        stencil = x[:, None] + DIFFERENCE_STEP * np.eye(3, 2, -1)
+        values = evaluate(points_at(stencil, chords).reshape(-1, 3))
+        numbers = np.repeat(margins[chords], 3, axis=0).T
+        pair = np.stack([select_margins(values, number) for number in numbers], axis=1)
+        pair = pair.reshape(-1, 3, 2)
+        slope = (pair[:, 1:] - pair[:, :1]) / DIFFERENCE_STEP
+        return pair[:, 0], np.swapaxes(slope, 1, 2)
+
+    x, squares = descent(
+        residuals, np.zeros((len(start), 2)), -MAX_CORNER_DISTANCE, MAX_CORNER_DISTANCE
+    )
+    tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
+    is_corner = np.sqrt(squares) <= tolerance
+    is_corner &= max_abs(x, axis=1) < MAX_CORNER_DISTANCE
+    return points_at(x[:, None], np.arange(len(x)))[:, 0], is_corner

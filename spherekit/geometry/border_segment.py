@@ -1,0 +1,414 @@
+"""Segments of the border of a region: curves over chords, and the areas beside these.
+
+A chord is the arc of a great circle between two points of the border. Over it the border is
+a curve of height h(u) (rad), the angle from the chord towards the region, which is to the
+left. The parameter u runs from -1 to 1 along the chord. The area between chord and border
+is the integral of sin(h) over the arc of the chord, without approximation.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.border_point import BORDER_TOLERANCE_FACTOR
+from spherekit.geometry.region_margins import (
+    MarginEvaluator,
+    select_margins,
+    smallest_margins,
+)
+from spherekit.geometry.rotation import cross, nans
+from spherekit.geometry.triangle import arc
+from spherekit.numerics.array_rows import ArrayRows
+from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.chebyshev import real_zeros
+from spherekit.tolerances import EPS
+
+ORDERS = (1, 4, 8, 16)
+"""Orders of the polynomials of height. The order of a segment is raised until its area is
+known well enough. Order 1 is the chord itself, for a segment whose border was not found."""
+
+MAX_HEIGHT_RATIO = 0.4
+"""Largest height at the middle of a segment, as a part of its chord. The triangle of a
+higher segment is cut first."""
+
+MIN_CHORD_RAD = 1e-11
+"""Shorter chords are taken for the border. Directions along them have too few digits."""
+
+AUDIT_STEPS = 16
+"""Steps along a segment at which the other margins are evaluated."""
+
+
+def chord_frames(start: Floats, end: Floats) -> Floats:
+    """Return the frames of chords.
+
+    Parameters
+    ----------
+    start, end
+        (n, 3) unit vectors, the ends of the chords.
+
+    Returns
+    -------
+    (n, 3, 3) matrices. Their rows point to the start, ahead on the chord, and to its left.
+    """
+    # The difference of the ends keeps the digits of short chords.
+    side = cross(start, end - start)
+    size = np.linalg.norm(side, axis=1, keepdims=True)
+    left = side / np.where(size > 0.0, size, 1.0)
+    return np.stack([start, cross(left, start), left], axis=1)
+
+
+def points_beside_chords(
+    frames: Floats, length: Floats, u: Floats, height: Floats
+) -> Floats:
+    """Return the points at given heights over chords.
+
+    Parameters
+    ----------
+    frames, length
+        (n, 3, 3) as of `chord_frames`, and (n,) arcs of the chords (rad).
+    u
+        Parameter from -1 to 1 along the chords, of a shape that broadcasts with `height`.
+    height
+        (n, ...) angles (rad) from the chord to the left.
+
+    Returns
+    -------
+    (n, ..., 3) unit vectors.
+    """
+    angle = 0.5 * np.expand_dims(length, (*range(1, np.ndim(height)),)) * (1.0 + u)
+    level = np.cos(height)
+    components = [level * np.cos(angle), level * np.sin(angle), np.sin(height)]
+    # n is the chord, i the row of its frame, j the component of the point.
+    return np.einsum("n...i,nij->n...j", np.stack(components, axis=-1), frames)
+
+
+@cache
+def chebyshev_nodes(order: int) -> Floats:
+    """Return the nodes u (order + 1,) from -1 to 1, both ends included."""
+    return -np.cos(np.arange(order + 1) * np.pi / order)
+
+
+@cache
+def coefficient_matrix(order: int) -> Floats:
+    """Return the matrix from values at the nodes to coefficients of a Chebyshev series."""
+    vandermonde = chebyshev.chebvander(chebyshev_nodes(order), order)
+    return np.asarray(np.linalg.inv(vandermonde), float)
+
+
+@cache
+def integration_weights(order: int) -> Floats:
+    """Return the weights (order + 1,) of Clenshaw and Curtis for the nodes."""
+    even_orders = np.arange(0, order + 1, 2)
+    return 2.0 / (1.0 - even_orders**2.0) @ coefficient_matrix(order)[::2]
+
+
+def interpolation_matrix(order: int, u: Floats) -> Floats:
+    """Return the matrix (m, order + 1) from values at the nodes to values at u (m,)."""
+    return chebyshev.chebvander(u, order) @ coefficient_matrix(order)
+
+
+@dataclass
+class BorderSegments(ArrayRows):
+    """Segments of the border, n in all.
+
+    Attributes
+    ----------
+    frames, length
+        (n, 3, 3) frames of the chords, see `chord_frames`, and (n,) their arcs (rad).
+    margin
+        (n,) number of the margin that is zero on the segment.
+    triangle
+        (n,) number of the triangle of the mesh that contains the chord.
+    start, stop
+        (n,) numbers of the crossings between which the border runs in the triangle.
+    is_leading
+        (n,) False for the second of two segments that meet in a corner of the triangle.
+    is_sound
+        (n,) whether the border was found, and no other margin is negative on it. A segment
+        that is not sound is its chord.
+    order
+        (n,) order of the polynomial of the height, one of `ORDERS`.
+    height
+        (n, 17) heights (rad) at the nodes of the order, in the first order + 1 columns.
+    area
+        (n,) area (sr) of the part of the region that the chord cuts off.
+    error
+        (n,) change of the area (sr) if the order is halved.
+    """
+
+    frames: Floats
+    length: Floats
+    margin: Indices
+    triangle: Indices
+    start: Indices
+    stop: Indices
+    is_leading: Bools
+    is_sound: Bools
+    order: Indices
+    height: Floats
+    area: Floats
+    error: Floats
+
+    @staticmethod
+    def find(
+        evaluate: MarginEvaluator,
+        ends: tuple[Floats, Floats],
+        margin: Indices,
+        triangle: Indices,
+        crossings: tuple[Indices, Indices],
+        is_leading: Bools,
+        is_searched: Bools,
+    ) -> "BorderSegments":
+        """Return the segments between points of the border, in the lowest order.
+
+        Parameters
+        ----------
+        evaluate
+            The margins.
+        ends
+            Two arrays (n, 3) of unit vectors, the starts and the ends of the chords.
+        margin, triangle, is_leading
+            (n,) as in the class.
+        crossings
+            `start` and `stop` of the class.
+        is_searched
+            (n,) segments whose border is searched. The others are their chords.
+        """
+        n = len(margin)
+        start, stop = crossings
+        segments = BorderSegments(
+            frames=chord_frames(*ends),
+            length=arc(*ends),
+            margin=margin,
+            triangle=triangle,
+            start=start,
+            stop=stop,
+            is_leading=is_leading,
+            is_sound=is_searched,
+            order=np.full(n, ORDERS[0]),
+            height=np.zeros((n, ORDERS[-1] + 1)),
+            area=np.zeros(n),
+            error=np.zeros(n),
+        )
+        segments.raise_order(evaluate, np.flatnonzero(is_searched))
+        return segments
+
+    def raise_order(self, evaluate: MarginEvaluator, selected: Indices) -> None:
+        """Raise some segments (k,) to the next order. None of them has the highest one."""
+        orders = self.order[selected]
+        for order, next_order in pairwise(ORDERS):
+            raised = selected[orders == order]
+            # The nodes of the lower order are among those of the higher one.
+            heights = nans((len(raised), next_order + 1))
+            heights[:, :: next_order // order] = self.height[raised, : order + 1]
+            self._measure(evaluate, raised, next_order, heights)
+
+    def _measure(
+        self, evaluate: MarginEvaluator, selected: Indices, order: int, height: Floats
+    ) -> None:
+        """Set the heights, areas and errors of some segments at a new order.
+
+        Parameters
+        ----------
+        evaluate
+            The margins.
+        selected
+            (k,) numbers of the segments.
+        order
+            Their new order.
+        height
+            (k, order + 1) heights (rad) at its nodes. NaN if not known yet; these are
+            computed and stored in the array.
+        """
+        length = self.length[selected]
+        is_long = length > MIN_CHORD_RAD
+        height[~is_long] = 0.0
+        row, node = np.nonzero(np.isnan(height))
+        u = chebyshev_nodes(order)[node]
+        height[row, node], is_sound = self._find_heights(evaluate, selected[row], u)
+
+        def integrate(steps: int) -> Floats:
+            sines = np.sin(height[:, :: order // steps])
+            return -0.5 * length * (sines @ integration_weights(steps))
+
+        coarse_area = integrate(order // 2)
+        area = integrate(order)
+        self.error[selected] = (
+            np.abs(area - coarse_area) + EPS * length + ~is_long * length**2
+        )
+        self.area[selected] = area
+        self.order[selected] = order
+        self.height[selected, : order + 1] = height
+        self._replace_by_chords(selected[np.unique(row[~is_sound])])
+
+    def _replace_by_chords(self, selected: Indices) -> None:
+        """Replace segments (k,) whose border was not found by their chords."""
+        self.is_sound[selected] = False
+        self.order[selected] = ORDERS[0]
+        self.height[selected] = 0.0
+        self.area[selected] = 0.0
+
+    def _find_heights(
+        self, evaluate: MarginEvaluator, segment: Indices, u: Floats
+    ) -> tuple[Floats, Bools]:
+        """Return the heights of the border over points of chords.
+
+        The height is searched up to a parabola over the chord, on both sides. The margin
+        must be negative on the right and positive on the left, and no other margin may be
+        negative at the height.
+
+        Parameters
+        ----------
+        evaluate
+            The margins.
+        segment, u
+            (m,) number of the segment, and parameter on its chord.
+
+        Returns
+        -------
+        height
+            (m,) heights (rad), 0 if none was found.
+        is_sound
+            (m,) whether it was found.
+        """
+        number = self.margin[segment]
+        max_height = MAX_HEIGHT_RATIO * self.length[segment] * (1.0 - u * u)
+
+        def all_margins(fraction: Floats, items: Indices) -> Floats:
+            height = fraction * max_height[items]
+            return evaluate(self._points_at(segment[items], u[items], height))
+
+        def zero_margin(fraction: Floats, items: Indices) -> Floats:
+            return select_margins(all_margins(fraction, items), number[items])
+
+        limits = np.repeat([-1.0, 1.0], len(u))
+        at_limits = zero_margin(limits, np.tile(np.arange(len(u)), 2))
+        right, left = at_limits.reshape(2, -1)
+        is_sound = (right < 0.0) & (left >= 0.0)
+        bracketed = np.flatnonzero(is_sound)
+        fraction = np.zeros(len(u))
+        fraction[bracketed], _ = bracketed_zeros(
+            lambda fraction, items: zero_margin(fraction, bracketed[items]),
+            -np.ones(len(bracketed)),
+            np.ones(len(bracketed)),
+            right[bracketed],
+            left[bracketed],
+            EPS / max_height[bracketed],
+        )
+        values = all_margins(fraction[bracketed], bracketed)
+        is_zero_margin = np.arange(values.shape[1]) == number[bracketed][:, None]
+        is_negative = (values < -evaluate.rounding_errors) & ~is_zero_margin
+        is_sound[bracketed] &= ~np.any(is_negative, axis=1)
+        return fraction * max_height, is_sound
+
+    def audit(self, evaluate: MarginEvaluator, selected: Indices) -> None:
+        """Replace new segments (k,) on which another margin becomes negative by chords.
+
+        The segment's own margin is zero on the border. The difference between another
+        margin and this one is interpolated by a parabola through every three samples, so
+        that a minimum between samples is noticed.
+        """
+        u = np.linspace(-1.0, 1.0, AUDIT_STEPS + 1)
+        # New segments have the second order.
+        nodes_to_samples = interpolation_matrix(ORDERS[1], u)
+        height = self.height[selected, : ORDERS[1] + 1] @ nodes_to_samples.T
+        values = evaluate(self._points_at(selected, u, height).reshape(-1, 3))
+        zero_margin = select_margins(values, np.repeat(self.margin[selected], len(u)))
+        excess = (values - zero_margin[:, None]).reshape(
+            len(selected), len(u), values.shape[1]
+        )
+        before, middle, after = excess[:, :-2], excess[:, 1:-1], excess[:, 2:]
+        second_difference = before - 2.0 * middle + after
+        slope = 0.5 * (after - before)
+        with np.errstate(all="ignore"):
+            # Place of the extremum, in steps from the middle sample.
+            extremum = -slope / second_difference
+            lowest = np.where(
+                np.abs(extremum) < 1.0, middle + 0.5 * slope * extremum, middle
+            )
+            is_negative = np.minimum(lowest, middle) < -evaluate.rounding_errors
+        self._replace_by_chords(selected[np.any(is_negative, axis=(1, 2))])
+
+    def _points_at(self, selected: Indices, u: Floats, height: Floats) -> Floats:
+        """Return `points_beside_chords` of some segments."""
+        return points_beside_chords(self.frames[selected], self.length[selected], u, height)
+
+    @property
+    def ends(self) -> Floats:
+        """Both ends (n, 2, 3) of the chords."""
+        return points_beside_chords(
+            self.frames, self.length, np.array([-1.0, 1.0]), np.zeros((len(self.length), 2))
+        )
+
+    def node_points(self, selected: Indices) -> tuple[Floats, Indices]:
+        """Return the nodes of some segments.
+
+        Parameters
+        ----------
+        selected
+            (k,) numbers of the segments.
+
+        Returns
+        -------
+        points
+            (m, 3) nodes of all these segments, one segment after another.
+        position
+            (m,) index in `selected` of the segment of each node.
+        """
+        # The nodes of every order are among the 17 of the highest.
+        step = ORDERS[-1] // self.order[selected, None]
+        position, node = np.nonzero(np.arange(ORDERS[-1] + 1) % step == 0)
+        segment = selected[position]
+        height = self.height[segment, node // step[position, 0]]
+        u = chebyshev_nodes(ORDERS[-1])[node]
+        return self._points_at(segment, u, height), position
+
+    def polyline(self, chain: Indices) -> Floats:
+        """Return the nodes (m, 3) of segments that follow one another, each node once."""
+        points, position = self.node_points(chain)
+        return points[np.diff(position, prepend=0) == 0]
+
+
+def find_nearest_point(
+    segments: BorderSegments, evaluate: MarginEvaluator, direction: Floats
+) -> Floats:
+    """Return the point of a border that is nearest to a direction.
+
+    Segments that can contain it are raised to the highest order. There the nearest point is
+    an end, or the slope of the cosine of the distance is zero. Only the ends of segments
+    whose border was not found are considered.
+
+    Parameters
+    ----------
+    segments
+        The border of a region.
+    evaluate
+        The margins of the region.
+    direction
+        (3,) unit vector outside the region.
+
+    Returns
+    -------
+    (3,) unit vector.
+    """
+    distance = np.min(arc(segments.ends, direction), axis=1)
+    nearby = segments.rows(distance - segments.length <= np.min(distance))
+    while np.any(is_coarse := nearby.is_sound & (nearby.order < ORDERS[-1])):
+        nearby.raise_order(evaluate, np.flatnonzero(is_coarse))
+
+    candidates = [nearby.ends.reshape(-1, 3)]
+    for segment in np.flatnonzero(nearby.is_sound)[:, None]:
+        points, _ = nearby.node_points(segment)
+        cosine = np.vecdot(points, direction)
+        u = real_zeros(chebyshev.chebder(coefficient_matrix(ORDERS[-1]) @ cosine))
+        height = nearby.height[segment] @ interpolation_matrix(ORDERS[-1], u).T
+        candidates.append(nearby._points_at(segment, u, height)[0])
+    points = np.concatenate(candidates)
+    tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
+    is_inside = smallest_margins(evaluate(points)) >= -tolerance
+    points = points[is_inside] if is_inside.any() else points
+    return points[np.argmin(arc(points, direction))]

@@ -1,0 +1,395 @@
+"""A mesh over the sphere that is refined until the border of a region is known.
+
+Each triangle of the mesh has a class (`spherekit.geometry.triangle_class`). Triangles that
+may hide a part of the region are cut. In triangles that the border crosses it is stored as
+`BorderSegments`. Both give the area of the region, its surface and its border curves.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices, Integers
+from spherekit.geometry.border_point import find_corners, find_crossings
+from spherekit.geometry.border_segment import ORDERS, BorderSegments
+from spherekit.geometry.region_margins import MarginEvaluator, smallest_margins
+from spherekit.geometry.rotation import unit_rows
+from spherekit.geometry.sphere_mesh import (
+    bisect_triangles,
+    icosahedron,
+    list_edges,
+    measure_edges,
+    triangle_areas,
+)
+from spherekit.geometry.triangle_class import TriangleClass, classify_triangles
+from spherekit.numerics.connectivity import order_chains
+from spherekit.tolerances import EPS
+
+MIN_EDGE_RAD = 1e-6
+"""Triangles with shorter edges are not cut to reach the tolerance of the area."""
+
+MAX_BROKEN_EDGE_RAD = 0.05
+"""Triangles at the border of where the margins are defined are cut to shorter edges."""
+
+EVALUATIONS_PER_CUT = 50
+"""Approximate number of evaluations that cutting a triangle costs."""
+
+ROUNDING_FACTOR = 16.0
+"""A segment whose error is below this times rounding is not improved further."""
+
+UNCLASSIFIED = -1
+"""Class of a new triangle."""
+
+
+@dataclass(frozen=True)
+class TriangleDivision:
+    """How border segments divide their triangles into fans and triangles.
+
+    A segment makes a fan of triangles with one vertex of its triangle, the apex. If two
+    vertices are inside, one more triangle fills the rest of the region: its corners are the
+    apex, the other vertex inside, and the start of the segment.
+
+    Attributes
+    ----------
+    inside_count
+        (T,) number of vertices inside of every triangle of the mesh.
+    apex
+        (n,) vertex with which each segment makes a fan.
+    third
+        (n,) third vertex of the triangle, used by the additional triangle.
+    has_additional
+        (n,) whether the region contains the additional triangle.
+    """
+
+    inside_count: Integers
+    apex: Indices
+    third: Indices
+    has_additional: Bools
+
+
+class RegionRefinement:
+    """Refines a mesh and finds the border of a region in it.
+
+    Parameters
+    ----------
+    evaluate
+        The margins of the region.
+    spacing
+        Longest edge (rad) of the first triangles.
+
+    Attributes
+    ----------
+    points, triangles, values
+        (V, 3) vertices, (T, 3) vertex numbers, counter-clockwise seen from outside, and
+        (V, k) margins at the vertices.
+    classes
+        (T,) `TriangleClass`, or `UNCLASSIFIED`.
+    longest_edges
+        (T,) longest edge (rad) of each classified triangle.
+    is_contested
+        (T,) whether several margins are uncertain in a triangle.
+    segments
+        The border in the triangles where it is known.
+    """
+
+    def __init__(self, evaluate: MarginEvaluator, spacing: float) -> None:
+        self.evaluate = evaluate
+        self.points, self.triangles = icosahedron(spacing)
+        self.values = evaluate(self.points)
+        count = len(self.triangles)
+        self.classes = np.full(count, UNCLASSIFIED)
+        self.longest_edges = np.zeros(count)
+        self.is_contested = np.zeros(count, dtype=bool)
+
+        # Crossings of edges with the border. A key has the number of the vertex inside in
+        # its upper 32 bits, that of the vertex outside in its lower ones.
+        no_index = np.zeros(0, np.intp)
+        no_point = self.points[:0]
+        no_flag = self.is_contested[:0]
+        self._crossing_keys = no_index
+        self._crossing_margins = no_index
+        self._crossing_points = no_point
+        self.segments = BorderSegments.find(
+            evaluate,
+            ends=(no_point, no_point),
+            margin=no_index,
+            triangle=no_index,
+            crossings=(no_index, no_index),
+            is_leading=no_flag,
+            is_searched=no_flag,
+        )
+
+    def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
+        """Refine until the error of the area is small enough, or nothing more helps.
+
+        Parameters
+        ----------
+        tolerance
+            Error of the area (sr) at which the refinement ends.
+        feature
+            Open triangles are cut until their edges are shorter than this (rad). Smaller
+            ones are cut only while the error exceeds the tolerance.
+        max_evaluations
+            Evaluations of the margins after which the refinement ends.
+        """
+        while True:
+            self._classify()
+            is_cut = self.classes == TriangleClass.BROKEN
+            is_cut &= self.longest_edges > MAX_BROKEN_EDGE_RAD
+            is_cut |= self.is_open & (self.longest_edges > feature)
+            if not is_cut.any():
+                self._find_border()
+                # Triangles in which the search of the border failed are open now.
+                is_cut = self.is_open & (self.longest_edges > feature)
+            if not is_cut.any():
+                is_cut = self._reduce_error(tolerance)
+            cost = EVALUATIONS_PER_CUT * np.count_nonzero(is_cut)
+            if not cost or self.evaluate.evaluations + cost > max_evaluations:
+                break
+            self._cut(is_cut)
+        self._find_border()
+
+    @property
+    def is_inside(self) -> Bools:
+        """Whether each vertex (V,) is in the region."""
+        return smallest_margins(self.values) >= 0.0
+
+    @property
+    def areas(self) -> Floats:
+        """Areas (T,) of the triangles (sr)."""
+        a, b, c = np.moveaxis(self.points[self.triangles], 1, 0)
+        return triangle_areas(a, b, c)
+
+    @property
+    def is_open(self) -> Bools:
+        """Whether too little is known about each triangle (T,)."""
+        return self.classes == TriangleClass.OPEN
+
+    def areas_inside(self) -> Floats:
+        """Return the area (T,) of the region (sr) that is assigned to each triangle.
+
+        A segment of the border may leave its triangle. A single value may therefore be
+        wrong, but the sum over connected triangles is right.
+        """
+        division = self._divide_triangles()
+        apex = self.points[division.apex]
+        third = self.points[division.third]
+        start, end = np.moveaxis(self.segments.ends, 1, 0)
+        part = triangle_areas(apex, start, end) + self.segments.area
+        part += division.has_additional * triangle_areas(apex, third, start)
+        count = division.inside_count
+        whole_triangles = (count == 3) * self.areas
+        return whole_triangles + np.bincount(self.segments.triangle, part, len(count))
+
+    def surface(self) -> tuple[Floats, Indices]:
+        """Return a triangulation of the region alone, up to its border.
+
+        Returns
+        -------
+        points
+            (P, 3) unit vectors: the vertices of the mesh, then the nodes of the border.
+        triangles
+            (F, 3) numbers of points.
+        """
+        division = self._divide_triangles()
+        nodes, segment = self.segments.node_points(np.arange(len(division.apex)))
+        points = np.concatenate([self.points, nodes])
+        number = np.arange(len(self.points), len(points))
+        is_first_node = np.diff(segment, prepend=-1) > 0
+        # A fan triangle for each node but the last one of its segment.
+        fan = np.stack([division.apex[segment], number, number + 1], axis=1)
+        fan = fan[:-1][~is_first_node[1:]]
+        additional = np.stack(
+            [division.apex, division.third, number[is_first_node]], axis=1
+        )[division.has_additional]
+        whole_triangles = self.triangles[division.inside_count == 3]
+        return points, np.concatenate([whole_triangles, fan, additional])
+
+    def border_loops(self) -> list[Indices]:
+        """Return the closed curves of the border, as segment numbers in their order."""
+        segments = self.segments
+        number = np.arange(len(segments.start))
+        leading_at = np.full(len(self._crossing_keys), -1)
+        second_at = np.full(len(self._crossing_keys), -1)
+        leading_at[segments.start[segments.is_leading]] = number[segments.is_leading]
+        second_at[segments.start[~segments.is_leading]] = number[~segments.is_leading]
+        # In a triangle with a corner the leading segment is followed by the second one,
+        # which has the same start. All others are followed by the leading segment that
+        # starts where they stop.
+        corner_follower = np.where(segments.is_leading, second_at[segments.start], -1)
+        follower = np.where(
+            corner_follower >= 0, corner_follower, leading_at[segments.stop]
+        )
+        links = np.stack([number, follower], axis=1)[follower >= 0]
+        return order_chains(len(number), links, directed=True)
+
+    def _divide_triangles(self) -> TriangleDivision:
+        """Return how the segments divide their triangles."""
+        inside_count = self.is_inside[self.triangles].sum(axis=1)
+        odd, second, third = self._odd_vertex_first(self.segments.triangle)
+        has_one_inside = inside_count[self.segments.triangle] == 1
+        return TriangleDivision(
+            inside_count=inside_count,
+            apex=np.where(has_one_inside, odd, second),
+            third=third,
+            has_additional=~has_one_inside & self.segments.is_leading,
+        )
+
+    def _odd_vertex_first(self, selected: Indices) -> Indices:
+        """Return the vertices (3, n) of triangles that the border crosses.
+
+        The first vertex is the one that differs from both others: inside while they are
+        outside, or the reverse. The order around the triangle is unchanged.
+        """
+        vertices = self.triangles[selected]
+        is_inside = self.is_inside[vertices]
+        is_odd = is_inside == (is_inside.sum(axis=1) == 1)[:, None]
+        position = (np.argmax(is_odd, axis=1)[:, None] + np.arange(3)) % 3
+        return np.take_along_axis(vertices, position, axis=1).T
+
+    def _classify(self) -> None:
+        """Sample and classify the new triangles."""
+        new = np.flatnonzero(self.classes < 0)
+        triangles = self.triangles[new]
+        self.longest_edges[new] = measure_edges(self.points, triangles).max(axis=1)
+        edges, sides = list_edges(triangles)
+        low, high = np.moveaxis(self.points[edges], 1, 0)
+        centroids = self.points[triangles].sum(axis=1)
+        # Check points are at a quarter of the edge, nearer to its lower vertex.
+        samples = np.concatenate([low + high, 3.0 * low + high, centroids])
+        margins = self.evaluate(unit_rows(samples))
+        middle, check, centroid = np.split(margins, [len(edges), 2 * len(edges)])
+        stacked = np.concatenate(
+            [self.values[triangles.T], middle[sides.T], check[sides.T], centroid[None]]
+        )
+        self.classes[new], self.is_contested[new] = classify_triangles(
+            self.points, triangles, stacked
+        )
+
+    def _find_border(self) -> None:
+        """Find the border in the crossed triangles where it is not known yet."""
+        inside_count = self.is_inside[self.triangles].sum(axis=1)
+        is_crossed = inside_count % 3 != 0
+        # The vertices of such a triangle do not show where its border is.
+        is_broken = self.classes == TriangleClass.BROKEN
+        self.classes[is_broken & ~is_crossed] = TriangleClass.OPEN
+        is_crossed[self.segments.triangle] = False
+        # The vertices differ, although the class says that there is no border.
+        self.classes[is_crossed & (self.classes < TriangleClass.SIMPLE)] = (
+            TriangleClass.OPEN
+        )
+
+        crossed = np.flatnonzero(is_crossed)
+        odd, second, third = self._odd_vertex_first(crossed)
+        crossings = (
+            self._find_edge_crossings(odd, second),
+            self._find_edge_crossings(odd, third),
+        )
+        # The border runs from start to stop with the region on its left.
+        start_stop = np.where(inside_count[crossed] == 1, crossings, crossings[::-1])
+        margins = self._crossing_margins[start_stop]
+        starts, stops = self._crossing_points[start_stop]
+
+        # Different margins at both crossings: the border has a corner between them.
+        with_corner = np.flatnonzero(margins[0] != margins[1])
+        corner, is_corner = find_corners(
+            self.evaluate,
+            starts[with_corner],
+            stops[with_corner],
+            margins[:, with_corner].T,
+        )
+        self.classes[crossed[with_corner[~is_corner]]] = TriangleClass.OPEN
+        corner = corner[is_corner]
+        with_corner = with_corner[is_corner]
+        leading_stops = stops.copy()
+        leading_stops[with_corner] = corner
+
+        # One leading segment per triangle, then the second segments after corners.
+        position = np.append(np.arange(len(crossed)), with_corner)
+        triangle = crossed[position]
+        segments = BorderSegments.find(
+            self.evaluate,
+            ends=(
+                np.concatenate([starts, corner]),
+                np.concatenate([leading_stops, stops[with_corner]]),
+            ),
+            margin=np.append(margins[0], margins[1, with_corner]),
+            triangle=triangle,
+            crossings=(start_stop[0, position], start_stop[1, position]),
+            is_leading=np.arange(len(position)) < len(crossed),
+            is_searched=~self.is_open[triangle],
+        )
+        is_audited = self.is_contested[triangle] & segments.is_sound
+        segments.audit(self.evaluate, np.flatnonzero(is_audited))
+        self.classes[triangle[~segments.is_sound]] = TriangleClass.OPEN
+        self.segments = BorderSegments.joined([self.segments, segments])
+
+    def _find_edge_crossings(self, first: Indices, second: Indices) -> Indices:
+        """Return the numbers of the crossings of edges with the border.
+
+        Parameters
+        ----------
+        first, second
+            (n,) vertices of the edges, one of each edge inside the region.
+
+        Returns
+        -------
+        (n,) numbers of crossings. New ones are computed and stored.
+        """
+        inside, outside = np.where(self.is_inside[first], [first, second], [second, first])
+        keys = inside << 32 | outside
+        new_keys = np.setdiff1d(keys, self._crossing_keys)
+        points, margins = find_crossings(
+            self.evaluate, self.points[new_keys >> 32], self.points[new_keys & (2**32 - 1)]
+        )
+        self._crossing_keys = np.append(self._crossing_keys, new_keys)
+        self._crossing_points = np.concatenate([self._crossing_points, points])
+        self._crossing_margins = np.append(self._crossing_margins, margins)
+        order = np.argsort(self._crossing_keys)
+        return order[np.searchsorted(self._crossing_keys, keys, sorter=order)]
+
+    def _reduce_error(self, tolerance: float) -> Bools:
+        """Raise orders of segments, and return the triangles (T,) to cut for the rest.
+
+        Segments and open triangles may each contribute half of the tolerance (sr).
+        """
+        is_cut = np.zeros(len(self.triangles), dtype=bool)
+        segments = self.segments
+        share = 0.5 * tolerance
+        while True:
+            is_counted = ~self.is_open[segments.triangle]
+            can_improve = segments.error > ROUNDING_FACTOR * EPS * segments.length
+            error = np.where(is_counted & can_improve, segments.error, 0.0)
+            if error.sum() <= share:
+                break
+            # All segments at this limit would together use half of the share.
+            is_poor = error > 0.5 * share / np.count_nonzero(is_counted)
+            can_raise = is_poor & (segments.order < ORDERS[-1])
+            if not can_raise.any():
+                is_cut[segments.triangle[is_poor]] = True
+                break
+            segments.raise_order(self.evaluate, np.flatnonzero(can_raise))
+            self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
+        open_area = self.is_open * self.areas
+        if open_area.sum() > share:
+            # The largest ones first; the small ones matter only after these.
+            is_cut |= open_area > 0.1 * open_area.max()
+        return is_cut & (self.longest_edges > MIN_EDGE_RAD)
+
+    def _cut(self, is_cut: Bools) -> None:
+        """Cut triangles (T,), and keep what is known about the others."""
+        old_count = len(self.points)
+        mesh = bisect_triangles(self.points, self.triangles, is_cut)
+        self.points = mesh.points
+        self.triangles = mesh.triangles
+        origin = mesh.origin
+        new_values = self.evaluate(self.points[old_count:])
+        self.values = np.concatenate([self.values, new_values])
+        # `origin` is -1 for new triangles. The last element of `new_number` is for these.
+        new_number = np.full(len(is_cut) + 1, -1)
+        new_number[origin] = np.arange(len(origin))
+        self.classes = np.where(origin >= 0, self.classes[origin], UNCLASSIFIED)
+        self.longest_edges = self.longest_edges[origin]
+        self.is_contested = self.is_contested[origin]
+        self.segments.triangle[:] = new_number[self.segments.triangle]
+        self.segments = self.segments.rows(self.segments.triangle >= 0)

@@ -1,0 +1,224 @@
+"""Classes of triangles: inside, outside, or crossed by the border of a region.
+
+In a triangle each margin is interpolated by a polynomial of degree 2 from six samples. Four
+more samples show how large the interpolation error is. A class is as certain as these
+samples.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.rotation import cross, max_abs
+
+VALUE_SAFETY_FACTOR = 3.0
+"""Bound of the error of an interpolated margin, over the largest error at the check points.
+For a polynomial of degree 3 the factor 2 is enough."""
+
+SLOPE_SAFETY_FACTOR = 12.0
+"""The same for the slope of the margin. For a polynomial of degree 3 the factor 11 is
+enough."""
+
+MIN_CORNER_RAD = 0.25
+"""Corners of the region that are sharper than this are cut out by ever smaller triangles.
+Larger: more triangles are cut. Smaller: gradients may point in more different directions in
+a triangle whose border is taken for a simple curve."""
+
+STEADY_RATIO = 1.0
+"""A margin that is undefined in a part of a triangle keeps its sign if its smallest size is
+larger than this times the difference between its largest and smallest sample."""
+
+CHECK_TWELFTHS = np.array(
+    [[9, 3, 0], [0, 9, 3], [3, 0, 9], [3, 9, 0], [0, 3, 9], [9, 0, 3], [4, 4, 4]]
+)
+"""(7, 3) barycentric coordinates of possible check points, in twelfths: on the edges 12, 23
+and 31 nearer to the first vertex of the edge, the same nearer to the second vertex, and the
+centroid."""
+
+
+class TriangleClass(IntEnum):
+    """Position of a triangle relative to a region."""
+
+    OUTSIDE = 0
+    INSIDE = 1
+    SIMPLE = 2
+    """The border in the triangle is a single curve, the graph of a function over some
+    direction, or there is no border."""
+    BROKEN = 3
+    """The margins are defined in a part of the triangle only. The border is the border of
+    that part, which is known from samples alone."""
+    OPEN = 4
+    """A part of the region, or a hole of it, may be hidden in the triangle."""
+
+
+@dataclass(frozen=True)
+class MarginBounds:
+    """Bounds of margins (n, k) in n triangles, and the interpolation error (n, k) seen."""
+
+    low: Floats
+    high: Floats
+    error: Floats
+
+
+def _interpolation_matrices() -> tuple[Floats, Floats, Floats]:
+    """Return matrices that act on six samples of a triangle.
+
+    The samples are at the vertices and at the midpoints of the edges 12, 23 and 31.
+
+    Returns
+    -------
+    bernstein
+        (6, 6) to the Bernstein coefficients b1, b2, b3, b12, b23, b13. Their smallest and
+        largest value bound the polynomial in the triangle.
+    slopes
+        (3, 2, 6) to the derivatives along the edges 12 and 13 (per edge), at each vertex.
+    checks
+        (7, 6) to the values at `CHECK_TWELFTHS`.
+    """
+    bernstein = np.diag([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+    bernstein[3:, :3] = -0.5 * np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]])
+    b1, b2, b3, b12, b23, b13 = bernstein
+    slopes = 2.0 * np.stack(
+        [[b12 - b1, b13 - b1], [b2 - b12, b23 - b12], [b23 - b13, b3 - b13]]
+    )
+    p, q, r = CHECK_TWELFTHS.T / 12.0
+    terms = np.stack([p * p, q * q, r * r, 2 * p * q, 2 * q * r, 2 * p * r], axis=1)
+    return bernstein, slopes, terms @ bernstein
+
+
+_BERNSTEIN, _SLOPES, _CHECKS = _interpolation_matrices()
+
+
+def classify_triangles(
+    points: Floats, triangles: Indices, samples: Floats
+) -> tuple[Indices, Bools]:
+    """Return the class of each triangle, and whether several margins are uncertain in it.
+
+    - A margin has a certain sign if its bounds have the same sign.
+    - A margin that is NaN at some samples keeps the sign of the others if these are steady.
+      A margin that is NaN at all samples is ignored.
+    - If the gradients of all uncertain margins, everywhere in the triangle, lie in a cone
+      that is less than 180 deg wide, the smallest margin rises along the axis of the cone.
+      Its zeros are then the graph of a function, and no curve closes in the triangle. The
+      width of the cone leaves room for corners of `MIN_CORNER_RAD`.
+    - Otherwise the triangle is open.
+
+    Parameters
+    ----------
+    points
+        (V, 3) unit vectors, the vertices of the mesh.
+    triangles
+        (n, 3) vertex numbers.
+    samples
+        (10, n, k) margins: at the three vertices, at the midpoints of the edges 12, 23 and
+        31, at one check point on each of these edges, at a quarter of it from the vertex
+        with the lower number, and at the centroid.
+
+    Returns
+    -------
+    classes
+        (n,) `TriangleClass`.
+    is_contested
+        (n,) whether more than one margin is uncertain.
+    """
+    is_missing = np.isnan(samples)
+    filled = np.where(is_missing, 0.0, samples)
+    bounds = _bound_margins(triangles, filled)
+    is_defined = np.all(~is_missing, axis=0)
+    smallest = np.fmin.reduce(samples, axis=0)
+    largest = np.fmax.reduce(samples, axis=0)
+    variation = STEADY_RATIO * (largest - smallest)
+    # Comparisons with NaN are false, so a margin without any sample counts as positive.
+    low = np.where(is_defined, bounds.low, np.where(smallest <= variation, -1.0, 1.0))
+    high = np.where(is_defined, bounds.high, np.where(-largest > variation, -1.0, 1.0))
+    is_negative = high < 0.0
+    is_uncertain = (low < 0.0) & (high >= 0.0)
+
+    classes = np.full(len(triangles), TriangleClass.INSIDE)
+    classes[is_uncertain.any(axis=1)] = TriangleClass.OPEN
+    candidates = np.flatnonzero(
+        is_uncertain.any(axis=1)
+        & ~is_negative.any(axis=1)
+        & np.all(is_defined | ~is_uncertain, axis=1)
+    )
+    is_simple = _gradients_lie_in_cone(
+        points[triangles[candidates]],
+        filled[:6, candidates],
+        bounds.error[candidates],
+        is_uncertain[candidates],
+    )
+    classes[candidates[is_simple]] = TriangleClass.SIMPLE
+
+    # Samples that are outside only because a margin is NaN.
+    is_unreachable = is_missing.any(axis=2) & ~(np.fmin.reduce(samples, axis=2) < 0.0)
+    is_broken = is_unreachable.any(axis=0)
+    classes[is_broken] = TriangleClass.OPEN
+    no_margin_negative = np.all(is_missing | (samples >= 0.0), axis=(0, 2))
+    classes[is_broken & no_margin_negative] = TriangleClass.BROKEN
+    classes[is_unreachable.all(axis=0)] = TriangleClass.OUTSIDE
+    classes[is_negative.any(axis=1)] = TriangleClass.OUTSIDE
+    return classes, np.count_nonzero(is_uncertain, axis=1) > 1
+
+
+def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
+    """Return bounds of margins; the arguments are those of `classify_triangles`."""
+    control_values = np.tensordot(_BERNSTEIN, samples[:6], axes=1)
+    interpolated = np.tensordot(_CHECKS, samples[:6], axes=1)
+    # The check point of an edge is near its vertex with the lower number. This is the
+    # second vertex in the triangle if the numbers fall along the edge.
+    falls = triangles > np.roll(triangles, -1, axis=1)
+    interpolated[:3] = np.where(falls.T[..., None], interpolated[3:6], interpolated[:3])
+    error = max_abs(interpolated[[0, 1, 2, 6]] - samples[6:], axis=0)
+    slack = VALUE_SAFETY_FACTOR * error
+    return MarginBounds(
+        low=control_values.min(axis=0) - slack,
+        high=control_values.max(axis=0) + slack,
+        error=error,
+    )
+
+
+def _gradients_lie_in_cone(
+    corners: Floats, samples: Floats, error: Floats, is_uncertain: Bools
+) -> Bools:
+    """Return whether the gradients of the uncertain margins lie in a cone about their mean.
+
+    The gradient of a polynomial of degree 2 is linear in a triangle. It therefore lies in a
+    cone everywhere if it does at the three vertices.
+
+    Parameters
+    ----------
+    corners
+        (n, 3, 3) vertices of the triangles.
+    samples
+        (6, n, k) margins at the vertices and at the midpoints of the edges 12, 23, 31.
+    error
+        (n, k) interpolation error of each margin.
+    is_uncertain
+        (n, k) margins to consider.
+
+    Returns
+    -------
+    (n,) whether all these gradients lie in such a cone, up to the error.
+    """
+    slopes = np.tensordot(_SLOPES, samples, axes=1)
+    edge_12 = corners[:, 1] - corners[:, 0]
+    edge_13 = corners[:, 2] - corners[:, 0]
+    # In the plane of the triangle the real axis runs along edge 12, the imaginary axis
+    # towards vertex 3. Edge 13 has the components `shift` and `height`.
+    base = np.linalg.norm(edge_12, axis=1)[:, None]
+    shift = np.vecdot(edge_12, edge_13)[:, None] / base
+    height = np.linalg.norm(cross(edge_12, edge_13), axis=1)[:, None] / base
+    along_base = slopes[:, 0] / base
+    gradient = along_base + 1j * (slopes[:, 1] - shift * along_base) / height
+    size = np.abs(gradient)
+    # Largest gradient that errors of size 1 in both slopes can cause.
+    error_gain = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
+    with np.errstate(all="ignore"):
+        slack = SLOPE_SAFETY_FACTOR * error * error_gain / size
+        directions = np.where(is_uncertain, gradient / size, 0.0)
+        axis = np.sum(directions, axis=(0, 2))
+        cosine = np.real(directions * np.conj(axis / np.abs(axis))[:, None]) - slack
+    # The angle to the axis is at most 90 deg less half the sharpest corner.
+    return np.all((cosine > np.sin(0.5 * MIN_CORNER_RAD)) | ~is_uncertain, axis=(0, 2))

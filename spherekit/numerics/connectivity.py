@@ -1,0 +1,68 @@
+"""Connected components of a graph, and the order of the items in its chains.
+
+SciPy is imported in the functions. Its graph package takes long to import, and only some
+computations need it.
+"""
+
+import numpy as np
+
+from spherekit.arrays import Indices
+
+
+def label_components(count: int, links: Indices) -> Indices:
+    """Return the number of the connected component of each item.
+
+    Parameters
+    ----------
+    count
+        Number of items.
+    links
+        (L, 2) pairs of items that are connected.
+
+    Returns
+    -------
+    (count,) component numbers. Components are numbered by their first item.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    first, second = links.T
+    graph = coo_matrix((np.ones(len(links)), (first, second)), (count, count))
+    _, labels = connected_components(graph, directed=False)
+    return np.asarray(labels, dtype=np.intp)
+
+
+def order_chains(count: int, links: Indices, directed: bool = False) -> list[Indices]:
+    """Return the items of each chain in their order, open chains before closed ones.
+
+    Parameters
+    ----------
+    count
+        Number of items.
+    links
+        (L, 2) pairs of items that are neighbours in a chain. An item has at most two
+        neighbours.
+    directed
+        Whether the second item of each pair follows the first. By default a chain may
+        begin at either end.
+
+    Returns
+    -------
+    One array of items per chain. An item without links is a chain by itself.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import depth_first_order
+
+    first, second = links.T
+    graph = coo_matrix((np.ones(len(links)), (first, second)), (count, count)).tocsr()
+
+    # An open chain starts at an item without predecessor, or if undirected at one with a
+    # single neighbour. Such items come first in this order, so `np.unique` selects one of
+    # them in each component, and any item of a closed chain.
+    predecessors = second if directed else links.ravel()
+    order = np.argsort(np.bincount(predecessors, minlength=count), kind="stable")
+    _, positions = np.unique(label_components(count, links)[order], return_index=True)
+    starts = order[np.sort(positions)].tolist()
+    return [
+        depth_first_order(graph, start, directed, False).astype(np.intp) for start in starts
+    ]
