@@ -1,4 +1,6 @@
-"""Where two curves on the unit sphere touch: the same point with the same tangent."""
+"""Contact of two curves on the unit sphere: the same point with the same tangent."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,88 +10,150 @@ from spherekit.geometry.profile_curve import Curve
 from spherekit.geometry.rotation import transpose
 from spherekit.numerics.least_squares import descent
 
-TURN = 0.03
-"""Angle (rad) by which the frame of a curve turns from one sample to the next."""
+FRAME_STEP_RAD = 0.03
+"""Angle by which the frame of a curve rotates from one sample to the next. Smaller: more
+samples, and contacts of strongly curved profiles are missed less easily."""
 
-MOST = 3000
-"""Samples of a curve at most; its frame then turns more from one to the next."""
+MAX_CURVE_SAMPLES = 3000
+"""Largest number of samples of a curve. If it is reached, the frame rotates by more than
+`FRAME_STEP_RAD` between samples."""
 
-ROUGH = 1000
-LONGEST = 0.1
-"""Longest step (rad) along a curve."""
+COARSE_SAMPLES = 1000
+"""Samples from which the rotation of the frame along a curve is integrated."""
 
-SAME = 1e-12
-"""Places whose frames differ by no more than this above the least (rad) touch alike."""
+MAX_ARC_STEP_RAD = 0.1
+"""Largest change of an arc length in a step of the search."""
 
-NEAR_START = 1e-9
-"""What lies less than this (rad) before the start of the first curve counts as there."""
+EQUAL_CONTACT_RAD = 1e-12
+"""Contacts whose frames differ by at most this much more than the best are equally good.
+The choice among them is made by their position."""
+
+START_SLACK_RAD = 1e-9
+"""A contact that is less than this before the start of the first curve counts as at its
+start, although its arc length is then almost the whole length."""
+
+
+@dataclass(frozen=True)
+class CurveSamples:
+    """Arc lengths (n,) of samples of a curve (rad), and the frame rotation between them.
+
+    The frame rotates by `frame_step` (rad) from one sample to the next.
+    """
+
+    arc_lengths: Floats
+    frame_step: float
 
 
 def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
-    """Return the arc lengths (2,) at which two curves have the most similar frames.
+    """Return the points at which two curves have the most similar frames.
 
-    Also the angle (rad) between these frames: 0 where the curves touch. Both curves are
-    sampled so densely that next to every place where they touch there are samples whose
-    frames differ by less than those of neighbours; from all such samples the search goes
-    downhill. Where the curves touch at several places, it is the first along the first one.
+    Both curves are sampled. The search starts from all pairs of samples whose frames are
+    more similar than those of neighbouring pairs, and that are near enough for a contact
+    between samples. From there the angle between the frames is minimised.
+
+    Parameters
+    ----------
+    first, second
+        The two curves.
+
+    Returns
+    -------
+    arc_lengths
+        (2,) arc lengths (rad) on the first and the second curve. If the curves touch at
+        several points, it is the one with the smallest arc length on the first curve.
+    angle
+        Angle (rad) of the rotation between the two frames; 0 if the curves touch.
     """
     curves = (first, second)
     lengths = np.array([curve.length for curve in curves])
-    around = np.array([curve.closed for curve in curves])
-    low, high = np.where(around, -np.inf, 0.0), np.where(around, np.inf, lengths)
-    s, squares = descent(
-        lambda some, _: _apart(curves, some), _starts(curves), low, high, longest=LONGEST
+    is_closed = np.array([curve.closed for curve in curves])
+    low = np.where(is_closed, -np.inf, 0.0)
+    high = np.where(is_closed, np.inf, lengths)
+    arc_lengths, squares = descent(
+        lambda s, _: _frame_differences(curves, s),
+        _find_starts(curves),
+        low,
+        high,
+        longest=MAX_ARC_STEP_RAD,
     )
-    miss = np.sqrt(squares)
-    s = np.where(around, np.mod(s, lengths), s)
-    alike = np.flatnonzero(miss <= np.min(miss) + SAME)
-    chosen = alike[np.argmin(np.mod(s[alike, 0] + NEAR_START, lengths[0]))]
-    return s[chosen], float(miss[chosen])
+    angles = np.sqrt(squares)
+    arc_lengths = np.where(is_closed, np.mod(arc_lengths, lengths), arc_lengths)
+    best = np.flatnonzero(angles <= np.min(angles) + EQUAL_CONTACT_RAD)
+    from_start = np.mod(arc_lengths[best, 0] + START_SLACK_RAD, lengths[0])
+    chosen = best[np.argmin(from_start)]
+    return arc_lengths[chosen], float(angles[chosen])
 
 
-def _starts(curves: tuple[Curve, Curve]) -> Floats:
-    """Return arc lengths (m, 2) next to all places where two curves touch.
+def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
+    """Return pairs of arc lengths (m, 2) from which the search of contacts starts.
 
-    At least the one where frames are nearest, if they touch nowhere.
+    There is one next to every contact. If there is no contact, the pair of samples with the
+    most similar frames is the only one.
     """
-    (one, turn), (other, second_turn) = map(_samples, curves)
-    first, second = (
-        curve.at(s).frame.reshape(-1, 9)
-        for curve, s in zip(curves, (one, other), strict=True)
-    )
-    cosine = 0.5 * (first @ second.T - 1.0)
-    along = np.pad(cosine, ((0, 0), (1, 1)), "wrap")
+    first, second = (_sample_evenly(curve) for curve in curves)
+    first_frames = curves[0].at(first.arc_lengths).frame.reshape(-1, 9)
+    second_frames = curves[1].at(second.arc_lengths).frame.reshape(-1, 9)
+    # The trace of R_1 R_2^T is the sum of the products of all elements. It is
+    # 1 + 2 cos(angle).
+    cosine = 0.5 * (first_frames @ second_frames.T - 1.0)
+
+    # Maxima along the second curve, for each sample of the first.
+    padded = np.pad(cosine, ((0, 0), (1, 1)), "wrap")
     if not curves[1].closed:
-        along[:, [0, -1]] = -1.0
-    top = (cosine >= along[:, :-2]) & (cosine >= along[:, 2:])
-    maxima = top & (cosine > np.cos(turn + second_turn))
-    maxima.flat[np.argmax(cosine)] = True
-    at_one, at_other = np.nonzero(maxima)
-    return np.stack([one[at_one], other[at_other]], axis=1)
-
-
-def _samples(curve: Curve) -> tuple[Floats, float]:
-    """Return arc lengths (n,) along a curve, and how far its frame turns in between."""
-    rough = np.linspace(0.0, curve.length, ROUGH)
-    speed = np.hypot(1.0, curve.at(rough).curvature)
-    turned = rough[1] * np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1])))
-    even = np.linspace(0.0, turned[-1], int(min(np.ceil(turned[-1] / TURN), MOST)) + 1)
-    s = np.interp(even, turned, rough)
-    return (s[:-1] if curve.closed else s), float(even[1])
-
-
-def _apart(curves: tuple[Curve, Curve], s: Floats) -> tuple[Floats, Floats]:
-    """Return the rotation vectors (m, 3) between frames, and their derivatives (m, 3, 2).
-
-    The derivatives are those at equal frames.
-    """
-    one, other = (curve.at(lengths) for curve, lengths in zip(curves, s.T, strict=True))
-    vector = rotation_vector(one.frame @ transpose(other.frame))
-    columns = np.stack(
-        [
-            one.frame[:, :, 1] + one.curvature[:, None] * one.frame[:, :, 2],
-            -(other.frame[:, :, 1] + other.curvature[:, None] * other.frame[:, :, 2]),
-        ],
-        axis=2,
+        padded[:, [0, -1]] = -1.0
+    is_maximum = (cosine >= padded[:, :-2]) & (cosine >= padded[:, 2:])
+    # The samples next to a contact differ by less than one step on each curve.
+    is_start = is_maximum & (cosine > np.cos(first.frame_step + second.frame_step))
+    is_start.flat[np.argmax(cosine)] = True
+    first_index, second_index = np.nonzero(is_start)
+    return np.stack(
+        [first.arc_lengths[first_index], second.arc_lengths[second_index]], axis=1
     )
-    return vector, columns
+
+
+def _sample_evenly(curve: Curve) -> CurveSamples:
+    """Return samples of a curve between which its frame rotates by equal angles."""
+    coarse = np.linspace(0.0, curve.length, COARSE_SAMPLES)
+    # The frame rotates about two perpendicular axes: by 1 as the point moves, and by the
+    # geodesic curvature as the tangent turns.
+    rotation_rate = np.hypot(1.0, curve.at(coarse).curvature)
+    mean_rates = 0.5 * (rotation_rate[1:] + rotation_rate[:-1])
+    rotation = coarse[1] * np.append(0.0, np.cumsum(mean_rates))
+    steps = int(min(np.ceil(rotation[-1] / FRAME_STEP_RAD), MAX_CURVE_SAMPLES))
+    even_rotation = np.linspace(0.0, rotation[-1], steps + 1)
+    arc_lengths = np.interp(even_rotation, rotation, coarse)
+    if curve.closed:
+        arc_lengths = arc_lengths[:-1]
+    return CurveSamples(arc_lengths, frame_step=float(even_rotation[1]))
+
+
+def _frame_differences(
+    curves: tuple[Curve, Curve], arc_lengths: Floats
+) -> tuple[Floats, Floats]:
+    """Return the rotation vectors between the frames of two curves, and their derivatives.
+
+    Parameters
+    ----------
+    curves
+        The two curves.
+    arc_lengths
+        (m, 2) arc lengths (rad) on the first and the second curve.
+
+    Returns
+    -------
+    vectors
+        (m, 3) rotation vectors (rad) from the second frame to the first.
+    derivatives
+        (m, 3, 2) their derivatives by both arc lengths. They are exact if the frames are
+        equal, which is enough for quadratic convergence to a contact.
+    """
+    first, second = (
+        curve.at(lengths) for curve, lengths in zip(curves, arc_lengths.T, strict=True)
+    )
+    vectors = rotation_vector(first.frame @ transpose(second.frame))
+    # The angular velocity of a frame (t, n, p) by its arc length is n + k p.
+    first_rotation = first.frame[:, :, 1] + first.curvature[:, None] * first.frame[:, :, 2]
+    second_rotation = (
+        second.frame[:, :, 1] + second.curvature[:, None] * second.frame[:, :, 2]
+    )
+    return vectors, np.stack([first_rotation, -second_rotation], axis=2)
