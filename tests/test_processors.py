@@ -15,14 +15,14 @@ from numpy._core._multiarray_umath import __cpu_dispatch__ as DISPATCHED
 
 TESTS = Path(__file__).parent
 NUMERICAL = (
-    *("test_bounds", "test_engine_dyads", "test_exact", "test_poles", "test_reduced"),
+    *("test_bounds", "test_engine_dyads", "test_reference_rows", "test_poles", "test_reduced"),
     *("test_singular_single", "test_special_dyads", "test_transmission", "test_units"),
 )
 """Files whose claims are close to rounding."""
 OTHERS = (
     *("test_assembly_modes", "test_change_points", "test_contact", "test_engine"),
     *("test_equivalent_rotation", "test_inverse", "test_region", "test_singular_several"),
-    *("test_touching", "test_verify"),
+    *("test_curve_contact", "test_verification"),
 )
 """Files that are asked when there is time, as the whole suite may be by its settings."""
 

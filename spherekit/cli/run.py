@@ -179,8 +179,10 @@ def _executed(
             note(options, f"{counted(len(paths), 'figure')} in {folder}")
         exceeded = _prove(options, study, result) if options.prove else 0
         if options.serve is not None:
-            note(options, "the run is done and still served; stop with Ctrl-C")
-            recorder.serve_until_interrupted()
+            # The interrupt can arrive as soon as the message is printed, before the wait.
+            with suppress(KeyboardInterrupt):
+                note(options, "the run is done and still served; stop with Ctrl-C")
+                recorder.serve_until_interrupted()
     return result, exceeded
 
 
