@@ -50,60 +50,106 @@ from spherekit.progress import ProgressReporter
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.tolerances import EPS
 
-FIRST_ARC = 0.1
+FIRST_STEP_ARC = 0.1
+"""Arc (rad) along which the first step is meant to lead.
 
-FINEST = 0.1 * CROSSING_RATIO**2
-"""Largest tolerance of a step that passes near a crossing of curves, or meets one.
-
-A configuration off its curve by d misses a crossing by sqrt(d), and where that is not less
-than `CROSSING_RATIO`, curves that pass each other cannot be told from some that cross.
+Larger: the first step is rejected more often. Smaller: more steps at the start.
 """
 
-MOST_STEPS = 100_000
+MAX_CROSSING_TOLERANCE_RAD = 0.1 * CROSSING_RATIO**2
+"""Largest tolerance of a step that passes near a crossing of curves, or reaches one.
 
-MOST_ITERATIONS = 40
+A configuration off its curve by d misses a crossing by sqrt(d). If that is not less than
+`CROSSING_RATIO`, curves that pass each other cannot be distinguished from some that cross.
+Larger: crossings are missed. Smaller: more steps near crossings.
+"""
+
+MAX_COLLOCATION_STEPS = 100_000
+"""Steps after which a simulation ends."""
+
+MAX_ITERATIONS = 40
+"""Iterations of a step after which it is rejected."""
+
 MANY_ITERATIONS = 24
-"""Steps that take more are shortened: iterations grow faster than the step."""
+"""Iterations above which the next step is shortened.
 
-RENEWED = (1, 4, 9)
-"""Iterations in which Newton's method for a stiff momentum finds its slope anew."""
+The number of iterations grows faster than the step. Larger: steps that converge slowly are
+kept. Smaller: more steps.
+"""
 
-DIFFERENCE = 1e-7
-"""Part of a momentum's size by which it is moved to find that slope."""
+SLOPE_ITERATIONS = (1, 4, 9)
+"""Iterations in which Newton's method for a stiff momentum computes its slope.
 
-CONTINUED = 12
-"""Coefficients of the last step that are continued as the first guess of the next."""
+More: each step takes longer. Fewer: it converges more slowly if the slope changes.
+"""
 
-SAFETY = 0.8
-GROWTH = 1.4
-SHRINKAGE = 0.35
+MOMENTUM_DIFFERENCE = 1e-7
+"""Difference for that slope, relative to the size of the momentum.
 
-FLAT = 0.2
-"""Part of the later coefficients that the last ones are at least where rates have noise."""
+Larger: the slope has a larger truncation error. Smaller: a larger rounding error.
+"""
 
-CREEPING = 50
-CREPT = 1e-4
-"""Noise ends a simulation after so many steps in a row of less than this part of it."""
+CONTINUED_COEFFICIENTS = 12
+"""Coefficients of a step that are continued as the first guess of the next.
 
-TAIL = 4 * NODES - 2
-"""The error of a step is its length times its last coefficients over this."""
+More: high orders grow beyond the step. Fewer: more iterations.
+"""
 
-MISSED = 1.0
-"""Part of the step's own measure of error by which it may miss a load within it."""
+STEP_SAFETY = 0.8
+"""Factor of the step that the error estimate allows.
 
-ASKEW = 1.5
-"""Rates of all pair variables per unit rate of a frame's combination at which it is made
-anew; it begins with 1."""
+Larger: more steps are rejected. Smaller: more steps.
+"""
 
-WINDOW = 4
-"""Steps from whose time that of the steps to come is expected."""
+MAX_STEP_GROWTH = 1.4
+"""Largest ratio of a step to the one before."""
 
-NOWHERE: dict[Status, tuple[EndKind, str]] = {
+MIN_STEP_SHRINKAGE = 0.35
+"""Smallest ratio of a step to the one before or the one that it replaces."""
+
+NOISE_RATIO = 0.2
+"""Size of the last coefficients relative to the later ones from which they are noise.
+
+The coefficients of smooth rates fall. Larger: noise is not noticed, and steps become short.
+Smaller: slowly falling coefficients are taken for noise.
+"""
+
+MAX_NOISY_STEPS = 50
+"""Short noisy steps in a row after which a simulation ends."""
+
+NOISY_STEP_FRACTION = 1e-4
+"""Part of the whole time below which a noisy step counts as short."""
+
+ERROR_DIVISOR = 4 * NODES - 2
+"""The error of a step is its length times its last coefficients over this number.
+
+The integral of the Legendre polynomial of order k is the difference of two others over
+2 k + 1. The last coefficient has k = N - 1, and a step has half its length for each unit.
+"""
+
+MAX_PROBE_ERROR_RATIO = 1.0
+"""Largest error at a probe within a step, relative to the error that the step may have.
+
+Larger: abrupt changes of loads are missed. Smaller: accurate steps are rejected.
+"""
+
+MAX_FRAME_RATE = 1.5
+"""Largest rate of all pair variables per unit rate of a coordinate before the frame is
+renewed; it is 1 in a new frame.
+
+Larger: coordinates are used nearer to their singularities. Smaller: frames are renewed more
+often.
+"""
+
+FORECAST_STEPS = 4
+"""Last steps from whose computing time that of the remaining ones is estimated."""
+
+END_BY_STATUS: dict[Status, tuple[EndKind, str]] = {
     Status.OFF_PROFILE: ("off_profile", STATUS_MEANING[Status.OFF_PROFILE]),
     Status.CURVATURE: ("curvature", STATUS_MEANING[Status.CURVATURE]),
     Status.NOT_CONVERGED: ("locking", LOCKING),
 }
-"""The ends where there are no rates."""
+"""Ends of a simulation at configurations in which there are no rates, by their status."""
 
 
 class Collocation:
@@ -148,9 +194,9 @@ class Collocation:
     @property
     def left(self) -> float | None:
         """What the rest will take at the pace of the last steps (s), None before those."""
-        if len(self._reached) <= WINDOW + 1:
+        if len(self._reached) <= FORECAST_STEPS + 1:
             return None
-        before, started = self._reached[-WINDOW - 1]
+        before, started = self._reached[-FORECAST_STEPS - 1]
         pace = (self.seconds - started) / (self.reached - before)
         return (self.problem.until - self.reached) * pace
 
@@ -207,15 +253,15 @@ class Collocation:
                     continue
                 if self._refined(orientation):
                     continue
-                if len(self.path) >= MOST_STEPS:
-                    return SimulationEnd("too_fast", t, too_many(MOST_STEPS))
+                if len(self.path) >= MAX_COLLOCATION_STEPS:
+                    return SimulationEnd("too_fast", t, too_many(MAX_COLLOCATION_STEPS))
                 noisy = self._noisy(step)
                 if tried == length or tried < left:
                     # A shorter step has as much noise.
                     length = _factor(EPS if noisy else error, iterations) * tried
-                creeps = noisy and tried < CREPT * problem.until
+                creeps = noisy and tried < NOISY_STEP_FRACTION * problem.until
                 self.creeping = self.creeping + 1 if creeps else 0
-                if self.creeping == CREEPING:
+                if self.creeping == MAX_NOISY_STEPS:
                     return SimulationEnd("too_fast", t, NOISE)
                 stopped = self._accept(step, rates, orientation)
                 if stopped is not None:
@@ -225,7 +271,7 @@ class Collocation:
                 state = self._closed(step.end)
                 if equation.freedoms == 1:
                     self.frame = rates[-1]
-                elif np.linalg.norm(rates[-1], 2) > ASKEW:
+                elif np.linalg.norm(rates[-1], 2) > MAX_FRAME_RATE:
                     state, self.frame = equation.renew_frame(state, self.frame)
                     before = None
                 yield t
@@ -237,9 +283,9 @@ class Collocation:
     def _first_length(self) -> float:
         until = self.problem.until
         dynamics = self._dynamics(np.zeros(1), self.start[None])
-        speed = float(np.linalg.norm(dynamics.speed)) / FIRST_ARC
+        speed = float(np.linalg.norm(dynamics.speed)) / FIRST_STEP_ARC
         push = float(np.linalg.norm(dynamics.roots.solve(dynamics.momentum_rates)))
-        pace = max(speed, (push / FIRST_ARC) ** 0.5, 1.0)
+        pace = max(speed, (push / FIRST_STEP_ARC) ** 0.5, 1.0)
         return max(min(until, 1.0 / pace), MIN_STEP_FRACTION * until)
 
     def _dynamics(self, t: Floats, states: Floats) -> StateDynamics:
@@ -281,21 +327,23 @@ class Collocation:
             first = self._dynamics(np.array([start]), state[None])
             rates = np.repeat(equation.state_rates(first), NODES, axis=0)
         else:
-            rates = before.summed(before.series[:CONTINUED], t)
+            rates = before.summed(before.series[:CONTINUED_COEFFICIENTS], t)
         integral = 0.5 * length * INTEGRAL
         states = state + integral @ rates
-        tolerance = min(self.tolerance, FINEST) if self.fine else self.tolerance
+        tolerance = (
+            min(self.tolerance, MAX_CROSSING_TOLERANCE_RAD) if self.fine else self.tolerance
+        )
         enough = max(0.05 * tolerance, 8 * EPS)
         change = np.inf
         error = np.inf
         settled = False
-        for count in range(1, MOST_ITERATIONS + 1):
+        for count in range(1, MAX_ITERATIONS + 1):
             last = change
             dynamics = self._dynamics(t, states)
             rates = equation.state_rates(dynamics)
             moved = state + integral @ rates
             if stiff:
-                if count in RENEWED:
+                if count in SLOPE_ITERATIONS:
                     inverse = self._inverse(t, states, rates, length, scale)
                 place = equation.variable_count
                 moved[:, place] = states[:, place] + inverse @ (moved - states)[:, place]
@@ -310,7 +358,7 @@ class Collocation:
         frames = dynamics.motion.rates if equation.freedoms == 1 else self.frame[None]
         step = Step(start, length, state, series, frames)
         if settled and np.all(dynamics.motion.status == Status.OK):
-            left_out = max_abs(series[-3:], axis=0) * length / TAIL
+            left_out = max_abs(series[-3:], axis=0) * length / ERROR_DIVISOR
             error = float(np.max(left_out / scale)) / tolerance
         if error <= 1.0 and not self._looked(step, scale, tolerance):
             error = np.inf
@@ -322,7 +370,7 @@ class Collocation:
         """Return what turns misses (N,) of the momentum into corrections."""
         place = self.equation.variable_count
         other = states.copy()
-        shift = DIFFERENCE * scale[place]
+        shift = MOMENTUM_DIFFERENCE * scale[place]
         other[:, place] += shift
         slope = (self.equation.state_rates(self._dynamics(t, other)) - rates)[
             :, place
@@ -338,7 +386,7 @@ class Collocation:
         if not loads.needs_step_probes:
             return True
         largest = max(scale[equation.variable_count], float(max_abs(step.state[momenta])))
-        enough = MISSED * tolerance * TAIL * largest / step.length
+        enough = MAX_PROBE_ERROR_RATIO * tolerance * ERROR_DIVISOR * largest / step.length
 
         def look(_: Indices, x: Floats) -> tuple[Floats, Floats]:
             t = step.start + x * step.length
@@ -356,7 +404,7 @@ class Collocation:
     def _noisy(self, step: Step) -> bool:
         """Return whether a step's last coefficients are noise: not smaller than others."""
         sizes = max_abs(step.series[NODES // 3 :] / self.sizes, axis=1)
-        return bool(np.max(sizes[-3:]) > FLAT * np.max(sizes))
+        return bool(np.max(sizes[-3:]) > NOISE_RATIO * np.max(sizes))
 
     def _keeps(self, step: Step, orientation: Floats) -> bool:
         """Return whether a step keeps to one set of configurations where sets cross.
@@ -378,7 +426,7 @@ class Collocation:
         # Between sets that do not cross, a way from one to the other is not closed.
         (gap,) = equation.closure.at(values[None]).gap
         sure = reciprocal_condition(equation.closure, values, equation.freedoms)
-        return bool(gap < FINEST and sure < CROSSING_RATIO)
+        return bool(gap < MAX_CROSSING_TOLERANCE_RAD and sure < CROSSING_RATIO)
 
     def _refined(self, orientation: Floats) -> bool:
         """Return whether a step has to be taken again, to tell whether curves cross."""
@@ -387,7 +435,7 @@ class Collocation:
         size, side = self._sense(orientation)
         near = orientation * np.sign(side) < np.sqrt(self.tolerance) * size
         before, self.fine = self.fine, bool(np.any(near))
-        return self.fine and not before and self.tolerance > FINEST
+        return self.fine and not before and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
 
     def _sense(self, orientation: Floats) -> tuple[float, float]:
         """Return the largest orientation so far, with those of a step, and a first one."""
@@ -445,7 +493,7 @@ class Collocation:
         """Return why no step however short can be taken from the start of one."""
         equation = self.equation
         t = step.start
-        for code, (kind, words) in NOWHERE.items():
+        for code, (kind, words) in END_BY_STATUS.items():
             if np.any(last.motion.status == code):
                 return SimulationEnd(kind, t, words)
         values = step.state[: equation.variable_count]
@@ -461,7 +509,7 @@ class Collocation:
 def _factor(error: float, iterations: int) -> float:
     """Return by what the next step is longer, or shorter after one not accepted."""
     if not np.isfinite(error):
-        return SHRINKAGE
-    factor = SAFETY * max(error, EPS) ** (-1.0 / NODES)
-    most = SAFETY if iterations > MANY_ITERATIONS else GROWTH
-    return min(max(factor, SHRINKAGE), most)
+        return MIN_STEP_SHRINKAGE
+    factor = STEP_SAFETY * max(error, EPS) ** (-1.0 / NODES)
+    most = STEP_SAFETY if iterations > MANY_ITERATIONS else MAX_STEP_GROWTH
+    return min(max(factor, MIN_STEP_SHRINKAGE), most)

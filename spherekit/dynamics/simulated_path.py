@@ -1,4 +1,4 @@
-"""Where a simulation went: its states at any time, whichever engine found them.
+"""States of a simulation at any time, whichever engine computed them.
 
 The steps of NumPy's engine are those of Gauss collocation, the implicit Runge-Kutta method
 of highest order, 2 N at the ends of steps with N nodes (Hairer, Norsett and Wanner 1993,
@@ -43,10 +43,20 @@ INTEGRAL = legendre.legvander(GAUSS, NODES) @ legendre.legint(TO_SERIES, lbnd=-1
 
 @dataclass(frozen=True)
 class Step:
-    """One step: start, length, state at the start, and the series (N, states) of its rate.
+    """One step of Gauss collocation with N nodes.
 
-    `frames` (k, m, variables) are those of its momenta, evenly along it: of one freedom the
-    unit tangents of the curve at the nodes, of several one frame for all of it.
+    Attributes
+    ----------
+    start, length
+        Time at the start, and length, s.
+    state
+        (states,) state at the start.
+    series
+        (N, states) Legendre coefficients of the state's rate over the step.
+    frames
+        (k, m, variables) frames of the momenta, evenly along the step: with one degree of
+        freedom the unit tangents of the curve at the nodes, with several one frame for all
+        of it.
     """
 
     start: float
@@ -146,11 +156,18 @@ class Step:
 
 @dataclass(frozen=True)
 class Traced(ArrayRows):
-    """States and their rates (n, states) at n times; see `dynamics.equation_of_motion`.
+    """States of a simulation at n times.
 
-    The variables in them are less `turns` (n, variables) whole turns. `frames`
-    (n, m, variables) are those of the momenta: of one freedom a vector to the side of the
-    curve on which momentum is positive.
+    Attributes
+    ----------
+    states, rates
+        (n, states) states of `spherekit.dynamics.equation_of_motion` and their rates by
+        time. The variables are less whole turns.
+    frames
+        (n, m, variables) frames of the momenta: with one degree of freedom a vector to the
+        side of the curve on which the momentum is positive.
+    turns
+        (n, variables) these whole turns.
     """
 
     states: Floats
@@ -173,11 +190,18 @@ BLOCK = 1024
 
 @dataclass(frozen=True)
 class StatePath:
-    """The states of a simulation over time, whichever engine found them.
+    """The states of a simulation over time, whichever engine computed them.
 
-    `parts` give them at times (n,), each from its time among `firsts` (s) on; `starts`,
-    `lengths` (steps,) s are those of the steps, `drift` is the largest closure residual
-    (rad) that was taken out.
+    Attributes
+    ----------
+    firsts
+        (parts,) times from which each part applies, s.
+    parts
+        Functions that return the states at times (n,), s.
+    starts, lengths
+        (steps,) start times and lengths of the steps, s.
+    drift
+        Largest closure residual that was removed, rad.
     """
 
     firsts: Floats
