@@ -12,8 +12,10 @@ from independent import multi_start
 import spherekit as sk
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.elimination import solve_by_elimination
+from spherekit.positions.elimination_order import find_elimination_orders
 from spherekit.positions.group_assembly import group_closure
-from spherekit.positions.group_solutions import eliminated, orders_of, solutions
+from spherekit.positions.group_solutions import find_group_configurations
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import SearchStatistics
@@ -52,7 +54,7 @@ def check_complete(chain, driven, axes, random, starts, roots):
     """Compare the assemblies with a search; return how many modes both have."""
     made = made_of(chain, driven, axes)
     solver, found = solved(made)
-    assert found.methods[0].words == f"elimination: all {roots} complex roots"
+    assert found.methods[0].description == f"elimination: all {roots} complex roots"
     placed, gaps = poses(solver, found)
     assert np.max(np.abs(gaps)) < 1e-13
     searched, links = multi_start(made, random, starts)
@@ -74,9 +76,9 @@ def test_all_seven_body_groups_of_eight_bars_are_eliminated():
             assembly = plan_assembly(made)
             if len(assembly.groups[0].bodies) == 7:
                 group, closure = alone(made)
-                _, _, problem = eliminated(group, closure)
+                problem = solve_by_elimination(group, closure).problem
                 assert not problem
-                roots[chain, a, b] = orders_of(group)[0].roots
+                roots[chain, a, b] = find_elimination_orders(group)[0].root_count
     assert len(roots) == 32
     butterfly = {joint: roots[BUTTERFLY, *joint] for joint in joints(BUTTERFLY)}
     assert {joint for joint, count in butterfly.items() if count == 32} == {(1, 2), (4, 7)}
@@ -112,7 +114,7 @@ def test_a_search_finds_no_mode_that_is_missing(chain, driven, roots, count, sta
 def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
     """Platform axes along base axes, whatever the inputs (I. Bonev et al., 2006)."""
     solver, found = solved(sk.load("agile_eye"), np.radians([23.0, 11.0, 37.0]))
-    assert found.methods[0].words == "elimination: all 8 complex roots"
+    assert found.methods[0].description == "elimination: all 8 complex roots"
     placed, gaps = poses(solver, found)
     assert len(placed) == 8
     assert np.max(np.abs(gaps)) < 1e-13
@@ -149,21 +151,21 @@ def test_a_platform_that_can_move_is_searched_and_said_to_be(monkeypatch):
     axes = random_axes(np.random.default_rng(11), 9)
     axes[4], axes[7] = axes[3], axes[6]
     group, closure = alone(made_of(*PLATFORM, axes))
-    values, _, problem = eliminated(group, closure)
-    assert "infinitely many" in problem and not len(values)
+    result = solve_by_elimination(group, closure)
+    assert "infinitely many" in result.problem and not len(result.angles)
     monkeypatch.setattr(
         "spherekit.positions.group_solutions.search", lambda *a: SearchStatistics(9)
     )
-    _, method = solutions(group, closure)
+    _, method = find_group_configurations(group, closure)
     said = "search (there are infinitely many complex solutions): 0 random starts"
-    assert method.doubt > 0.9 and method.words.startswith(said)
+    assert method.doubt > 0.9 and method.description.startswith(said)
 
 
 def test_a_bar_without_arc_is_searched_and_said_to_be():
     axes = random_axes(np.random.default_rng(12), 9)
     axes[6] = axes[3]
     group, closure = alone(made_of(*PLATFORM, axes))
-    assert "arc" in eliminated(group, closure)[2]
+    assert "arc" in solve_by_elimination(group, closure).problem
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from spherekit.cli.main import main
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies, random_starts
 from spherekit.positions.group_assembly import group_closure
-from spherekit.positions.group_solutions import in_order, solutions
+from spherekit.positions.group_solutions import find_group_configurations, mode_sort_key
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import STARTS, SearchStatistics
@@ -115,12 +115,12 @@ def test_the_order_of_modes_does_not_hang_on_rounding_at_half_turns():
     solver, q = tracer.solver, tracer.input_grid.q[0]
     group = solver.assembly.groups[0]
     closure = group_closure(solver.start(q[None]), group)
-    values, _ = solutions(group, closure)
+    values, _ = find_group_configurations(group, closure)
     angles = np.array(values)
     assert np.any(np.abs(np.abs(angles) - np.pi) < 1e-9)
     random = np.random.default_rng(3)
     for _ in range(5):
         noisy = [mode + random.uniform(-1e-12, 1e-12, len(mode)) for mode in values]
         mixed = [noisy[k] for k in random.permutation(len(noisy))]
-        again = np.array(sorted(mixed, key=in_order))
+        again = np.array(sorted(mixed, key=mode_sort_key))
         assert np.max(np.abs(np.sin(0.5 * (again - angles)))) < 1e-11

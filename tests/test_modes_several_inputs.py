@@ -434,7 +434,7 @@ def test_a_limit_of_configurations_at_an_input_is_said(monkeypatch):
         found = assemblies(solver, np.zeros(1))
         assert len(found.values) == min(most, count)
         assert found.is_complete == complete == (not found.is_truncated)
-        told = any("kept, there are more" in method.words for method in found.methods)
+        told = any("kept, there are more" in method.description for method in found.methods)
         assert told == (not complete)
 
 

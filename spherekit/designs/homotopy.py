@@ -18,7 +18,7 @@ from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.designs.path_kernel import NewtonStep, PathKernel
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.numerics.angles import wrap
-from spherekit.positions.group_solutions import has_elimination, orders_of
+from spherekit.positions.elimination_order import find_elimination_orders, has_elimination
 from spherekit.positions.input_turning_points import ModeCoalescence
 from spherekit.positions.position_solver import PositionSolver
 
@@ -225,7 +225,7 @@ def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
     groups = structure.assembly.groups
     if not all(group.is_dyad or has_elimination(group) for group in groups):
         return None
-    roots = prod(orders_of(group)[0].roots for group in groups)
+    roots = prod(find_elimination_orders(group)[0].root_count for group in groups)
     if roots > MOST_SOLUTIONS:
         return None
     moving = mechanism.with_inputs(*mechanism.names_of(structure.assembly.inputs))

@@ -24,10 +24,10 @@ from spherekit.positions.group_conditioning import group_reciprocal_condition
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
     SEARCH,
-    Method,
+    SolutionMethod,
     all_complete,
+    find_group_configurations,
     least_complete,
-    solutions,
 )
 from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.linearisation import Linearisation, condition
@@ -76,7 +76,7 @@ class Assemblies(NamedTuple):
 
     signs: tuple[tuple[int, ...], ...]
     values: Floats
-    methods: tuple[Method | None, ...]
+    methods: tuple[SolutionMethod | None, ...]
     is_truncated: bool = False
 
     @property
@@ -87,7 +87,7 @@ class Assemblies(NamedTuple):
 
 def assemblies(solver: PositionSolver, q: Floats) -> Assemblies:
     """Return every mode found at inputs q (inputs,), and how."""
-    methods: list[Method | None] = [None] * len(solver.assembly.groups)
+    methods: list[SolutionMethod | None] = [None] * len(solver.assembly.groups)
     searched = any(
         not group.revolute and number not in solver.wheel_trains
         for number, group in enumerate(solver.assembly.groups)
@@ -101,7 +101,7 @@ def assemblies(solver: PositionSolver, q: Floats) -> Assemblies:
     every = every[:MOST_CONFIGURATIONS]
     if is_truncated:
         words = f"the first {MOST_CONFIGURATIONS} configurations are kept, there are more"
-        methods[-1] = Method(words, 1.0)
+        methods[-1] = SolutionMethod(words, 1.0)
     values = np.reshape(
         [state.values[0] for _, state in every], (-1, len(solver.mechanism.variable_owners))
     )
@@ -121,7 +121,10 @@ def _modes_in_mesh(solver: PositionSolver, meshes: GearPhases, q: Floats) -> Flo
 
 
 def chains(
-    solver: PositionSolver, q: Floats, most: int, methods: list[Method | None] | None = None
+    solver: PositionSolver,
+    q: Floats,
+    most: int,
+    methods: list[SolutionMethod | None] | None = None,
 ) -> list[tuple[tuple[int, ...], State]]:
     """Return dyad signs and states of the modes that close at any of inputs q (n, inputs).
 
@@ -148,7 +151,7 @@ def chains(
 
 def _grown(
     solver: PositionSolver, state: State, number: int, q: Floats
-) -> tuple[list[tuple[int, State]], Method]:
+) -> tuple[list[tuple[int, State]], SolutionMethod]:
     """Return the states in which a group is placed, with dyad signs, and the method.
 
     It is the group of that number; q (n, inputs) are the inputs.
@@ -170,7 +173,7 @@ def _grown(
     variables = group_variables(state, group)
     given = None if reference is None else reference[None, variables]
     closure = group_closure(state, group)
-    configurations, method = solutions(group, closure, given)
+    configurations, method = find_group_configurations(group, closure, given)
     if configurations:
         at = closure.solve(np.array(configurations))
         for row, values in enumerate(at.values):

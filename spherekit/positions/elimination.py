@@ -1,27 +1,109 @@
-"""All closed configurations of groups of R pairs with up to three loops, by elimination.
+"""All configurations of a group of R pairs at one sample, by elimination.
 
-Bars are taken out, one for each loop, until what is left is a tree; the arc of each bar is
-one equation, linear in the cosine and sine of each angle of the tree
-(`spherekit.geometry.trigonometric_system`). A bar is a body with two R pairs; with its
-neighbours placed, its arc between them is the only condition, and it follows from its axes.
-No structure is known by name: what matters is which bars there are.
-
-The binary links of a group as arcs between two other bodies, and how they are placed.
-
-A body with two R pairs keeps one axis of each of its neighbours at a fixed arc. With the
-neighbours placed, that arc is the only condition, and the body follows from its axes.
-
-Searching the configurations of a mechanism over the range of its inputs at random.
-
-With one input the input is unknown too: a start goes to the configuration curves, so that
-one that is short along the input is met as well as others, and not only where an input
-probed happens to lie in it. With several each start has the inputs of one sample. Where
-wheels are in mesh, each start has an input and the lengths rolled that belong to it.
+The arc equations of the group (`spherekit.positions.arc_equations`) have a known number of
+complex solutions. All of them are computed, and the real ones are the configurations of the
+group. The checks of `find_near_real_angles` in `spherekit.geometry.trigonometric_system`
+detect lost solutions.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
-_TURN = np.zeros((3, 3, 3))
-_TURN[0, 2, 2] = _TURN[1, 0, 0] = _TURN[1, 1, 1] = _TURN[2, 1, 0] = 1.0
-_TURN[2, 0, 1] = -1.0
-"""A rotation about z is this (3, 3, 3) times its point (1, cos, sin)."""
+from spherekit.arrays import Bools, Floats
+from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.trigonometric_system import find_near_real_angles
+from spherekit.planning.assembly_plan import Group
+from spherekit.positions.arc_equations import GroupGeometry
+from spherekit.positions.elimination_order import find_binary_links, find_elimination_orders
+from spherekit.positions.loop_closure import Closure
+
+NEARLY_REAL_RAD = 0.03
+"""Largest imaginary part (rad) of a solution that is tried as a real one.
+
+Rounding gives multiple real solutions an imaginary part. A smaller limit can miss them. A
+larger one starts Newton's method at more solutions that are not real.
+"""
+
+REAL_RAD = 1e-7
+"""Largest imaginary part (rad) of a solution that must be real.
+
+With a larger value complex solutions could be taken for real ones, and a sound elimination
+would be rejected. With a smaller value a lost real solution could remain unnoticed.
+"""
+
+MIN_ARC_SINE = 1e-5
+"""Smallest sine of the arc of a binary link for which elimination is used.
+
+An error d of the arc changes its cosine, and thus the equation, only by d sin(arc). With a
+smaller limit the equations lose digits. With a larger one more groups are searched.
+"""
+
+
+@dataclass(frozen=True)
+class EliminationResult:
+    """Configurations that solve the arc equations of a group, up to rounding.
+
+    Attributes
+    ----------
+    angles
+        (solutions, pairs) angles (rad) of nearly closed configurations. They are starting
+        values for Newton's method, and a configuration can occur more than once.
+    is_real
+        (solutions,) whether the solution is real up to rounding. Newton's method must then
+        find a closed configuration next to it. The others may be complex solutions.
+    problem
+        Why a real solution may be missing; empty if none can be missing.
+    """
+
+    angles: Floats
+    is_real: Bools
+    problem: str
+
+
+def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
+    """Compute all real solutions of the arc equations of a group at one sample.
+
+    Elimination orders are tried until the checks of one succeed. If all of them fail, the
+    solutions of all orders are returned together.
+
+    Parameters
+    ----------
+    group
+        A group for which `has_elimination` is true.
+    closure
+        Closure of this group with a single sample.
+    """
+    pair_count = len(group.pairs)
+    # At zero angles the pair states are the frames of the pairs in their bodies.
+    pair_states = closure.at(np.zeros((1, pair_count))).states
+    frames = np.stack([pair_states.first, pair_states.second])
+    geometry = GroupGeometry(group, pair_frames=np.moveaxis(frames, 1, 2))
+
+    # A link whose two axes coincide rotates freely, so there are infinitely many solutions.
+    arc_sines = [np.min(geometry.arc_sines(link)) for link in find_binary_links(group)]
+    if min(arc_sines) < MIN_ARC_SINE:
+        return EliminationResult(
+            angles=np.empty((0, pair_count)),
+            is_real=np.empty(0, dtype=bool),
+            problem="a link has an arc of about 0 or 180 deg",
+        )
+
+    angles_of_orders: list[Floats] = []
+    is_real_of_orders: list[Bools] = []
+    problem = ""
+    for order in find_elimination_orders(group):
+        equations = geometry.form_equations(order)[0]
+        tree_angles, problem = find_near_real_angles(equations, order.incidence)
+        imaginary_part = max_abs(tree_angles.imag, axis=1)
+        is_candidate = imaginary_part < NEARLY_REAL_RAD
+        orientations = geometry.place_bodies(order, tree_angles[None, is_candidate].real)
+        angles = geometry.measure_pair_angles(orientations)
+        is_real = imaginary_part[is_candidate] < REAL_RAD
+        if not problem:
+            return EliminationResult(angles, is_real, problem="")
+        angles_of_orders.append(angles)
+        is_real_of_orders.append(is_real)
+    return EliminationResult(
+        np.concatenate(angles_of_orders), np.concatenate(is_real_of_orders), problem
+    )

@@ -23,9 +23,10 @@ from spherekit.completeness import Completeness, Guarantee
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.mechanism.joint import revolute
 from spherekit.numerics.sign_changes import MOST_CELLS, crossings
+from spherekit.positions.arc_equations import GroupGeometry
 from spherekit.positions.curve_crossing import Crossing
+from spherekit.positions.elimination_order import EliminationOrder, find_elimination_orders
 from spherekit.positions.group_assembly import train_turns
-from spherekit.positions.group_solutions import Frames, Order, orders_of
 from spherekit.positions.mode_meetings import SAME_INPUT_RAD, degrees_text, find_crossings
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.progress import ProgressReporter
@@ -53,15 +54,15 @@ def meetings_of(
     """
     groups = solver.assembly.groups
     orders = [
-        orders_of(group) if group.revolute and group.loops in COSTS else ()
+        find_elimination_orders(group) if group.revolute and group.loops in COSTS else ()
         for number, group in enumerate(groups)
         if number not in solver.wheel_trains
     ]
     if len(solver.driven) != 1 or not all(orders):
         return None
-    if prod(order[0].roots for order in orders) > MOST_COMPLEX:
+    if prod(order[0].root_count for order in orders) > MOST_COMPLEX:
         return None
-    most = max((len(order[0].bars) for order in orders), default=0)
+    most = max((len(order[0].removed_links) for order in orders), default=0)
     if most > MOST_LOOPS and (len(groups) > 1 or COSTS[most] > most_cost):
         return None
     return ModeCoalescence(solver)
@@ -80,11 +81,13 @@ class ModeCoalescence:
         self.groups = solver.assembly.groups
         every = frozenset(range(len(self.groups)))
         tried_at = np.add.outer(TRIED, np.arange(len(solver.driven)))
-        self._orders: list[Order | None] = []
+        self._orders: list[EliminationOrder | None] = []
         self._seen: list[frozenset[int]] = []
         for part, group in enumerate(self.groups):
             self._seen.append(every)
-            tried = (None,) if part in solver.wheel_trains else orders_of(group)
+            tried = (
+                (None,) if part in solver.wheel_trains else find_elimination_orders(group)
+            )
             self._orders.append(tried[0])
             for self._orders[part] in tried:
                 determinants = self._determinants(part, tried_at)
@@ -100,7 +103,7 @@ class ModeCoalescence:
     def _count(self, number: int) -> int:
         """Return how many complex modes a group has, a train of wheels one."""
         order = self._orders[number]
-        return 1 if order is None else order.roots
+        return 1 if order is None else order.root_count
 
     def modes(self, part: int) -> int:
         """Return the number of complex modes that the function of a group is made of."""
@@ -135,8 +138,8 @@ class ModeCoalescence:
             within = self._placed(part, q)
             if order is None:
                 return np.ones((len(q), within[0].shape[1]), dtype=complex)
-            frames = Frames(group, self._sides(group.pairs, within))
-            return frames.solutions(order)[1].reshape(len(q), -1)
+            geometry = GroupGeometry(group, self._sides(group.pairs, within))
+            return geometry.solve_equations(order)[1].reshape(len(q), -1)
 
     def _placed(self, part: int, q: Floats) -> list[Complexes]:
         """Return the orientations (n, modes, 3, 3) of links in their bodies.
@@ -152,8 +155,8 @@ class ModeCoalescence:
             if order is None:
                 turns = train_turns(group, within, ends, self.solver.joints, angles)
             else:
-                frames = Frames(group, self._sides(group.pairs, within))
-                placed = frames.placed(order, frames.solutions(order)[0])
+                geometry = GroupGeometry(group, self._sides(group.pairs, within))
+                placed = geometry.place_bodies(order, geometry.solve_equations(order)[0])
                 placed = placed.reshape(len(q), -1, *placed.shape[2:])
                 turns = [placed[:, :, body] for body in range(placed.shape[2])]
                 within = [np.repeat(turned, step, axis=1) for turned in within]

@@ -32,13 +32,13 @@ from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.configuration_space import monotone_pieces
 from spherekit.positions.curve_continuation import LONGEST, follow_arc
 from spherekit.positions.curve_crossing import Crossing
+from spherekit.positions.elimination_order import has_elimination
 from spherekit.positions.group_assembly import place_dyad
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
     SEARCH,
-    Method,
+    SolutionMethod,
     all_complete,
-    has_elimination,
     least_complete,
 )
 from spherekit.positions.input_grid import InputGrid, spread_rows
@@ -134,7 +134,7 @@ class ModeSearch:
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
         self.families: list[int] = []
-        self.methods: list[Method | None] = [None] * len(self.groups)
+        self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.probes = 0
         self.crossings: tuple[Crossing, ...] = ()
         self._freedoms: list[int] = []

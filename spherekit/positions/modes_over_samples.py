@@ -25,12 +25,12 @@ from spherekit.positions.assembly_enumeration import (
 )
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_graph import ConfigurationGraph, share_numbers
+from spherekit.positions.elimination_order import find_elimination_orders
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
     SEARCH,
-    Method,
+    SolutionMethod,
     least_complete,
-    orders_of,
 )
 from spherekit.positions.input_grid import InputGrid, spread_rows
 from spherekit.positions.input_revolutions import whole_laps
@@ -103,7 +103,7 @@ class SampledModes:
         self.input_grid = input_grid
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
-        self.methods: list[Method | None] = [None] * len(self.groups)
+        self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.probes = 0
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
@@ -159,7 +159,10 @@ class SampledModes:
         self.methods = [
             CLOSED_FORM
             if group.is_dyad or number in self.solver.wheel_trains
-            else Method(f"elimination: all {orders_of(group)[0].roots} complex roots")
+            else SolutionMethod(
+                f"elimination: all {find_elimination_orders(group)[0].root_count} "
+                "complex roots"
+            )
             for number, group in enumerate(self.groups)
         ]
         self._graph.add(configurations.sample, configurations.values)

@@ -275,7 +275,7 @@ class PositionAnalysis:
         if not self._probe_count:
             return f"{self.claim}; no others were looked for"
         method_texts = [
-            f"{group.kind}: {method.words}"
+            f"{group.kind}: {method.description}"
             for group, method in zip(self.assembly.groups, self.methods, strict=True)
             if method is not None
         ]

@@ -15,10 +15,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import all_finite, cross, max_abs
+from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.geometry.trigonometric_system import estimate_real_angles
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import Group
+from spherekit.positions.arc_equations import GroupGeometry
+from spherekit.positions.elimination import MIN_ARC_SINE
+from spherekit.positions.elimination_order import (
+    EliminationOrder,
+    find_binary_links,
+    find_elimination_orders,
+    has_elimination,
+)
 from spherekit.positions.group_assembly import (
     State,
     group_closure,
@@ -26,15 +34,9 @@ from spherekit.positions.group_assembly import (
     place_dyad,
 )
 from spherekit.positions.group_solutions import (
-    MOVED,
-    POINTLIKE,
-    Frames,
-    Order,
-    bars_of,
-    distinct_by_elimination,
-    has_elimination,
-    orders_of,
-    sort_keys,
+    MAX_CORRECTION_RAD,
+    find_distinct_by_elimination,
+    sortable_angles,
 )
 from spherekit.positions.linearisation import condition
 from spherekit.positions.loop_closure import Closure, least_change
@@ -320,7 +322,7 @@ def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
         values.append(configurations)
     sample = np.concatenate(samples)
     all_values = np.concatenate(values)
-    order = np.lexsort((*sort_keys(all_values).T[::-1], sample))
+    order = np.lexsort((*sortable_angles(all_values).T[::-1], sample))
     return SampleConfigurations(
         sample[order], all_values[order], is_complete, problems[0] if problems else ""
     )
@@ -330,7 +332,7 @@ def _solve_batch(
     group: Group,
     closure: Closure,
     count: int,
-    solve: Callable[[Frames, Order], tuple[Floats, Bools]],
+    solve: Callable[[GroupGeometry, EliminationOrder], tuple[Floats, Bools]],
 ) -> SampleConfigurations:
     """Return the configurations of the samples at which one method certainly finds all.
 
@@ -356,20 +358,20 @@ def _solve_batch(
     samples.
     """
     states = closure.at(np.zeros((count, len(group.pairs)))).states
-    frames = Frames(group, np.moveaxis(np.stack([states.first, states.second]), 1, 2))
-    order = orders_of(group)[0]
-    tree_angles, is_clear = solve(frames, order)
+    frames = np.stack([states.first, states.second])
+    geometry = GroupGeometry(group, pair_frames=np.moveaxis(frames, 1, 2))
+    order = find_elimination_orders(group)[0]
+    tree_angles, is_clear = solve(geometry, order)
     # The arc of a very short binary link is not well described by its cosine.
-    for bar in bars_of(group):
-        axes = frames.axes_of_bar(bar)[0]
-        is_clear &= np.linalg.norm(cross(*axes), axis=-1) >= POINTLIKE
+    for link in find_binary_links(group):
+        is_clear &= geometry.arc_sines(link) >= MIN_ARC_SINE
     is_real = all_finite(tree_angles, 2)
     sample, number = np.nonzero(is_real & is_clear[:, None])
-    placed = frames.placed(order, np.where(is_real[..., None], tree_angles, 0.0))
-    start_values = frames.angles_at(placed[sample, number], sample)
+    placed = geometry.place_bodies(order, np.where(is_real[..., None], tree_angles, 0.0))
+    start_values = geometry.measure_pair_angles_at(placed[sample, number], sample)
     at = closure.take(sample).solve(start_values, iterations=POLISHING_STEPS)
     correction = max_abs(wrap(at.values - start_values), axis=1)
-    is_sound = (at.gap < CLOSURE_TOLERANCE) & (correction < MOVED)
+    is_sound = (at.gap < CLOSURE_TOLERANCE) & (correction < MAX_CORRECTION_RAD)
     is_sound &= condition(at.jacobian) < MAX_CONDITION_NUMBER
     is_clear[sample[~is_sound]] = False
     # Two real solutions must not converge to the same configuration. Points on the unit
@@ -383,23 +385,27 @@ def _solve_batch(
     return SampleConfigurations(sample[is_kept], at.values[is_kept], is_clear, "")
 
 
-def _solve_real_roots(frames: Frames, order: Order) -> tuple[Floats, Bools]:
+def _solve_real_roots(
+    geometry: GroupGeometry, order: EliminationOrder
+) -> tuple[Floats, Bools]:
     """Return the real solutions of the tree's angles from the roots on the unit circle.
 
     A real angle belongs to a root on the unit circle. The results are those of `solve` in
     `_solve_batch`. The second one is whether there is one solution for each such root, and
     whether every other root is clearly off the circle.
     """
-    return estimate_real_angles(frames.equations(order), order.involves)
+    return estimate_real_angles(geometry.form_equations(order), order.incidence)
 
 
-def _solve_all_roots(frames: Frames, order: Order) -> tuple[Floats, Bools]:
+def _solve_all_roots(
+    geometry: GroupGeometry, order: EliminationOrder
+) -> tuple[Floats, Bools]:
     """Return the real solutions of the tree's angles, selected from all complex ones.
 
     The results are those of `solve` in `_solve_batch`. The second one is whether all
     complex solutions were computed, and each is clearly real or clearly complex.
     """
-    tree_angles, _ = frames.solutions(order)
+    tree_angles, _ = geometry.solve_equations(order)
     imaginary_part = max_abs(tree_angles.imag, axis=2)
     is_real = imaginary_part < REAL_BELOW_RAD
     is_clear = np.all(is_real | (imaginary_part > COMPLEX_ABOVE_RAD), axis=1)
@@ -427,7 +433,9 @@ def _examine_samples(
     reason is empty if none is missing.
     """
     for row in rows.tolist():
-        distinct, problem = distinct_by_elimination(group, closure.take(np.array([row])))
+        distinct, problem = find_distinct_by_elimination(
+            group, closure.take(np.array([row]))
+        )
         values = np.reshape(distinct.values, (-1, len(group.pairs)))
         if distinct.is_truncated:
             problem = problem or "only some of many singular configurations are kept"

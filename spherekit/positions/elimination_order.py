@@ -1,0 +1,171 @@
+"""Which binary links of a group are removed, and in which order its angles are eliminated.
+
+A binary link is a body with two R pairs. One binary link is removed for each loop of the
+group, until the other bodies form a tree. Each removed link gives one equation in the
+angles of the tree: it keeps the axes of its two pairs at a fixed arc
+(`spherekit.positions.arc_equations`). This module reads only the graph of the group. It
+contains no geometry.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import combinations, permutations
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Bools
+from spherekit.geometry.trigonometric_system import eliminant_degree
+from spherekit.mechanism.graph import spanning
+from spherekit.planning.assembly_plan import Group
+
+MAX_ORDERS = 8
+"""Largest number of elimination orders of a group.
+
+They are tried one after another until the checks of one succeed. Larger: more groups with
+special geometry are solved by elimination, after a longer time; smaller: more of them need
+a random search.
+"""
+
+
+class BinaryLink(NamedTuple):
+    """A body of a group with two R pairs that join it to two different bodies.
+
+    Attributes
+    ----------
+    body
+        Position of the body in `Group.bodies`.
+    pairs
+        Positions of its two pairs in `Group.pairs`, rising.
+    neighbours
+        Positions of the bodies to which these pairs lead, in the same order.
+    """
+
+    body: int
+    pairs: tuple[int, int]
+    neighbours: tuple[int, int]
+
+
+class EliminationOrder(NamedTuple):
+    """The t unknown angles and t removed links of a group, in an order that can be solved.
+
+    All numbers are positions in `Group.bodies` and `Group.pairs`.
+
+    Attributes
+    ----------
+    base_body
+        A body of the tree, from which the other bodies of the tree are placed.
+    tree_pairs
+        The t pairs of the tree. Their angles are the unknowns. The others are eliminated,
+        and the first remains.
+    removed_links
+        The t binary links outside the tree, in the order of their equations.
+    spanned_pairs
+        For each removed link the pairs of the tree between its two neighbours, in order
+        from the first neighbour to the second.
+    """
+
+    base_body: int
+    tree_pairs: tuple[int, ...]
+    removed_links: tuple[BinaryLink, ...]
+    spanned_pairs: tuple[tuple[int, ...], ...]
+
+    @property
+    def incidence(self) -> Bools:
+        """(t, t) whether the equation of a row contains the angle of a column."""
+        return np.array(
+            [[pair in path for pair in self.tree_pairs] for path in self.spanned_pairs]
+        )
+
+    @property
+    def root_count(self) -> int:
+        """Number of complex solutions with multiplicity; 0 if this order cannot be solved.
+
+        A polynomial in cos and sin of the first angle has twice as many complex roots as
+        its degree.
+        """
+        return 2 * eliminant_degree(self.incidence)
+
+
+def has_elimination(group: Group) -> bool:
+    """Return whether the configurations of a group can be found by elimination."""
+    return (
+        group.revolute
+        and len(group.bodies) in (5, 7)
+        and bool(find_elimination_orders(group))
+    )
+
+
+@lru_cache
+def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
+    """Return the binary links of a group, by rising position of the body."""
+    binary_links = []
+    for body in range(len(group.bodies)):
+        pairs = [pair for pair, ends in enumerate(group.ends) if body in ends]
+        neighbours = [sum(group.ends[pair]) - body for pair in pairs]
+        if len(pairs) == len(set(neighbours)) == 2:
+            binary_links.append(
+                BinaryLink(body, (pairs[0], pairs[1]), (neighbours[0], neighbours[1]))
+            )
+    return tuple(binary_links)
+
+
+@lru_cache
+def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
+    """Return the elimination orders with the fewest complex solutions.
+
+    At most `MAX_ORDERS` are returned, the same ones each time; none if the group has no
+    elimination.
+    """
+    orders = []
+    for removed_links in combinations(find_binary_links(group), group.loops):
+        removed_bodies = {link.body for link in removed_links}
+        base_body = min({*range(len(group.bodies))} - removed_bodies)
+        tree_pairs = [
+            pair for pair, ends in enumerate(group.ends) if removed_bodies.isdisjoint(ends)
+        ]
+        # There must be as many angles as equations, and both neighbours of a removed link
+        # must be placed by the tree.
+        are_placed = all(
+            removed_bodies.isdisjoint(link.neighbours) for link in removed_links
+        )
+        if len(tree_pairs) != len(removed_links) or not are_placed:
+            continue
+        path_by_link = {
+            link: find_tree_path(group, tree_pairs, *link.neighbours)
+            for link in removed_links
+        }
+        for ordered_pairs in permutations(tree_pairs):
+            for ordered_links in permutations(removed_links):
+                # The elimination treats the last two equations alike, so only one of their
+                # two orders is needed.
+                last_bodies = [link.body for link in ordered_links[-2:]]
+                if last_bodies != sorted(last_bodies):
+                    continue
+                order = EliminationOrder(
+                    base_body,
+                    tree_pairs=ordered_pairs,
+                    removed_links=ordered_links,
+                    spanned_pairs=tuple(path_by_link[link] for link in ordered_links),
+                )
+                if order.root_count:
+                    orders.append(order)
+    fewest_roots = min((order.root_count for order in orders), default=0)
+    best_orders = [order for order in orders if order.root_count == fewest_roots]
+    return tuple(best_orders[:MAX_ORDERS])
+
+
+def find_tree_path(
+    group: Group, tree_pairs: Sequence[int], start: int, goal: int
+) -> tuple[int, ...]:
+    """Return the pairs of a tree from one body to another, in order from the start."""
+    step_to_body = {
+        child: (pair, parent)
+        for pair, parent, child in spanning(group.ends, [start], tree_pairs)
+    }
+    path: list[int] = []
+    body = goal
+    while body in step_to_body:
+        pair, body = step_to_body[body]
+        path.insert(0, pair)
+    return tuple(path)
