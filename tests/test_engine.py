@@ -367,7 +367,7 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
     three axes are not plane: the compiled engine may not end in a crossing of curves there.
     It is so where nothing is known of the wheels, and all is one group.
     """
-    held = "spherekit.planning.assembly_plan.held_meshes"
+    held = "spherekit.planning.assembly_plan.find_carried_contacts"
     monkeypatch.setattr(held, lambda mechanism: frozenset())
     made = geared_five_bar()
     driving = {"torque": "0.1*sin(2*t)"}

@@ -69,7 +69,7 @@ def test_bodies_of_several_links(which, sense):
 def outer_and_other(made, which):
     """Return the outer pair of a body of several links, and its middle or far pair."""
     for group in plan_assembly(made).groups:
-        near, middle, far = (group.pairs[k] for k in group.dyad_places)
+        near, middle, far = (group.pairs[k] for k in group.dyad_positions)
         if len(group.bodies[1]) > 1:
             return near, far if which else middle
         if len(group.bodies[2]) > 1:

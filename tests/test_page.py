@@ -103,7 +103,7 @@ def by_python(mechanism, q, name):
         middle = mechanism.pair_number["_".join(of[1:])]
         groups = plan_assembly(mechanism).groups
         (dyad,) = (x for x in groups if x.is_dyad and x.middle == middle)
-        pairs = [mechanism.pairs[dyad.pairs[k]] for k in dyad.dyad_places]
+        pairs = [mechanism.pairs[dyad.pairs[k]] for k in dyad.dyad_positions]
         near, at, far = (rows.direction("/".join(pair.links), first) for pair in pairs)
         one, other = unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far))
         sine = np.linalg.norm(np.cross(one, other), axis=1)

@@ -19,9 +19,9 @@ from spherekit.mechanism.graph import spanning
 from spherekit.mechanism.load import Component, TorqueTable, expression_of
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Group, plan_assembly
-from spherekit.planning.pole_plan import LinePole, Plan, PrimaryPole, pole_of, roman
+from spherekit.planning.pole_plan import LinePole, Plan, PrimaryPole, pole_of, roman_numeral
 from spherekit.planning.pole_planner import plan
-from spherekit.planning.pole_sequence import circles
+from spherekit.planning.pole_sequence import group_by_circle
 from spherekit.symbolic.expression_graph import (
     Expr,
     ExpressionNode,
@@ -326,7 +326,7 @@ class Formulas:
 
     def _close(self, of: str, group: Group) -> None:
         """Place both links of a dyad."""
-        near, middle, far = group.dyad_places
+        near, middle, far = group.dyad_positions
         if group.dyad_parity < 0:
             near, far = far, near
         a, b, c = (self.pair_axes[group.pairs[x]] for x in (near, middle, far))
@@ -414,9 +414,9 @@ class Formulas:
                 )
             both = self._of(*step.pole[::-1])
             moves = f" while ${self._motion[0][k].arguments[0]}$ moves" * self._several
-            self._section = f"Poles of pass {roman(step.round)}{moves}"
+            self._section = f"Poles of pass {roman_numeral(step.round)}{moves}"
             planes = []
-            for third, *_ in circles({*step.via}, step.pole, table.coaxial)[:2]:
+            for third, *_ in group_by_circle(step.via, step.pole, table.coaxial)[:2]:
                 ends = (poles[pole_of(end, third)] for end in step.pole)
                 of = f"{both}|{self.index[third]}"
                 planes.append(self._line(r"\mathbf{n}", of, cross(*ends)))

@@ -20,8 +20,8 @@ from spherekit.numerics.bracketed_zeros import bracketed_zeros
 from spherekit.outputs.dyad_chain import Dyads, Signs
 from spherekit.outputs.virtual_output import VirtualOutputChain
 from spherekit.outputs.working_mode import Fraction, PosedMode
-from spherekit.planning.assembly_plan import Assembly, split
-from spherekit.planning.mobility import merged
+from spherekit.planning.assembly_plan import Assembly, split_into_groups
+from spherekit.planning.mobility import merge_locked_links
 from spherekit.positions.loop_closure import newton
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.velocities.direction_signs import dot
@@ -193,7 +193,7 @@ def turned(
     if not wrist.points or direction is None or len(joints) < len(made.pairs):
         return None
     held = wrist.pairs
-    bodies = merged(made, held)
+    bodies = merge_locked_links(made, held)
     axis = np.array(direction)
     frame = frame_from(axis, perpendicular(axis)).T
     candidates = []
@@ -203,7 +203,7 @@ def turned(
             continue
         rest = [k for k in range(len(made.pairs)) if k not in (*held, *pairs)]
         try:
-            assembly = Assembly(held, bodies, split(made, bodies, rest))
+            assembly = Assembly(held, bodies, split_into_groups(made, bodies, rest))
         except CountError:
             continue
         if Dyads.fit(assembly, wrist.base):

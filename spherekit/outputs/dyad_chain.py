@@ -128,7 +128,7 @@ class Dyads:
         )
 
     def _stand(self, group: Group) -> DyadPlacement:
-        near, middle, far = (group.pairs[place] for place in group.dyad_places)
+        near, middle, far = (group.pairs[place] for place in group.dyad_positions)
         first, second = group.bodies[1][0], group.bodies[2][0]
         return DyadPlacement(
             near,

@@ -1,13 +1,14 @@
-"""The driven pairs of a mechanism, and the bodies that are left when some are locked.
+"""The order in which the positions of all links follow from the inputs, group by group.
 
-The order in which positions follow from the inputs: dyads and irreducible groups.
-
-With the inputs locked the mechanism is a structure without freedom. Its smallest rigid
-part is a group that can be placed on its own; made one body, the next one follows, and
-so on until one body is left. No frame is singled out (theory of Assur groups), so an
-input between two floating links needs no special treatment.
+With all inputs locked, a mechanism is a structure without degrees of freedom. Its smallest
+rigid part is a group that can be placed on its own: a dyad, a triad, or a larger
+irreducible group. The group is then one body, and the next group follows, until a single
+body remains.
+No frame is singled out (theory of Assur groups), so an input between two floating links
+needs no special treatment.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from typing import NamedTuple
@@ -15,14 +16,14 @@ from typing import NamedTuple
 from spherekit.errors import CountError, PlanError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.mobility import (
-    FREEDOMS,
-    SMALLEST,
-    Pebbles,
-    _covered,
-    counted_freedom,
-    merged,
+    BODY_FREEDOMS,
+    DYAD_BODIES,
+    PebbleGame,
+    check_mobility,
+    merge_locked_links,
+    play_on_bodies,
 )
-from spherekit.planning.wheel_train import held_meshes
+from spherekit.planning.wheel_train import find_carried_contacts
 from spherekit.wording import listing
 
 
@@ -34,26 +35,34 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
     PlanError
         If an input is a contact pair, or there is no R pair at all.
     """
-    revolute = list(mechanism.angles)
-    names = mechanism.input_pairs
-    for name in names:
+    revolute_pairs = list(mechanism.angles)
+    input_names = mechanism.input_pairs
+    for name in input_names:
         if not mechanism.pair(name).kind.has_axis:
             raise PlanError(
                 f"{mechanism.name}: inputs.{name}: pair {name} is a contact pair; choose "
-                f"an R pair as input: {listing(revolute) or 'there is none'}"
+                f"an R pair as input: {listing(revolute_pairs) or 'there is none'}"
             )
-    if not names:
+    if not input_names:
         raise PlanError(f"{mechanism.name}: an input is an R pair, but there is none")
-    return tuple(mechanism.pair_number[name] for name in names)
+    return tuple(mechanism.pair_number[name] for name in input_names)
 
 
 def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) -> Mechanism:
-    """Return a mechanism driven at the pairs of these names, by default at its inputs.
+    """Return the mechanism with other inputs.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism. It is returned itself if no names are given.
+    names
+        Name of the driven pair, or names of several. By default its own inputs are checked
+        and kept.
 
     Raises
     ------
     PlanError
-        If no pair is named, or there is none that can be driven.
+        If the names are empty, or there is no pair that can be driven.
     ModelError
         If there is no such pair, or one is named twice.
     """
@@ -62,16 +71,31 @@ def driven_at(mechanism: Mechanism, names: str | Sequence[str] | None = None) ->
         return mechanism
     if not names:
         raise PlanError(f"{mechanism.name}: input_pair names no pair; name one or more")
-    return mechanism.with_inputs(*([names] if isinstance(names, str) else names))
+    if isinstance(names, str):
+        return mechanism.with_inputs(names)
+    return mechanism.with_inputs(*names)
 
 
 class Group(NamedTuple):
-    """Bodies that become one body when their pairs are closed together.
+    """Bodies that become one body when all their pairs are closed together.
 
-    `bodies` are sets of link numbers already rigid relative to each other; the first
-    is the one the others are placed in. `ends[k]` are the positions in `bodies` that
-    pair `pairs[k]` joins, first link first. `redundant` says that it has more equations
-    than unknowns, which agree for the geometry given.
+    Three numbers occur here: numbers of links and of pairs of the mechanism, and positions
+    in `bodies` and in `pairs`.
+
+    Attributes
+    ----------
+    bodies
+        For each body the numbers of its links, which are already rigid relative to each
+        other. The others are placed in the first body.
+    pairs
+        Numbers of the pairs between these bodies.
+    ends
+        For each pair the positions in `bodies` of the two bodies that it joins, that of its
+        first link first.
+    revolute
+        Whether all pairs are R pairs whose equations are independent.
+    redundant
+        Whether there are more equations than unknowns. They agree for the given geometry.
     """
 
     bodies: tuple[tuple[int, ...], ...]
@@ -83,31 +107,37 @@ class Group(NamedTuple):
     @property
     def is_dyad(self) -> bool:
         """Whether the group has the closed form of a spherical triangle."""
-        return self.revolute and len(self.bodies) == 3
+        return self.revolute and len(self.bodies) == DYAD_BODIES
 
     @property
-    def dyad_places(self) -> tuple[int, int, int]:
-        """Positions in `pairs` of a dyad's: one outer, the middle, the other outer."""
-        near, middle, far = (
-            next(k for k, pair in enumerate(self.ends) if set(pair) == joined)
-            for joined in ({0, 1}, {1, 2}, {0, 2})
-        )
-        return near, middle, far
+    def dyad_positions(self) -> tuple[int, int, int]:
+        """Positions in `pairs` of the three pairs of a dyad: outer, middle, outer.
+
+        The first outer pair joins body 0 to body 1, the middle pair joins body 1 to body 2,
+        and the other outer pair joins body 0 to body 2.
+        """
+        joined_bodies = [set(ends) for ends in self.ends]
+        first_outer = joined_bodies.index({0, 1})
+        middle = joined_bodies.index({1, 2})
+        second_outer = joined_bodies.index({0, 2})
+        return first_outer, middle, second_outer
 
     @property
     def dyad_parity(self) -> int:
-        """1 if the middle, one and the other outer pair are in the order of `pairs`, or -1.
+        """1 if middle, first outer, second outer is an even permutation of `pairs`, or -1.
 
-        A dyad's sign, that of u_1 . (u_2 x u_3) of its axes in the order of `pairs`, is
-        this times that of the axes in the order named.
+        The sign of a dyad is that of u_1 . (u_2 x u_3) with the axes u in the order of
+        `pairs`. It is this parity times the sign with the axes in the order middle, first
+        outer, second outer.
         """
-        near, middle, _ = self.dyad_places
-        return 1 if (near - middle) % 3 == 1 else -1
+        first_outer, middle, _ = self.dyad_positions
+        return 1 if (first_outer - middle) % 3 == 1 else -1
 
     @property
     def middle(self) -> int:
-        """The number of the pair in the middle of a dyad."""
-        return self.pairs[self.dyad_places[1]]
+        """The number of the middle pair of a dyad."""
+        _, middle, _ = self.dyad_positions
+        return self.pairs[middle]
 
     @property
     def loops(self) -> int:
@@ -116,7 +146,7 @@ class Group(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """The group's name: dyad, triad, or its count of links and loops."""
+        """The kind of the group: dyad, triad, or its numbers of bodies and loops."""
         if self.is_dyad:
             return "dyad"
         if self.redundant:
@@ -131,7 +161,14 @@ class Group(NamedTuple):
 class Assembly(NamedTuple):
     """The locked input pairs, then the groups in solving order.
 
-    `bodies[link]` is the smallest link that the locked inputs join a link to.
+    Attributes
+    ----------
+    inputs
+        Numbers of the driven pairs, which are locked.
+    bodies
+        For each link the smallest link to which locked inputs join it.
+    groups
+        The groups. Each one uses the bodies that earlier groups have formed.
     """
 
     inputs: tuple[int, ...]
@@ -157,7 +194,13 @@ class Assembly(NamedTuple):
 def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     """Return the groups of a mechanism whose input pairs are locked.
 
-    With `by_rank` it has as many freedoms as inputs by rank, though not by counting.
+    Parameters
+    ----------
+    mechanism
+        The mechanism, with its inputs.
+    by_rank
+        Whether the mechanism is known to have a freedom for each input by rank at its
+        configurations, though not by counting.
 
     Raises
     ------
@@ -166,94 +209,148 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         independent freedom, or a part is rigid.
     """
     inputs = driven_pairs(mechanism)
-    _, game = counted_freedom(mechanism, inputs, inputs[1:], by_rank)
-    merged_links = merged(mechanism, inputs)
+    _, pebble_game = check_mobility(mechanism, inputs, inputs[1:], by_rank)
+    body_of_link = merge_locked_links(mechanism, inputs)
     open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
-    if game is not None:
-        return Assembly(inputs, merged_links, split(mechanism, merged_links, open_pairs))
-    meshes = held_meshes(mechanism)
+    if pebble_game is not None:
+        groups = split_into_groups(mechanism, body_of_link, open_pairs)
+        return Assembly(inputs, body_of_link, groups)
+    carried_contacts = find_carried_contacts(mechanism)
     try:
-        groups = split(mechanism, merged_links, open_pairs, meshes)
+        groups = split_into_groups(mechanism, body_of_link, open_pairs, carried_contacts)
     except CountError:
-        # All bodies together, where constraints are redundant.
-        whole = _group(mechanism, merged_links, merged_links[0], open_pairs, True)
-        groups = (whole._replace(revolute=False),)
-    return Assembly(inputs, merged_links, groups)
+        # Constraints are redundant in another way than by wheels on carriers. Counting
+        # cannot find parts then, so all bodies are placed together.
+        whole_group = _make_group(
+            mechanism, body_of_link, body_of_link[0], open_pairs, redundant=True
+        )
+        groups = (whole_group._replace(revolute=False),)
+    return Assembly(inputs, body_of_link, groups)
 
 
-def split(
+def split_into_groups(
     mechanism: Mechanism,
-    bodies: Sequence[int],
+    body_of_link: Sequence[int],
     pairs: Iterable[int],
-    meshes: frozenset[int] = frozenset(),
+    carried_contacts: frozenset[int] = frozenset(),
 ) -> tuple[Group, ...]:
-    """Return the groups of a structure without freedom, in solving order.
+    """Return the groups of a structure without degrees of freedom, in solving order.
 
-    `bodies[link]` is the smallest link of its body, `pairs` are the numbers of the pairs
-    that join bodies; links that none of them reaches are left out. Of `meshes` one
-    constraint counts, the other repeats what else holds their wheels.
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    body_of_link
+        For each link the smallest link of its body.
+    pairs
+        Numbers of the pairs that join the bodies. Links to which no pair leads are left
+        out.
+    carried_contacts
+        Numbers of rolling contacts of which one constraint is counted. The other repeats
+        what a carrier already ensures.
 
     Raises
     ------
     CountError
-        If the bodies that the pairs join could move, or are over-constrained.
+        If the bodies could move, or are over-constrained.
     """
     open_pairs = {n: mechanism.ends[n] for n in pairs}
-    game, covered = _covered(mechanism, bodies, open_pairs, meshes)
-    joined = {bodies[link] for link in chain(*open_pairs.values())}
-    left = sum(game.free[body] for body in joined)
-    if open_pairs and not (covered and left == FREEDOMS):
+    pebble_game, is_independent = play_on_bodies(
+        mechanism, body_of_link, open_pairs, carried_contacts
+    )
+    joined_bodies = {body_of_link[link] for link in chain(*open_pairs.values())}
+    freedoms_left = sum(pebble_game.free_pebbles[body] for body in joined_bodies)
+    # A structure keeps the three degrees of freedom of one rigid body.
+    if open_pairs and not (is_independent and freedoms_left == BODY_FREEDOMS):
         raise CountError(
-            f"{mechanism.name}: {len(joined)} bodies joined by {len(open_pairs)} pairs are "
-            "no structure that can just be assembled"
+            f"{mechanism.name}: {len(joined_bodies)} bodies joined by {len(open_pairs)} "
+            "pairs are no structure that can just be assembled"
         )
+
     groups: list[Group] = []
     while open_pairs:
-        part = _smallest_part(game, open_pairs, bodies)
-        # The body with the ground if there is one, else the largest, else the first.
-        base = min(part, key=lambda body: (body != bodies[0], -bodies.count(body), body))
-        inside = [n for n, ends in open_pairs.items() if {bodies[k] for k in ends} <= part]
-        redundant = not meshes.isdisjoint(inside)
-        groups.append(_group(mechanism, bodies, base, inside, redundant))
-        game.merge(part, base)
-        bodies = [base if body in part else body for body in bodies]
-        open_pairs = {n: ends for n, ends in open_pairs.items() if n not in inside}
+        part = _find_smallest_part(pebble_game, open_pairs, body_of_link)
+        ground_body = body_of_link[0]
+        # The other bodies are placed in the ground if the part contains it. Otherwise they
+        # are placed in the body with the most links, and of these in the first.
+        base_body = ground_body
+        if ground_body not in part:
+            link_count = Counter(body_of_link)
+            base_body = min(part, key=lambda body: (-link_count[body], body))
+        inner_pairs = [
+            n
+            for n, ends in open_pairs.items()
+            if {body_of_link[link] for link in ends} <= part
+        ]
+        redundant = not carried_contacts.isdisjoint(inner_pairs)
+        groups.append(
+            _make_group(mechanism, body_of_link, base_body, inner_pairs, redundant)
+        )
+        pebble_game.merge_bodies(part, base_body)
+        body_of_link = [base_body if body in part else body for body in body_of_link]
+        open_pairs = {n: ends for n, ends in open_pairs.items() if n not in inner_pairs}
     return tuple(groups)
 
 
-def _group(
+def _make_group(
     mechanism: Mechanism,
-    body_of: Sequence[int],
-    base: int,
+    body_of_link: Sequence[int],
+    base_body: int,
     pairs: Sequence[int],
     redundant: bool,
 ) -> Group:
-    """Return the group of the bodies that pairs join, `base` first."""
-    between = [(body_of[a], body_of[b]) for a, b in (mechanism.ends[n] for n in pairs)]
-    members = {
-        body: tuple(link for link, owner in enumerate(body_of) if owner == body)
-        for body in chain(*between)
+    """Return the group of all bodies that some pairs join.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    body_of_link
+        For each link the smallest link of its body.
+    base_body
+        The body that comes first in the group.
+    pairs
+        Numbers of the pairs of the group.
+    redundant
+        Whether the group has more equations than unknowns.
+    """
+    bodies_of_pairs = [
+        (body_of_link[link_a], body_of_link[link_b])
+        for link_a, link_b in (mechanism.ends[n] for n in pairs)
+    ]
+    links_of_body = {
+        body: tuple(link for link, owner in enumerate(body_of_link) if owner == body)
+        for body in chain(*bodies_of_pairs)
     }
-    bodies = sorted(members, key=lambda body: (body != base, members[body]))
+    bodies = sorted(
+        links_of_body, key=lambda body: (body != base_body, links_of_body[body])
+    )
     position = {body: k for k, body in enumerate(bodies)}
     return Group(
-        bodies=tuple(members[body] for body in bodies),
+        bodies=tuple(links_of_body[body] for body in bodies),
         pairs=tuple(pairs),
-        ends=tuple((position[a], position[b]) for a, b in between),
+        ends=tuple((position[a], position[b]) for a, b in bodies_of_pairs),
         revolute=all(mechanism.pairs[n].kind.has_axis for n in pairs),
         redundant=redundant,
     )
 
 
-def _smallest_part(
-    game: Pebbles, open_pairs: dict[int, tuple[int, int]], body_of: Sequence[int]
+def _find_smallest_part(
+    pebble_game: PebbleGame,
+    open_pairs: dict[int, tuple[int, int]],
+    body_of_link: Sequence[int],
 ) -> set[int]:
-    """Return the smallest rigid part with both bodies of a pair, the first of them."""
+    """Return the smallest rigid part that contains both bodies of a pair.
+
+    Parts of equal size are taken in the order of the two bodies of the pair.
+    """
+    couples = [sorted(body_of_link[link] for link in ends) for ends in open_pairs.values()]
     parts = []
-    couples = (sorted(body_of[k] for k in ends) for ends in open_pairs.values())
-    for a, b in sorted(couples):
-        game.gather(a, FREEDOMS)
-        parts.append(game.reach([a, b]))
-        if len(parts[-1]) == SMALLEST:
+    for body_a, body_b in sorted(couples):
+        pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
+        part = pebble_game.reachable_bodies([body_a, body_b])
+        parts.append(part)
+        # No group is smaller than a dyad.
+        if len(part) == DYAD_BODIES:
             break
     return min(parts, key=len)

@@ -1,9 +1,8 @@
-"""Degrees of freedom counted on the graph: which parts are rigid, which move.
+"""Degrees of freedom counted on the graph of links and pairs: rigid and moving parts.
 
-Each link has 3 freedoms, a pair takes 2 (R, Cr) or 1 (Cs). The freedoms of every part
-are counted at once by the pebble game for (3, 3)-sparse graphs (Jacobs and Hendrickson
-1997; Lee and Streinu 2008): each link owns three pebbles, a constraint covers one of
-them, and constraints point from the link whose pebble they hold to the other link.
+A link has 3 degrees of freedom on the sphere. A pair removes 2 (R, Cr) or 1 (Cs). The count
+is made for every part of the graph at once by the pebble game for (3, 3)-sparse graphs
+(Jacobs and Hendrickson 1997; Lee and Streinu 2008).
 """
 
 from collections.abc import Iterable, Sequence
@@ -13,93 +12,163 @@ from spherekit.mechanism.graph import clusters, joined
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import listing
 
+BODY_FREEDOMS = 3
+"""Degrees of freedom of a free body on the sphere."""
 
-def merged(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:
-    """Return for each link the smallest link of its body when pairs are locked."""
-    return tuple(joined(len(mechanism.links), (mechanism.ends[pair] for pair in locked)))
-
-
-FREEDOMS, SMALLEST = 3, 3
-"""Those of a body, and the bodies of a dyad, the smallest group."""
+DYAD_BODIES = 3
+"""Number of bodies of a dyad, the smallest group: one that is placed, and two links."""
 
 
-class Pebbles:
-    """Pebbles and covered constraints of a growing graph of `count` bodies."""
+def merge_locked_links(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int, ...]:
+    """Return for each link the smallest link of its body, if some pairs are locked.
 
-    def __init__(self, count: int) -> None:
-        self.free = [FREEDOMS] * count
-        self.out: list[list[int]] = [[] for _ in range(count)]
+    A body consists of all links that locked pairs join to each other.
 
-    def gather(self, body: int, wanted: int, keep: Sequence[int] = ()) -> int:
-        """Move free pebbles to `body` without taking any from `keep`; return its count."""
-        while self.free[body] < wanted and self._fetch(body, {body, *keep}):
-            pass
-        return self.free[body]
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    locked
+        Numbers of the locked pairs.
+    """
+    locked_ends = (mechanism.ends[pair] for pair in locked)
+    return tuple(joined(len(mechanism.links), locked_ends))
 
-    def _fetch(self, body: int, closed: set[int]) -> bool:
-        """Move a free pebble to `body` along constraints; False if none can be reached."""
-        for other in self.out[body]:
-            if other not in closed:
-                closed.add(other)
-                if self.free[other] or self._fetch(other, closed):
-                    self.free[other] -= 1
-                    self.free[body] += 1
-                    self.out[body].remove(other)
-                    self.out[other].append(body)
-                    return True
+
+class PebbleGame:
+    """The pebble game, which counts the degrees of freedom of all parts of a graph.
+
+    Each body owns three pebbles, one for each degree of freedom. An independent constraint
+    between two bodies takes a pebble of one of them and then points from this body to the
+    other. A pebble can be moved back along the constraints if these are reversed. A part of
+    the graph is rigid if no more than three pebbles can be free on its bodies.
+
+    Attributes
+    ----------
+    free_pebbles
+        Number of free pebbles of each body.
+    constraint_targets
+        For each body the bodies to which the constraints point that hold its pebbles.
+    """
+
+    def __init__(self, body_count: int) -> None:
+        self.free_pebbles = [BODY_FREEDOMS] * body_count
+        self.constraint_targets: list[list[int]] = [[] for _ in range(body_count)]
+
+    def gather_pebbles(self, body: int, count: int, keep: Sequence[int] = ()) -> int:
+        """Move free pebbles to a body until it has enough of them, if possible.
+
+        Parameters
+        ----------
+        body
+            The body that receives the pebbles.
+        count
+            Number of free pebbles that it should have.
+        keep
+            Bodies whose pebbles are not taken.
+
+        Returns
+        -------
+        The number of free pebbles that the body has in the end.
+        """
+        while self.free_pebbles[body] < count:
+            if not self._fetch_pebble(body, visited={body, *keep}):
+                break
+        return self.free_pebbles[body]
+
+    def _fetch_pebble(self, body: int, visited: set[int]) -> bool:
+        """Move one free pebble to a body along constraints, and reverse these.
+
+        The search is depth first and does not enter bodies that were visited. The result is
+        False if no free pebble can be reached.
+        """
+        for target in self.constraint_targets[body]:
+            if target in visited:
+                continue
+            visited.add(target)
+            if self.free_pebbles[target] or self._fetch_pebble(target, visited):
+                self.free_pebbles[target] -= 1
+                self.free_pebbles[body] += 1
+                self.constraint_targets[body].remove(target)
+                self.constraint_targets[target].append(body)
+                return True
         return False
 
-    def insert(self, a: int, b: int) -> bool:
-        """Add one constraint between two bodies; False if it is redundant there."""
-        if self.gather(a, FREEDOMS) < FREEDOMS or not self.gather(b, 1, [a]):
+    def add_constraint(self, body_a: int, body_b: int) -> bool:
+        """Add one constraint between two bodies; return False if it is redundant.
+
+        A constraint is independent if four pebbles can be free on its two bodies: three for
+        the rigid motion of both, and one for a relative motion that it can remove.
+        """
+        if self.gather_pebbles(body_a, BODY_FREEDOMS) < BODY_FREEDOMS:
             return False
-        self.free[a] -= 1
-        self.out[a].append(b)
+        if not self.gather_pebbles(body_b, 1, keep=[body_a]):
+            return False
+        self.free_pebbles[body_a] -= 1
+        self.constraint_targets[body_a].append(body_b)
         return True
 
-    def cover(self, a: int, b: int, constraints: int) -> bool:
-        """Add the constraints of a pair of two bodies; False if any is redundant there."""
-        return a != b and all(self.insert(a, b) for _ in range(constraints))
+    def add_pair(self, body_a: int, body_b: int, constraint_count: int) -> bool:
+        """Add the constraints of a pair; return False if one of them is redundant.
 
-    def reach(self, bodies: Iterable[int]) -> set[int]:
-        """Return the bodies that constraints lead to from these, themselves included."""
-        seen, stack = set[int](), list(bodies)
+        It ends with the first redundant constraint. A pair within one body is redundant.
+        """
+        if body_a == body_b:
+            return False
+        return all(self.add_constraint(body_a, body_b) for _ in range(constraint_count))
+
+    def reachable_bodies(self, bodies: Iterable[int]) -> set[int]:
+        """Return the bodies to which constraints lead from some bodies, with these."""
+        reached = set[int]()
+        stack = list(bodies)
         while stack:
             body = stack.pop()
-            if body not in seen:
-                seen.add(body)
-                stack += self.out[body]
-        return seen
+            if body not in reached:
+                reached.add(body)
+                stack += self.constraint_targets[body]
+        return reached
 
-    def rigid_part(self, a: int, b: int) -> set[int] | None:
-        """Return the smallest rigid set of bodies with both, or None if there is none."""
-        self.gather(a, FREEDOMS)
-        return None if self.gather(b, 1, [a]) else self.reach([a, b])
+    def find_rigid_part(self, body_a: int, body_b: int) -> set[int] | None:
+        """Return the smallest rigid set of bodies that contains two bodies, or None.
 
-    def merge(self, part: set[int], into: int) -> None:
-        """Make one body of a rigid part, its free pebbles gathered on `into`."""
-        self.gather(into, FREEDOMS)
-        for body, targets in enumerate(self.out):
+        The two bodies can move relative to each other if a fourth pebble can be free on
+        them. Then there is no such set.
+        """
+        self.gather_pebbles(body_a, BODY_FREEDOMS)
+        if self.gather_pebbles(body_b, 1, keep=[body_a]):
+            return None
+        return self.reachable_bodies([body_a, body_b])
+
+    def merge_bodies(self, part: set[int], into: int) -> None:
+        """Replace a rigid part by one of its bodies, which has three free pebbles then."""
+        self.gather_pebbles(into, BODY_FREEDOMS)
+        for body, targets in enumerate(self.constraint_targets):
             if body in part:
-                self.out[body], self.free[body] = [], 0
+                self.constraint_targets[body] = []
+                self.free_pebbles[body] = 0
             else:
-                self.out[body] = [into if t in part else t for t in targets]
-        self.free[into] = FREEDOMS
+                self.constraint_targets[body] = [
+                    into if target in part else target for target in targets
+                ]
+        self.free_pebbles[into] = BODY_FREEDOMS
 
 
 def graph_mobility(mechanism: Mechanism) -> int:
-    """Return 3 (m - 1) - 2 n_R - 2 n_Cr - n_Cs, the freedoms by counting."""
-    taken = sum(pair.constraints for pair in mechanism.pairs)
-    return FREEDOMS * (len(mechanism.links) - 1) - taken
+    """Return the mobility by counting, 3 (m - 1) - 2 n_R - 2 n_Cr - n_Cs.
+
+    m is the number of links, and n the number of pairs of each type.
+    """
+    constraint_count = sum(pair.constraints for pair in mechanism.pairs)
+    return BODY_FREEDOMS * (len(mechanism.links) - 1) - constraint_count
 
 
-def counted_freedom(
+def check_mobility(
     mechanism: Mechanism,
     driven: Sequence[int],
     locked: Sequence[int] = (),
     by_rank: bool = False,
-) -> tuple[tuple[int, ...], Pebbles | None]:
-    """Check by counting that a mechanism is one piece with a freedom for each input.
+) -> tuple[tuple[int, ...], PebbleGame | None]:
+    """Check by counting that a mechanism is connected and has one freedom for each input.
 
     Parameters
     ----------
@@ -108,36 +177,40 @@ def counted_freedom(
     driven
         Numbers of all driven pairs.
     locked
-        Those of them that are locked. Parts that only they move become one body.
+        Numbers of those that are locked. Parts that only the locked inputs could move
+        become one body each.
     by_rank
-        Whether the rank at a configuration is known to say otherwise than the count.
+        Whether the rank of the velocity equations at a configuration is known to leave
+        enough degrees of freedom, although the count does not.
 
     Returns
     -------
-    body, game
-        The smallest link of the rigid body that each link belongs to while one input moves
-        and others are locked; and the game played on those bodies, for questions about
-        parts of the chain, None where the rank at a configuration decides instead.
-
-    Notes
-    -----
-    Counting does not decide where it leaves too few freedoms but the rank is known to
-    leave enough, nor for rolling pairs, which may make constraints redundant as in every
-    bevel pair whose axes are held apart. Too many freedoms by counting are too many by
-    rank.
+    body_of_link
+        For each link the smallest link of its rigid body while the locked inputs stand
+        still.
+    pebble_game
+        The pebble game on these bodies, for questions about parts of the chain. None if the
+        count does not decide about the mobility.
 
     Raises
     ------
     PlanError
-        Naming the links that are loose.
+        If the graph is not connected. The message names the loose links.
     CountError
-        Naming the links that are rigid or over-constrained, the mobility, or the inputs
-        that are not independent freedoms.
+        If a part is rigid or over-constrained, the mobility is not the number of inputs, or
+        the inputs are not independent.
+
+    Notes
+    -----
+    The count does not decide in two cases, because constraints may be redundant: if it
+    leaves too few degrees of freedom but the rank leaves enough, and if there are rolling
+    pairs. Every bevel pair whose axes are held by a carrier is an example of the second
+    case. If the count leaves too many degrees of freedom, the rank does so as well.
     """
     _check_connected(mechanism)
     mobility = graph_mobility(mechanism)
     try:
-        game = _play(mechanism)
+        pebble_game = _play_on_links(mechanism)
         if mobility != len(driven):
             raise CountError(
                 f"{mechanism.name}: mobility 3(m - 1) - 2 n_R - 2 n_Cr - n_Cs = "
@@ -145,16 +218,17 @@ def counted_freedom(
                 f"({listing(mechanism.names_of(driven))}); {inputs_to_declare(mobility)}"
             )
     except CountError:
-        rolls = any(pair.rolls for pair in mechanism.pairs)
-        if (by_rank or rolls) and mobility <= len(driven):
-            return merged(mechanism, locked), None
+        has_rolling_pair = any(pair.rolls for pair in mechanism.pairs)
+        if (by_rank or has_rolling_pair) and mobility <= len(driven):
+            return merge_locked_links(mechanism, locked), None
         raise
     if locked:
-        return _locked(mechanism, driven, locked)
-    return tuple(range(len(mechanism.links))), game
+        return _play_with_locked_inputs(mechanism, driven, locked)
+    return tuple(range(len(mechanism.links))), pebble_game
 
 
 def _check_connected(mechanism: Mechanism) -> None:
+    """Raise a `PlanError` if pairs do not join all links to the ground."""
     parts = clusters(len(mechanism.links), mechanism.ends)
     if len(parts) > 1:
         names = mechanism.links
@@ -166,74 +240,120 @@ def _check_connected(mechanism: Mechanism) -> None:
 
 
 def inputs_to_declare(mobility: int) -> str:
-    """Return what to do about a mechanism with so many freedoms."""
+    """Return the advice of an error message for a mechanism of this mobility."""
     pairs = "an R pair" if mobility == 1 else f"{mobility} R pairs"
     return f"declare {pairs} as inputs, or add or remove pairs"
 
 
-def _play(mechanism: Mechanism) -> Pebbles:
-    """Play the game on all links; no part may be rigid."""
+def _play_on_links(mechanism: Mechanism) -> PebbleGame:
+    """Play the pebble game with all links and pairs.
+
+    Raises
+    ------
+    CountError
+        If a part is over-constrained, or two links joined by a pair cannot move relative to
+        each other.
+    """
     names = mechanism.links
-    game = Pebbles(len(names))
-    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
-        if not game.cover(a, b, pair.constraints):
-            stuck = sorted(game.reach([a, b]))
+    pebble_game = PebbleGame(len(names))
+    for pair, (link_a, link_b) in zip(mechanism.pairs, mechanism.ends, strict=True):
+        if not pebble_game.add_pair(link_a, link_b, pair.constraints):
+            rigid_links = sorted(pebble_game.reachable_bodies([link_a, link_b]))
             raise CountError(
                 f"{mechanism.name}: over-constrained: links "
-                f"[{', '.join(names[i] for i in stuck)}] cannot move relative to "
+                f"[{', '.join(names[k] for k in rigid_links)}] cannot move relative to "
                 f'each other already without pair "{pair.name}"; remove a pair or '
                 "add a link"
             )
-    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
-        rigid = game.rigid_part(a, b)
-        if rigid is not None:
+    for pair, (link_a, link_b) in zip(mechanism.pairs, mechanism.ends, strict=True):
+        rigid_part = pebble_game.find_rigid_part(link_a, link_b)
+        if rigid_part is not None:
             raise CountError(
                 f"{mechanism.name}: rigid: links "
-                f"[{', '.join(names[i] for i in sorted(rigid))}] cannot move relative to "
-                f'each other (pair "{pair.name}" is locked); remove a pair or merge these '
-                "links into one"
+                f"[{', '.join(names[k] for k in sorted(rigid_part))}] cannot move relative "
+                f'to each other (pair "{pair.name}" is locked); remove a pair or merge '
+                "these links into one"
             )
-    return game
+    return pebble_game
 
 
-def _covered(
+def play_on_bodies(
     mechanism: Mechanism,
-    body: Sequence[int],
+    body_of_link: Sequence[int],
     pairs: Iterable[int],
-    meshes: frozenset[int] = frozenset(),
-) -> tuple[Pebbles, bool]:
-    """Return the game of bodies with the constraints of pairs; False if any is redundant.
+    carried_contacts: frozenset[int] = frozenset(),
+) -> tuple[PebbleGame, bool]:
+    """Play the pebble game with bodies that consist of links, and some of the pairs.
 
-    Of `meshes` one constraint counts.
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    body_of_link
+        For each link the smallest link of its body.
+    pairs
+        Numbers of the pairs whose constraints are added.
+    carried_contacts
+        Numbers of rolling contacts of which one constraint is counted instead of two,
+        because a carrier already holds their wheels in contact.
+
+    Returns
+    -------
+    pebble_game
+        The game with all independent constraints.
+    is_independent
+        Whether no constraint was redundant.
     """
-    game, independent = Pebbles(len(body)), True
-    for n in pairs:
-        taken = 1 if n in meshes else mechanism.pairs[n].constraints
-        a, b = mechanism.ends[n]
-        independent &= game.cover(body[a], body[b], taken)
-    return game, independent
+    pebble_game = PebbleGame(len(body_of_link))
+    is_independent = True
+    for number in pairs:
+        pair = mechanism.pairs[number]
+        constraint_count = 1 if number in carried_contacts else pair.constraints
+        link_a, link_b = mechanism.ends[number]
+        body_a = body_of_link[link_a]
+        body_b = body_of_link[link_b]
+        is_independent &= pebble_game.add_pair(body_a, body_b, constraint_count)
+    return pebble_game, is_independent
 
 
-def _locked(
+def _play_with_locked_inputs(
     mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]
-) -> tuple[tuple[int, ...], Pebbles]:
-    """Play the game with inputs locked, and make one body of each part that is rigid."""
-    body = merged(mechanism, locked)
-    left = [k for k in range(len(mechanism.pairs)) if k not in locked]
-    game, independent = _covered(mechanism, body, left)
-    for number in left:
-        part = game.rigid_part(*(body[link] for link in mechanism.ends[number]))
+) -> tuple[tuple[int, ...], PebbleGame]:
+    """Play the pebble game with locked inputs, and merge the parts that are rigid then.
+
+    Returns
+    -------
+    body_of_link, pebble_game
+        As in `check_mobility`.
+
+    Raises
+    ------
+    CountError
+        If an input that is not locked cannot move.
+    """
+    body_of_link = merge_locked_links(mechanism, locked)
+    open_pairs = [k for k in range(len(mechanism.pairs)) if k not in locked]
+    pebble_game, is_independent = play_on_bodies(mechanism, body_of_link, open_pairs)
+    for number in open_pairs:
+        link_a, link_b = mechanism.ends[number]
+        part = pebble_game.find_rigid_part(body_of_link[link_a], body_of_link[link_b])
         if part is not None:
-            into = min(part)
-            game.merge(part, into)
-            body = tuple(into if owner in part else owner for owner in body)
-    moved = [pair for pair in driven if pair not in locked]
-    turning = (mechanism.ends[number] for number in moved)
-    if not independent or any(body[a] == body[b] for a, b in turning):
-        names, others, stuck = map(mechanism.names_of, (driven, locked, moved))
+            merged_body = min(part)
+            pebble_game.merge_bodies(part, merged_body)
+            body_of_link = tuple(
+                merged_body if body in part else body for body in body_of_link
+            )
+
+    moving_inputs = [pair for pair in driven if pair not in locked]
+    is_stuck = any(
+        body_of_link[link_a] == body_of_link[link_b]
+        for link_a, link_b in (mechanism.ends[pair] for pair in moving_inputs)
+    )
+    if not is_independent or is_stuck:
         raise CountError(
-            f"{mechanism.name}: the inputs {listing(names)} are not independent freedoms: "
-            f"with {listing(others)} locked, {listing(stuck)} cannot move; choose other "
+            f"{mechanism.name}: the inputs {listing(mechanism.names_of(driven))} are not "
+            f"independent freedoms: with {listing(mechanism.names_of(locked))} locked, "
+            f"{listing(mechanism.names_of(moving_inputs))} cannot move; choose other "
             "inputs"
         )
-    return body, game
+    return body_of_link, pebble_game

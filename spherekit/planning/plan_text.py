@@ -1,7 +1,8 @@
-"""The pole table as text, Markdown and JSON.
+"""The pole table and the steps of a plan as text, Markdown and data for JSON.
 
-A primary pole is an x, a secondary one the Roman number of the pass that finds it; a
-star marks poles found by solving an irreducible part. (Di Gregorio 2019, lecture 2.)
+In the table a primary pole is an x, and a secondary one the Roman number of the pass that
+finds it. A star marks poles that follow from the equations of an irreducible part
+(Di Gregorio 2019, lecture 2).
 """
 
 from typing import Any
@@ -17,30 +18,29 @@ from spherekit.planning.pole_plan import (
     Pole,
     PrimaryPole,
     Step,
-    _titled,
-    cells,
     pole_of,
-    roman,
+    roman_numeral,
+    table_cells,
+    titled_rows,
 )
 
 
 @checked(PlanError)
 def as_text(plan: Plan) -> str:
-    """Return the Table in aligned columns."""
-    rows = _titled(plan)
+    """Return the pole table in aligned columns."""
+    rows = titled_rows(plan)
     width = max(len(entry) for row in rows for entry in row)
-    return "\n".join(
-        "  ".join(entry.ljust(width) for entry in row).rstrip() for row in rows
-    )
+    lines = ["  ".join(entry.ljust(width) for entry in row).rstrip() for row in rows]
+    return "\n".join(lines)
 
 
 def as_markdown(plan: Plan) -> str:
-    """Return the Table as a Markdown table."""
-    (_, *titles), *rows = _titled(plan)
-    names = [f"**{markdown_text(title)}**" for title in titles]
+    """Return the pole table as a Markdown table."""
+    titles, *rows = titled_rows(plan)
+    names = [f"**{markdown_text(title)}**" for title in titles[1:]]
     lines = ["| | " + " | ".join(names) + " |", "|" + "---|" * (len(names) + 1)]
-    for name, (_, *row) in zip(names, rows, strict=True):
-        lines.append(f"| {name} | " + " | ".join(row) + " |")
+    for name, row in zip(names, rows, strict=True):
+        lines.append(f"| {name} | " + " | ".join(row[1:]) + " |")
     return "\n".join(lines)
 
 
@@ -51,30 +51,48 @@ def pole_name(plan: Plan, pole: Pole) -> str:
 
 
 def describe(plan: Plan, step: Step) -> str:
-    """Return how a step finds its poles, in a line for each pass of a part."""
+    """Return one line that tells how a step finds its poles.
+
+    An irreducible part has one more line for each step of its passes.
+    """
     if isinstance(step, PrimaryPole):
-        pair = plan.mechanism.pairs[step.pair]
-        line = f"{pair.kind.pole_line} of {pair.type} pair {pair.name}"
-        shared = ", shared by coaxial pairs" if step.round else ""
-        mark = roman(step.round) or PRIMARY_MARK
-        return f"{mark:4s} {pole_name(plan, step.pole)} = {line}{shared}"
+        return _describe_primary_pole(plan, step)
     if isinstance(step, LinePole):
-        lines = [
-            " ".join(pole_name(plan, pole_of(end, k)) for end in step.pole)
-            for k in step.via
-        ]
-        lines += [f"contact {x}" for x in plan.mechanism.names_of(step.contacts)]
-        return (
-            f"{roman(step.round):4s} {pole_name(plan, step.pole)} case ({step.case}) = "
-            + " x ".join(f"({line})" for line in lines)
-        )
-    by_passes = {inner.pole for inner in step.passes}
-    first = [pole for pole in step.poles if pole not in by_passes]
-    if step.opening and step.opening not in first:
-        first.insert(0, step.opening)
-    poles = ", ".join(pole_name(plan, pole) for pole in first)
+        return _describe_line_pole(plan, step)
+    return _describe_block(plan, step)
+
+
+def _describe_primary_pole(plan: Plan, step: PrimaryPole) -> str:
+    """Return a line such as ``x    P21 = axis of R pair 21``."""
+    pair = plan.mechanism.pairs[step.pair]
+    line = f"{pair.kind.pole_line} of {pair.type} pair {pair.name}"
+    shared = ", shared by coaxial pairs" if step.round else ""
+    mark = roman_numeral(step.round) or PRIMARY_MARK
+    return f"{mark:4s} {pole_name(plan, step.pole)} = {line}{shared}"
+
+
+def _describe_line_pole(plan: Plan, step: LinePole) -> str:
+    """Return a line such as ``I    P31 case (a) = (P21 P32) x (P41 P43)``."""
+    lines = [
+        " ".join(pole_name(plan, pole_of(end, third)) for end in step.pole)
+        for third in step.via
+    ]
+    lines += [f"contact {name}" for name in plan.mechanism.names_of(step.contacts)]
+    return (
+        f"{roman_numeral(step.round):4s} {pole_name(plan, step.pole)} case ({step.case}) = "
+        + " x ".join(f"({line})" for line in lines)
+    )
+
+
+def _describe_block(plan: Plan, step: BlockPoles) -> str:
+    """Return the lines of an irreducible part: its poles, then the steps of its passes."""
+    poles_of_passes = {inner.pole for inner in step.passes}
+    solved_poles = [pole for pole in step.poles if pole not in poles_of_passes]
+    if step.opening and step.opening not in solved_poles:
+        solved_poles.insert(0, step.opening)
+    poles = ", ".join(pole_name(plan, pole) for pole in solved_poles)
     line = (
-        f"{roman(step.round) + '*':4s} {poles}: irreducible part of links "
+        f"{roman_numeral(step.round) + '*':4s} {poles}: irreducible part of links "
         f"{', '.join(map(plan.name, step.links))}, by the {step.method}"
     )
     return "\n".join([line, *(describe(plan, inner) for inner in step.passes)])
@@ -83,38 +101,52 @@ def describe(plan: Plan, step: Step) -> str:
 def as_dict(plan: Plan) -> dict[str, Any]:
     """Return the plan as plain lists and dictionaries, ready for JSON."""
     pairs = plan.mechanism.pairs
-
-    def named(pole: Pole) -> list[str]:
-        return [plan.name(body) for body in pole[::-1]]
-
-    def step_dict(step: Step) -> dict[str, Any]:
-        if isinstance(step, BlockPoles):
-            return {
-                "pass": step.round,
-                "case": "irreducible",
-                "poles": [*map(named, step.poles)],
-                "links": [*map(plan.name, step.links)],
-                "pairs": plan.mechanism.names_of(step.pairs),
-                "method": step.method,
-                "opening": None if step.opening is None else named(step.opening),
-                "passes": [*map(step_dict, step.passes)],
-            }
-        facts = {"pass": step.round, "case": step.case, "pole": named(step.pole)}
-        if not isinstance(step, LinePole):
-            return facts | {"pair": pairs[step.pair].name}
-        lines: list[dict[str, Any]] = [
-            {"via": plan.name(k), "poles": [named(pole_of(end, k)) for end in step.pole]}
-            for k in step.via
-        ]
-        contacts = plan.mechanism.names_of(step.contacts)
-        return facts | {"lines": lines + [{"contact": name} for name in contacts]}
-
     return {
         "mechanism": plan.mechanism.name,
-        "links": [*map(plan.name, plan.bodies)],
+        "links": [plan.name(body) for body in plan.bodies],
         "input": pairs[plan.input].name,
         "locked": plan.mechanism.names_of(plan.locked),
-        "requested": [*map(named, plan.requested)],
-        "table": cells(plan),
-        "steps": [*map(step_dict, plan.steps)],
+        "requested": [_pole_as_names(plan, pole) for pole in plan.requested],
+        "table": table_cells(plan),
+        "steps": [_step_as_dict(plan, step) for step in plan.steps],
     }
+
+
+def _pole_as_names(plan: Plan, pole: Pole) -> list[str]:
+    """Return the names of the bodies of a pole, the second relative to the first."""
+    return [plan.name(body) for body in reversed(pole)]
+
+
+def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
+    """Return a step as plain lists and dictionaries."""
+    names_of = plan.mechanism.names_of
+    if isinstance(step, BlockPoles):
+        opening = None if step.opening is None else _pole_as_names(plan, step.opening)
+        return {
+            "pass": step.round,
+            "case": "irreducible",
+            "poles": [_pole_as_names(plan, pole) for pole in step.poles],
+            "links": [plan.name(link) for link in step.links],
+            "pairs": names_of(step.pairs),
+            "method": step.method,
+            "opening": opening,
+            "passes": [_step_as_dict(plan, inner) for inner in step.passes],
+        }
+    common_entries = {
+        "pass": step.round,
+        "case": step.case,
+        "pole": _pole_as_names(plan, step.pole),
+    }
+    if isinstance(step, PrimaryPole):
+        return common_entries | {"pair": plan.mechanism.pairs[step.pair].name}
+    lines: list[dict[str, Any]] = []
+    for third in step.via:
+        spanning_poles = [pole_of(end, third) for end in step.pole]
+        lines.append(
+            {
+                "via": plan.name(third),
+                "poles": [_pole_as_names(plan, pole) for pole in spanning_poles],
+            }
+        )
+    lines += [{"contact": name} for name in names_of(step.contacts)]
+    return common_entries | {"lines": lines}

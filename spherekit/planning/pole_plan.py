@@ -1,87 +1,24 @@
-"""The poles of a mechanism, and the plan in which each of them follows from known ones.
+"""Pole axes of a mechanism, and the plan by which they follow from each other.
 
-Links that always turn about one common axis, by the geometry within the links.
-
-If P_ik and P_jk coincide, their great circle is undefined, but P_ij is that same axis:
-the three relative motions share it. Two R pairs with one axis in a common link, such as
-the two sliders of an arc guide or the coaxial wheels of a gear train, make it so in every
-configuration.
+A plan is a list of steps. Each step gives one pole from the poles of earlier steps, or all
+poles of an irreducible part. `spherekit.planning.pole_planner` makes plans.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
-import numpy as np
-
 from spherekit.errors import PlanError
 from spherekit.markup import html_table
-from spherekit.mechanism.graph import clusters
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.pair_frames import SAME_AXIS_SINE, link_axes
+from spherekit.planning.common_axes import find_common_axes
 from spherekit.wording import counted, nearest
 
-
-def coaxial_links(mechanism: Mechanism) -> tuple[tuple[frozenset[int], int, bool], ...]:
-    """Return the sets of three or more links that turn about a common axis.
-
-    With each the R pair of that axis, and whether the axes of its pairs are equal numbers;
-    others are equal but for rounding.
-    """
-    number = mechanism.pair_number
-    couples: list[tuple[int, int]] = []
-    rounded: set[int] = set()
-    for axes in link_axes(mechanism).values():
-        for one, other in combinations(axes, 2):
-            if np.linalg.norm(np.cross(axes[one], axes[other])) < SAME_AXIS_SINE:
-                couples.append((number[one], number[other]))
-                if not any(np.array_equal(axes[one], s * axes[other]) for s in (1.0, -1.0)):
-                    rounded |= {*couples[-1]}
-    return tuple(
-        (
-            frozenset(link for pair in pairs for link in mechanism.ends[pair]),
-            pairs[0],
-            not rounded & {*pairs},
-        )
-        for pairs in clusters(len(mechanism.pairs), couples)
-        if len(pairs) > 1
-    )
-
-
 PRIMARY_MARK = "x"
+"""Entry of the pole table for a primary pole, the axis or contact line of a pair."""
+
 SELF_MARK = "■"
-
-
-def roman(number: int) -> str:
-    """Return a positive integer in Roman numerals."""
-    parts = (
-        (1000, "M"), (900, "CM"), (500, "D"), (400, "CD"), (100, "C"), (90, "XC"),
-        (50, "L"), (40, "XL"), (10, "X"), (9, "IX"), (5, "V"), (4, "IV"), (1, "I"),
-    )  # fmt: skip
-    text = ""
-    for value, sign in parts:
-        text += sign * (number // value)
-        number %= value
-    return text
-
-
-def cells(plan: "Plan") -> list[list[str]]:
-    """Return the Table's entries, row by row, without headings; empty where unplanned."""
-    starred = {
-        pole
-        for block in plan.blocks
-        for pole, number in block.rounds.items()
-        if number == block.round
-    }
-    marks = {
-        pole: (roman(number) or PRIMARY_MARK) + "*" * (pole in starred)
-        for pole, number in plan.rounds.items()
-    }
-    return [
-        [SELF_MARK if i == j else marks.get(pole_of(i, j), "") for j in plan.bodies]
-        for i in plan.bodies
-    ]
-
+"""Entry of the pole table on the diagonal, where a link meets itself."""
 
 Pole = tuple[int, int]
 """Two link numbers, smaller first; the pole of the second relative to the first."""
@@ -89,10 +26,17 @@ Pole = tuple[int, int]
 
 @dataclass(frozen=True)
 class PrimaryPole:
-    """A pole that is the axis or contact line of a pair.
+    """A pole that is the axis or the contact line of a pair.
 
-    It is known from the start, or in the pass `round` as an axis that its links share with
-    coaxial R pairs.
+    Attributes
+    ----------
+    pole
+        The two bodies.
+    pair
+        Number of the pair.
+    round
+        0 if the pair joins the two bodies. Otherwise the pass in which the pole becomes
+        known, as an axis that the bodies share with coaxial R pairs.
     """
 
     pole: Pole
@@ -101,7 +45,7 @@ class PrimaryPole:
 
     @property
     def case(self) -> str:
-        """How its links have the axis."""
+        """The kind of this step in exported plans: ``coaxial`` or ``primary``."""
         return "coaxial" if self.round else "primary"
 
 
@@ -109,9 +53,20 @@ class PrimaryPole:
 class LinePole:
     """A pole at the intersection of great circles.
 
-    `via` are the third links k whose poles P_ik and P_jk span a great circle, and
-    `contacts` the sliding pairs whose contact plane is one. Any two of all these lines
-    suffice; the best-conditioned two are chosen at each configuration.
+    Any two of its great circles determine the pole. The two with the best-conditioned
+    intersection are chosen at each configuration.
+
+    Attributes
+    ----------
+    pole
+        The two bodies i and j.
+    round
+        The pass in which the pole becomes known.
+    via
+        Third bodies k. The poles P_ik and P_jk are known and span a great circle through
+        P_ij.
+    contacts
+        Numbers of sliding pairs between i and j. The pole lies in their contact planes.
     """
 
     pole: Pole
@@ -121,22 +76,40 @@ class LinePole:
 
     @property
     def case(self) -> str:
-        """The lecture's case of the first two lines: a, b or c."""
-        return "cba"[min(len(self.via), 1 if self.contacts else 2)]
+        """The case of the lecture: (a) two great circles through poles, (b) one, (c) none.
+
+        The other lines are contact planes.
+        """
+        needed_circles = 1 if self.contacts else 2
+        return "cba"[min(len(self.via), needed_circles)]
 
     @property
     def sources(self) -> tuple[Pole, ...]:
-        """The poles that its lines are drawn through."""
-        return tuple(pole_of(end, k) for k in self.via for end in self.pole)
+        """The poles through which its great circles are drawn."""
+        return tuple(pole_of(end, third) for third in self.via for end in self.pole)
 
 
 @dataclass(frozen=True)
 class BlockPoles:
-    """All poles of an irreducible single-freedom part, solved together.
+    """All poles of an irreducible part with one degree of freedom, solved together.
 
-    The pair rates of the part are the null vector of its loop-closure velocity
-    equations; `poles` are those that were unknown before. With the one called `opening`
-    the `passes` find the others, in the order of the lecture.
+    The rates of the pairs of the part are the null vector of its loop-closure velocity
+    equations.
+
+    Attributes
+    ----------
+    links, pairs
+        Numbers of the bodies and the pairs of the part.
+    poles
+        Its poles that were unknown before.
+    round
+        The pass in which the first of them becomes known.
+    method
+        How the part is solved, in words.
+    opening
+        A pole from which passes of the Aronhold-Kennedy theorem find the others.
+    passes
+        The steps of these passes, in the order of the lecture.
     """
 
     links: tuple[int, ...]
@@ -150,8 +123,8 @@ class BlockPoles:
     @cached_property
     def rounds(self) -> dict[Pole, int]:
         """The pass in which each of its poles becomes known."""
-        later = {step.pole: step.round for step in self.passes}
-        return {pole: later.get(pole, self.round) for pole in self.poles}
+        round_by_pole = {step.pole: step.round for step in self.passes}
+        return {pole: round_by_pole.get(pole, self.round) for pole in self.poles}
 
     @property
     def last(self) -> int:
@@ -160,15 +133,31 @@ class BlockPoles:
 
 
 Step = PrimaryPole | LinePole | BlockPoles
+"""A step of a plan."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """Ordered steps that give every requested pole while one input moves.
 
-    With several inputs the others are `locked`, and links that cannot move relative to
-    each other then are one body: poles are those of bodies, each called by its link with
-    the smallest number, which `body` has for every link.
+    If there are several inputs, the others are locked. Links that cannot move relative to
+    each other then form one body. A body has the number of its smallest link, and poles are
+    those of bodies.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism.
+    input
+        Number of the pair that moves.
+    locked
+        Numbers of the pairs of the other inputs.
+    body
+        For each link the number of its body.
+    requested
+        The poles for which the plan was made.
+    steps
+        The steps, in an order in which each uses results of earlier ones only.
     """
 
     mechanism: Mechanism
@@ -186,40 +175,43 @@ class Plan:
         )
 
     def _repr_html_(self) -> str:
-        """Return the Table: for each pole the pass that finds it, x for a primary one."""
-        names, *rows = _titled(self)
-        moving = self.mechanism.pairs[self.input].name
-        return html_table(names, rows, f"{self.mechanism.name}, {moving} moves")
+        """Return the pole table for notebooks."""
+        titles, *rows = titled_rows(self)
+        moving_input = self.mechanism.pairs[self.input].name
+        return html_table(titles, rows, f"{self.mechanism.name}, {moving_input} moves")
 
     @cached_property
     def bodies(self) -> tuple[int, ...]:
-        """The links that bodies are called by, in order."""
+        """The numbers of the bodies, rising."""
         return tuple(sorted(set(self.body)))
 
     @cached_property
     def ends(self) -> tuple[tuple[int, int], ...]:
-        """The two bodies of every pair; the same one twice within a body."""
+        """The two bodies of every pair; equal for a pair within a body."""
         return tuple((self.body[a], self.body[b]) for a, b in self.mechanism.ends)
 
     @cached_property
     def coaxial(self) -> tuple[tuple[frozenset[int], int], ...]:
-        """For each common axis its bodies, and an R pair about it."""
+        """For each common axis the bodies that turn about it, and an R pair about it."""
         return tuple(
-            (frozenset(self.body[link] for link in links), pair)
-            for links, pair, _ in coaxial_links(self.mechanism)
+            (frozenset(self.body[link] for link in common_axis.links), common_axis.pair)
+            for common_axis in find_common_axes(self.mechanism)
         )
 
     @cached_property
     def rounded_axes(self) -> frozenset[int]:
-        """The pairs of `coaxial` whose axes are common but for rounding."""
+        """The pairs of `coaxial` whose axes coincide only up to rounding."""
         return frozenset(
-            pair for _, pair, exactly in coaxial_links(self.mechanism) if not exactly
+            common_axis.pair
+            for common_axis in find_common_axes(self.mechanism)
+            if not common_axis.is_exact
         )
 
     def pole(self, i: int, j: int) -> Pole | None:
         """Return the pole of the bodies of two links, None if they are one body."""
-        a, b = self.body[i], self.body[j]
-        return None if a == b else pole_of(a, b)
+        body_i = self.body[i]
+        body_j = self.body[j]
+        return None if body_i == body_j else pole_of(body_i, body_j)
 
     def name(self, body: int) -> str:
         """Return the name of a body: its links, joined by plus signs."""
@@ -229,17 +221,17 @@ class Plan:
     @cached_property
     def rounds(self) -> dict[Pole, int]:
         """The pass in which each pole becomes known; 0 for primary poles."""
-        passes: dict[Pole, int] = {}
+        round_by_pole: dict[Pole, int] = {}
         for step in self.steps:
             if isinstance(step, BlockPoles):
-                passes |= step.rounds
+                round_by_pole |= step.rounds
             else:
-                passes[step.pole] = step.round
-        return passes
+                round_by_pole[step.pole] = step.round
+        return round_by_pole
 
     @property
     def blocks(self) -> tuple[BlockPoles, ...]:
-        """The irreducible parts, empty for a determinate mechanism."""
+        """The irreducible parts; empty if the Aronhold-Kennedy theorem finds all poles."""
         return tuple(step for step in self.steps if isinstance(step, BlockPoles))
 
 
@@ -254,10 +246,18 @@ def all_poles(count: int) -> tuple[Pole, ...]:
 
 
 def parse_pole(mechanism: Mechanism, text: str) -> Pole:
-    """Return the pole that ``3/1``, ``coupler/ground`` or, where clear, ``31`` names."""
+    """Return the pole that ``3/1``, ``coupler/ground`` or, where clear, ``31`` names.
+
+    Raises
+    ------
+    PlanError
+        If the text names no pole, or could name several.
+    """
     number = mechanism.link_number
-    splits = [text.partition("/")[::2]]
-    if "/" not in text:
+    if "/" in text:
+        name_a, _, name_b = text.partition("/")
+        splits = [(name_a, name_b)]
+    else:
         splits = [(text[:cut], text[cut:]) for cut in range(1, len(text))]
     poles = {
         pole_of(number[a], number[b])
@@ -266,11 +266,11 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     }
     if len(poles) == 1:
         return poles.pop()
-    every = ["/".join(links) for links in combinations(mechanism.links[::-1], 2)]
-    why = "could be several poles" if poles else "is not a pole"
+    possible_texts = ["/".join(links) for links in combinations(mechanism.links[::-1], 2)]
+    reason = "could be several poles" if poles else "is not a pole"
     raise PlanError(
-        f'{mechanism.name}: "{text}" {why}{nearest(text, every) or "."} Write LINK/LINK '
-        f"with two of the links {', '.join(mechanism.links)}"
+        f'{mechanism.name}: "{text}" {reason}{nearest(text, possible_texts) or "."} Write '
+        f"LINK/LINK with two of the links {', '.join(mechanism.links)}"
     )
 
 
@@ -279,22 +279,69 @@ def ordered_pole(
 ) -> tuple[int, int]:
     """Return two links, the first relative to the second, by their numbers.
 
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    pole
+        Text such as ``3/1``, or the numbers or names of two links, in this order.
+
     Raises
     ------
     PlanError
-        If a link is unknown or they are one.
+        If a link is unknown, or both are the same.
     """
     names = mechanism.links
     if isinstance(pole, str):
-        a, b = parse_pole(mechanism, pole)
-        ahead = names[a] + names[b], f"{names[a]}/{names[b]}"
-        return (a, b) if pole in ahead else (b, a)
+        link_a, link_b = parse_pole(mechanism, pole)
+        rising_texts = names[link_a] + names[link_b], f"{names[link_a]}/{names[link_b]}"
+        return (link_a, link_b) if pole in rising_texts else (link_b, link_a)
     words = [names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole]
     return ordered_pole(mechanism, "/".join(map(str, words)))
 
 
-def _titled(plan: Plan) -> list[list[str]]:
-    """Return the names of bodies, and the Table's rows, all after names."""
-    names = ["", *map(plan.name, plan.bodies)]
-    rows = zip(names, [names[1:], *cells(plan)], strict=True)
-    return [[name, *row] for name, row in rows]
+def roman_numeral(number: int) -> str:
+    """Return a number in Roman numerals, and an empty text for zero."""
+    numerals = (
+        (1000, "M"), (900, "CM"), (500, "D"), (400, "CD"), (100, "C"), (90, "XC"),
+        (50, "L"), (40, "XL"), (10, "X"), (9, "IX"), (5, "V"), (4, "IV"), (1, "I"),
+    )  # fmt: skip
+    text = ""
+    for value, numeral in numerals:
+        text += numeral * (number // value)
+        number %= value
+    return text
+
+
+def table_cells(plan: Plan) -> list[list[str]]:
+    """Return the entries of the pole table, row by row, without the names of the bodies.
+
+    A primary pole has an x, another one the Roman number of its pass. A star marks poles
+    that follow from the equations of an irreducible part. Poles outside the plan are empty.
+    """
+    starred_poles = {
+        pole
+        for block in plan.blocks
+        for pole, number in block.rounds.items()
+        if number == block.round
+    }
+    mark_by_pole = {}
+    for pole, number in plan.rounds.items():
+        mark = roman_numeral(number) or PRIMARY_MARK
+        mark_by_pole[pole] = mark + "*" if pole in starred_poles else mark
+    return [
+        [SELF_MARK if i == j else mark_by_pole.get(pole_of(i, j), "") for j in plan.bodies]
+        for i in plan.bodies
+    ]
+
+
+def titled_rows(plan: Plan) -> list[list[str]]:
+    """Return the rows of the pole table, with the names of the bodies in front.
+
+    The first row has the names of the bodies as titles of the columns.
+    """
+    names = [plan.name(body) for body in plan.bodies]
+    rows = [["", *names]]
+    for name, cells in zip(names, table_cells(plan), strict=True):
+        rows.append([name, *cells])
+    return rows

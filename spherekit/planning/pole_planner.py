@@ -1,4 +1,4 @@
-"""Plans of a mechanism: how every pole asked for follows while one input moves."""
+"""Makes the plan by which requested poles follow from each other while one input moves."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -8,7 +8,7 @@ from spherekit.argument_validation import checked
 from spherekit.errors import PlanError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_pairs
-from spherekit.planning.mobility import counted_freedom
+from spherekit.planning.mobility import check_mobility
 from spherekit.planning.pole_plan import (
     BlockPoles,
     LinePole,
@@ -18,77 +18,7 @@ from spherekit.planning.pole_plan import (
     parse_pole,
     pole_of,
 )
-from spherekit.planning.pole_sequence import circles, steps_of
-
-
-def prune(whole: Plan, wanted: Sequence[Pole]) -> Plan:
-    """Return the plan that holds only the ancestors of the wanted poles.
-
-    Each pole keeps the two lines that need the fewest other poles, and every further
-    line whose poles are in the plan anyway.
-    """
-    cost: dict[Pole, frozenset[Pole]] = {}
-    sources: dict[Pole, Iterable[Pole]] = {}
-    for step in whole.steps:
-        if isinstance(step, BlockPoles):
-            cost |= {pole: frozenset([pole]) for pole in step.poles}
-            primary = [pole_of(*whole.ends[pair]) for pair in step.pairs]
-            sources |= dict.fromkeys(step.poles, primary)
-        elif isinstance(step, LinePole):
-            via, needed = _cheapest_lines(step, cost, whole.coaxial)
-            cost[step.pole] = needed | {step.pole}
-            sources[step.pole] = replace(step, via=via).sources
-        else:
-            cost[step.pole], sources[step.pole] = frozenset(), ()
-    kept: set[Pole] = set()
-    stack = list(wanted)
-    while stack:
-        pole = stack.pop()
-        if pole not in kept:
-            kept.add(pole)
-            stack += sources[pole]
-    steps: list[Step] = []
-    for step in whole.steps:
-        if isinstance(step, BlockPoles):
-            asked = tuple(pole for pole in step.poles if pole in kept)
-            if asked:
-                passes = _ancestors(step.passes, asked)
-                steps.append(replace(step, poles=asked, passes=passes))
-        elif step.pole in kept:
-            if isinstance(step, LinePole):
-                i, j = step.pole
-                via = tuple(k for k in step.via if {pole_of(i, k), pole_of(j, k)} <= kept)
-                step = replace(step, via=via)
-            steps.append(step)
-    return replace(whole, requested=tuple(dict.fromkeys(wanted)), steps=tuple(steps))
-
-
-def _ancestors(passes: Sequence[LinePole], asked: Iterable[Pole]) -> tuple[LinePole, ...]:
-    """Return the passes that some poles follow from."""
-    needed, kept = set(asked), []
-    for step in reversed(passes):
-        if step.pole in needed:
-            kept.append(step)
-            needed.update(step.sources)
-    return tuple(reversed(kept))
-
-
-def _cheapest_lines(
-    step: LinePole,
-    cost: dict[Pole, frozenset[Pole]],
-    coaxial: Sequence[tuple[frozenset[int], int]],
-) -> tuple[tuple[int, ...], frozenset[Pole]]:
-    """Return third links of different great circles that suffice, and what they need."""
-    i, j = step.pole
-    needs = {k: cost[pole_of(i, k)] | cost[pole_of(j, k)] for k in step.via}
-
-    def costly(third: int) -> tuple[int, int]:
-        return len(needs[third]), third
-
-    every = circles({*step.via}, step.pole, coaxial)
-    cheapest = sorted((min(links, key=costly) for links in every), key=costly)
-    chosen = tuple(cheapest[: max(2 - len(step.contacts), 0)])
-    return chosen, frozenset[Pole]().union(*(needs[k] for k in chosen))
+from spherekit.planning.pole_sequence import find_all_steps, group_by_circle
 
 
 @checked(PlanError)
@@ -105,11 +35,11 @@ def plan(
     mechanism
         Any chain of R, Cr and Cs pairs with a freedom for each of its inputs.
     poles
-        Poles to find, as pairs of link numbers or text such as ``"3/1"``; the plan then
-        holds only their ancestors.
+        Poles to find, as pairs of link numbers or text such as ``"3/1"``. The plan then
+        contains only these and the poles from which they follow.
     input_pair
-        Name of the driven pair. One of several inputs: the others are locked. Otherwise
-        the pair drives instead of the declared input. By default the first input.
+        Name of the pair that moves, by default the first input. If it is one of several
+        inputs, the others are locked. If it is no input, it replaces the declared ones.
     by_rank
         Whether the mechanism is known to have a freedom for each input by rank at its
         configurations, though not by counting.
@@ -121,41 +51,61 @@ def plan(
         unknown, or its links are joined by a locked input.
     """
     driven = driven_pairs(mechanism)
-    moved = driven[0]
+    moving_pair = driven[0]
     if input_pair is not None:
-        moved = mechanism.pair_number[mechanism.pair(input_pair).name]
-        if moved not in driven:
+        moving_pair = mechanism.pair_number[mechanism.pair(input_pair).name]
+        if moving_pair not in driven:
             mechanism = mechanism.with_inputs(input_pair)
             driven = driven_pairs(mechanism)
-    locked = tuple(pair for pair in driven if pair != moved)
-    body, game = counted_freedom(mechanism, driven, locked, by_rank)
-    empty = Plan(mechanism, moved, locked, body, (), ())
-    steps = tuple(steps_of(empty, game))
-    whole = replace(empty, requested=tuple(combinations(empty.bodies, 2)), steps=steps)
+    locked = tuple(pair for pair in driven if pair != moving_pair)
+    body_of_link, pebble_game = check_mobility(mechanism, driven, locked, by_rank)
+    empty_plan = Plan(
+        mechanism=mechanism,
+        input=moving_pair,
+        locked=locked,
+        body=body_of_link,
+        requested=(),
+        steps=(),
+    )
+    whole_plan = replace(
+        empty_plan,
+        requested=tuple(combinations(empty_plan.bodies, 2)),
+        steps=tuple(find_all_steps(empty_plan, pebble_game)),
+    )
     if poles is None:
-        return whole
-    wanted = []
-    for item in poles:
-        i, j = parse_pole(mechanism, item) if isinstance(item, str) else item
-        names = mechanism.links
-        if not 0 <= min(i, j) <= max(i, j) < len(names):
-            raise PlanError(
-                f"{mechanism.name}: pole ({i}, {j}): links are numbered from 0 to "
-                f"{len(names) - 1}; or give text such as {names[-1]}/{names[0]}"
-            )
-        pole = whole.pole(i, j)
-        if pole is None:
-            raise PlanError(
-                f"{mechanism.name}: links {names[i]} and {names[j]} are one body while "
-                f"input {mechanism.pairs[moved].name} moves alone; ask for the pole with "
-                "another input"
-            )
-        wanted.append(pole)
-    return prune(whole, wanted)
+        return whole_plan
+    requested = [_pole_of_bodies(whole_plan, pole) for pole in poles]
+    return prune_plan(whole_plan, requested)
+
+
+def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
+    """Return the pole of two bodies that a user names by links.
+
+    Raises
+    ------
+    PlanError
+        If there is no such pole, or both links belong to one body.
+    """
+    mechanism = whole_plan.mechanism
+    names = mechanism.links
+    i, j = parse_pole(mechanism, pole) if isinstance(pole, str) else pole
+    if not 0 <= min(i, j) <= max(i, j) < len(names):
+        raise PlanError(
+            f"{mechanism.name}: pole ({i}, {j}): links are numbered from 0 to "
+            f"{len(names) - 1}; or give text such as {names[-1]}/{names[0]}"
+        )
+    pole_of_bodies = whole_plan.pole(i, j)
+    if pole_of_bodies is None:
+        raise PlanError(
+            f"{mechanism.name}: links {names[i]} and {names[j]} are one body while "
+            f"input {mechanism.pairs[whole_plan.input].name} moves alone; ask for the pole "
+            "with another input"
+        )
+    return pole_of_bodies
 
 
 def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
-    """Return a whole plan for each input, moved alone with the others locked.
+    """Return a plan of all poles for each input, moved alone with the others locked.
 
     Raises
     ------
@@ -164,3 +114,126 @@ def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
     """
     names = mechanism.names_of(driven_pairs(mechanism))
     return tuple(plan(mechanism, None, name, by_rank) for name in names)
+
+
+def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
+    """Return the plan with only those steps from which the requested poles follow.
+
+    For each pole the two lines that need the fewest other poles are kept, and every further
+    line whose poles are in the plan anyway.
+
+    Parameters
+    ----------
+    whole_plan
+        A plan of all poles.
+    requested
+        Poles of bodies.
+    """
+    sources_by_pole = _choose_sources(whole_plan)
+    needed_poles: set[Pole] = set()
+    stack = list(requested)
+    while stack:
+        pole = stack.pop()
+        if pole not in needed_poles:
+            needed_poles.add(pole)
+            stack += sources_by_pole[pole]
+
+    steps: list[Step] = []
+    for step in whole_plan.steps:
+        if isinstance(step, BlockPoles):
+            needed_of_block = tuple(pole for pole in step.poles if pole in needed_poles)
+            if needed_of_block:
+                passes = _prune_passes(step.passes, needed_of_block)
+                steps.append(replace(step, poles=needed_of_block, passes=passes))
+        elif step.pole in needed_poles:
+            if isinstance(step, LinePole):
+                i, j = step.pole
+                via = [
+                    third
+                    for third in step.via
+                    if {pole_of(i, third), pole_of(j, third)} <= needed_poles
+                ]
+                step = replace(step, via=tuple(via))
+            steps.append(step)
+    distinct_requested = tuple(dict.fromkeys(requested))
+    return replace(whole_plan, requested=distinct_requested, steps=tuple(steps))
+
+
+def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
+    """Return the poles from which each pole of a plan follows.
+
+    A secondary pole has the sources of the lines with the fewest ancestors. The poles of an
+    irreducible part have the primary poles of its pairs.
+    """
+    # The ancestors of a pole are the poles to be computed until it is known, with itself.
+    # Primary poles cost nothing.
+    ancestors: dict[Pole, frozenset[Pole]] = {}
+    sources_by_pole: dict[Pole, Iterable[Pole]] = {}
+    for step in whole_plan.steps:
+        if isinstance(step, BlockPoles):
+            primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
+            for pole in step.poles:
+                ancestors[pole] = frozenset([pole])
+                sources_by_pole[pole] = primary_poles
+        elif isinstance(step, LinePole):
+            via, needed = _choose_cheapest_lines(step, ancestors, whole_plan.coaxial)
+            ancestors[step.pole] = needed | {step.pole}
+            sources_by_pole[step.pole] = replace(step, via=via).sources
+        else:
+            ancestors[step.pole] = frozenset()
+            sources_by_pole[step.pole] = ()
+    return sources_by_pole
+
+
+def _choose_cheapest_lines(
+    step: LinePole,
+    ancestors: dict[Pole, frozenset[Pole]],
+    coaxial: Sequence[tuple[frozenset[int], int]],
+) -> tuple[tuple[int, ...], frozenset[Pole]]:
+    """Return the third bodies of the great circles that need the fewest other poles.
+
+    Parameters
+    ----------
+    step
+        The step, with all its lines.
+    ancestors
+        The poles to be computed until a pole is known, for all poles of earlier steps.
+    coaxial
+        For each common axis its bodies and an R pair (`Plan.coaxial`).
+
+    Returns
+    -------
+    third_bodies
+        One for each great circle that is needed: two, or fewer if there are contact planes.
+    needed
+        All poles to be computed for these great circles.
+    """
+    i, j = step.pole
+    needed_by_third = {
+        third: ancestors[pole_of(i, third)] | ancestors[pole_of(j, third)]
+        for third in step.via
+    }
+
+    def cost(third: int) -> tuple[int, int]:
+        # Bodies of equal cost are taken in the order of their numbers.
+        return len(needed_by_third[third]), third
+
+    circles = group_by_circle(step.via, step.pole, coaxial)
+    cheapest_thirds = sorted((min(thirds, key=cost) for thirds in circles), key=cost)
+    circle_count = max(2 - len(step.contacts), 0)
+    chosen = tuple(cheapest_thirds[:circle_count])
+    needed = frozenset[Pole]().union(*(needed_by_third[third] for third in chosen))
+    return chosen, needed
+
+
+def _prune_passes(
+    passes: Sequence[LinePole], requested: Iterable[Pole]
+) -> tuple[LinePole, ...]:
+    """Return the passes of an irreducible part from which some of its poles follow."""
+    needed_poles = set(requested)
+    needed_passes = []
+    for step in reversed(passes):
+        if step.pole in needed_poles:
+            needed_passes.append(step)
+            needed_poles.update(step.sources)
+    return tuple(reversed(needed_passes))

@@ -1,21 +1,26 @@
-"""The sequence in which every pole axis follows from the known ones.
+"""The sequence in which all pole axes of a mechanism follow from the known ones.
 
-Poles of pairs (R, Cr) are primary. Synchronous passes of the Aronhold-Kennedy theorem
-(Di Gregorio 2011) add the secondary ones: P_ij lies on the great circle of P_ik and
-P_jk for every third link k, and on the contact plane of a sliding pair of i and j; two
-such lines give it. Links that share an axis by construction have it as their pole. Where
-the passes stop, the smallest single-freedom part that holds an unknown pole is solved from
-its velocity equations. One pole of it is enough for ordinary passes to find the others, in
-every chain of up to twelve links that is known, and the plan says how; the equations give
-all of them at once, and more surely. Then the passes go on.
+1. The poles of pairs (R, Cr) are primary: they are known from the start.
+2. Passes of the Aronhold-Kennedy theorem (Di Gregorio 2011) find secondary poles. P_ij
+   lies on the great circle through P_ik and P_jk for every third link k, and on the contact
+   plane of a sliding pair of i and j. Two such lines give the pole. All poles of a pass
+   follow from poles of earlier passes. Links that share an axis by construction have it as
+   their pole.
+3. If a pass finds nothing, the smallest part with one degree of freedom that contains an
+   unknown pole is solved from its velocity equations, which give all its poles. Then the
+   passes continue.
+
+One pole of a part solved in step 3 would be enough for passes to find the others, in every
+known chain of up to twelve links. The plan states this order (`BlockPoles.passes`). The
+numbers still come from the velocity equations, which are better conditioned.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise
 
 from spherekit.mechanism.graph import clusters
-from spherekit.planning.mobility import Pebbles
+from spherekit.planning.mobility import PebbleGame
 from spherekit.planning.pole_plan import (
     BlockPoles,
     LinePole,
@@ -26,141 +31,265 @@ from spherekit.planning.pole_plan import (
     pole_of,
 )
 
-Partners = list[set[int]]
-"""The bodies that each one has a known pole with, by number."""
+MAX_OPENING_WORK = 20_000
+"""Largest number of opening poles that are tried for an irreducible part, multiplied by the
+square of the number of its unknown poles.
+
+The time of a trial grows with this square. Larger: the pole from which passes find the most
+others is more often the best one, and planning of large parts takes longer.
+"""
 
 
-MOST_TRIED = 20_000
-"""Poles tried as the one by which passes go on, times the square of those unknown."""
+class KnownPoles:
+    """The poles of a chain that are known at some pass.
+
+    Attributes
+    ----------
+    partners
+        For each body the bodies with which it has a known pole.
+    """
+
+    def __init__(self, partners: Iterable[Iterable[int]]) -> None:
+        self.partners = [set(bodies) for bodies in partners]
+
+    def copy(self) -> "KnownPoles":
+        """Return a copy to which poles can be added independently."""
+        return KnownPoles(self.partners)
+
+    def add(self, step: Step) -> None:
+        """Add the poles that a step gives."""
+        poles = step.poles if isinstance(step, BlockPoles) else [step.pole]
+        for i, j in poles:
+            self.partners[i].add(j)
+            self.partners[j].add(i)
+
+    def unknown_of(self, poles: Iterable[Pole]) -> list[Pole]:
+        """Return those of some poles that are not known."""
+        return [(i, j) for i, j in poles if j not in self.partners[i]]
+
+    def third_bodies(self, pole: Pole) -> set[int]:
+        """Return the bodies that have known poles with both bodies of a pole."""
+        i, j = pole
+        return self.partners[i] & self.partners[j]
 
 
-def steps_of(chain: Plan, game: Pebbles | None) -> list[Step]:
-    """Return the steps that give all poles of a chain, given as a plan without steps."""
-    mechanism = chain.mechanism
-    partners: Partners = [set() for _ in mechanism.links]
+def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
+    """Return the steps that give all poles of a chain.
+
+    Parameters
+    ----------
+    chain
+        A plan without steps: the mechanism, the moving input, and the bodies.
+    pebble_game
+        The pebble game on the bodies. None if counting does not decide about the mobility.
+    """
     steps: list[Step] = []
-    contacts: dict[Pole, list[int]] = {}
-    for number, (pair, (a, b)) in enumerate(zip(mechanism.pairs, chain.ends, strict=True)):
+    known_poles = KnownPoles([] for _ in chain.mechanism.links)
+    contacts_by_pole: dict[Pole, list[int]] = {}
+    for number, (pair, (a, b)) in enumerate(
+        zip(chain.mechanism.pairs, chain.ends, strict=True)
+    ):
         if a == b:
             continue
         pole = pole_of(a, b)
         if pair.kind.pole_line is None:
-            contacts.setdefault(pole, []).append(number)
+            contacts_by_pole.setdefault(pole, []).append(number)
         else:
-            steps.append(PrimaryPole(pole, number))
-            _mark(partners, [pole])
-    unknown = [*combinations(chain.bodies, 2)]
-    parts: dict[Pole, set[int]] = {}
+            primary_pole = PrimaryPole(pole, number)
+            steps.append(primary_pole)
+            known_poles.add(primary_pole)
+
+    unknown_poles = known_poles.unknown_of(combinations(chain.bodies, 2))
+    part_by_pole: dict[Pole, set[int]] = {}
     round_number = 0
-    while unknown := [pole for pole in unknown if pole[1] not in partners[pole[0]]]:
+    while unknown_poles:
         round_number += 1
         new_steps: list[Step] = []
-        for pole in unknown:
-            shared = next((n for links, n in chain.coaxial if links >= {*pole}), None)
-            if shared is not None:
-                new_steps.append(PrimaryPole(pole, shared, round_number))
+        for pole in unknown_poles:
+            shared_axis_pair = _pair_of_common_axis(chain, pole)
+            if shared_axis_pair is not None:
+                new_steps.append(PrimaryPole(pole, shared_axis_pair, round_number))
             else:
-                new_steps += _by_lines(chain, contacts, partners, [pole], round_number)
+                new_steps += _find_line_poles(
+                    chain, contacts_by_pole, known_poles, [pole], round_number
+                )
         if not new_steps:
-            block = _smallest_block(chain, game, parts, unknown, round_number)
-            if game is not None:
-                block = _opened(chain, contacts, partners, block)
-            new_steps, round_number = [block], block.last
+            block = _find_smallest_block(
+                chain, pebble_game, part_by_pole, unknown_poles, round_number
+            )
+            if pebble_game is not None:
+                block = _choose_opening(chain, contacts_by_pole, known_poles, block)
+            new_steps = [block]
+            round_number = block.last
+        # The poles of a pass count as known only after the pass.
         for step in new_steps:
-            _mark(partners, step.poles if isinstance(step, BlockPoles) else [step.pole])
+            known_poles.add(step)
         steps += new_steps
+        unknown_poles = known_poles.unknown_of(unknown_poles)
     return steps
 
 
-def _by_lines(
+def _pair_of_common_axis(chain: Plan, pole: Pole) -> int | None:
+    """Return an R pair about the common axis of both bodies of a pole, or None."""
+    for bodies, pair in chain.coaxial:
+        if bodies.issuperset(pole):
+            return pair
+    return None
+
+
+def _find_line_poles(
     chain: Plan,
-    contacts: dict[Pole, list[int]],
-    partners: Partners,
+    contacts_by_pole: dict[Pole, list[int]],
+    known_poles: KnownPoles,
     poles: Iterable[Pole],
-    number: int,
-) -> Iterator[LinePole]:
-    """Yield the steps of a pass for poles that two different lines or more go through."""
-    for pole in poles:
-        common = partners[pole[0]] & partners[pole[1]]
-        touching = tuple(contacts.get(pole, ()))
-        if len(circles(common, pole, chain.coaxial)) + len(touching) >= 2:
-            yield LinePole(pole, number, tuple(sorted(common)), touching)
+    round_number: int,
+) -> list[LinePole]:
+    """Return a step for each pole that lies on at least two different known lines.
 
-
-def _opened(
-    chain: Plan,
-    contacts: dict[Pole, list[int]],
-    partners: Partners,
-    block: BlockPoles,
-) -> BlockPoles:
-    """Return a part with the pole by which passes find the most others, and soonest."""
-
-    def opened(pole: Pole) -> BlockPoles:
-        """Return the part with the passes that follow from a pole."""
-        then = [{*others} for others in partners]
-        passes, steps = list[LinePole](), [LinePole(pole, block.round, ())]
-        while steps:
-            _mark(then, [step.pole for step in steps])
-            left = [other for other in block.poles if other[1] not in then[other[0]]]
-            steps = [*_by_lines(chain, contacts, then, left, steps[0].round + 1)]
-            passes += steps
-        return replace(block, opening=pole, passes=tuple(passes))
-
-    def left_and_passes(part: BlockPoles) -> tuple[int, int]:
-        left = len(block.poles) - 1 - len(part.passes)
-        return left, part.last + (left > 0)
-
-    def fewest_lines(pole: Pole) -> tuple[int, Pole]:
-        return -len(partners[pole[0]] & partners[pole[1]]), pole
-
-    most = max(1, MOST_TRIED // len(block.poles) ** 2)
-    tried = sorted(block.poles, key=fewest_lines)[:most]
-    return min(map(opened, tried), key=left_and_passes)
-
-
-def circles(
-    common: set[int], pole: Pole, coaxial: Sequence[tuple[frozenset[int], int]]
-) -> list[tuple[int, ...]]:
-    """Return the third links of each different great circle through pairs of known poles.
-
-    Third links that turn about one axis with a link of the pole give the same circle.
+    Parameters
+    ----------
+    chain
+        The plan without steps.
+    contacts_by_pole
+        Numbers of the sliding pairs that join the bodies of a pole.
+    known_poles
+        The poles of earlier passes.
+    poles
+        The unknown poles that are examined.
+    round_number
+        Number of the pass.
     """
-    thirds, same = sorted(common), list[tuple[int, int]]()
-    for links, _ in coaxial:
-        if not links.isdisjoint(pole):
-            same += pairwise(k for k, third in enumerate(thirds) if third in links)
-    return [tuple(thirds[k] for k in alike) for alike in clusters(len(thirds), same)]
+    steps = []
+    for pole in poles:
+        third_bodies = known_poles.third_bodies(pole)
+        contacts = tuple(contacts_by_pole.get(pole, ()))
+        circles = group_by_circle(third_bodies, pole, chain.coaxial)
+        if len(circles) + len(contacts) >= 2:
+            via = tuple(sorted(third_bodies))
+            steps.append(LinePole(pole, round_number, via, contacts))
+    return steps
 
 
-def _smallest_block(
+def group_by_circle(
+    third_bodies: Iterable[int], pole: Pole, coaxial: Sequence[tuple[frozenset[int], int]]
+) -> list[tuple[int, ...]]:
+    """Group third bodies k that give the same great circle through P_ik and P_jk.
+
+    Third bodies that turn about one axis with body i have the same pole P_ik, so their
+    great circles are the same. So it is for body j.
+
+    Parameters
+    ----------
+    third_bodies
+        Bodies that have known poles with both bodies of the pole.
+    pole
+        The pole P_ij that lies on the great circles.
+    coaxial
+        For each common axis its bodies and an R pair (`Plan.coaxial`).
+
+    Returns
+    -------
+    For each different great circle the third bodies that give it, rising.
+    """
+    bodies = sorted(third_bodies)
+    equal_couples: list[tuple[int, int]] = []
+    for coaxial_bodies, _ in coaxial:
+        if not coaxial_bodies.isdisjoint(pole):
+            indices = [k for k, body in enumerate(bodies) if body in coaxial_bodies]
+            equal_couples += pairwise(indices)
+    return [
+        tuple(bodies[k] for k in indices)
+        for indices in clusters(len(bodies), equal_couples)
+    ]
+
+
+def _find_smallest_block(
     chain: Plan,
-    game: Pebbles | None,
-    parts: dict[Pole, set[int]],
-    unknown: Sequence[Pole],
+    pebble_game: PebbleGame | None,
+    part_by_pole: dict[Pole, set[int]],
+    unknown_poles: Sequence[Pole],
     round_number: int,
 ) -> BlockPoles:
-    """Solve the smallest part with an unknown pole; `parts` keeps them between calls.
+    """Return the smallest part with one degree of freedom that contains an unknown pole.
 
-    Where counting does not decide on freedoms (`game` is None) the part is the whole.
+    Parameters
+    ----------
+    chain
+        The plan without steps.
+    pebble_game
+        The pebble game on the bodies. If it is None, the part is the whole chain.
+    part_by_pole
+        The bodies of the smallest part for each pole that was examined. Results are added,
+        so that later calls need not find them again.
+    unknown_poles
+        The poles that are unknown.
+    round_number
+        The pass in which the part is solved.
     """
-    for pole in unknown:
-        if game is None:
-            parts[pole] = set(chain.bodies)
-        elif pole not in parts:
-            # smallest with one freedom: such sets are closed under intersection here
-            parts[pole] = game.rigid_part(*pole) or game.reach(pole)
-    inside = min((parts[pole] for pole in unknown), key=len)
+    for pole in unknown_poles:
+        if pebble_game is None:
+            part_by_pole[pole] = set(chain.bodies)
+        elif pole not in part_by_pole:
+            # The sets with one degree of freedom that contain both bodies are closed under
+            # intersection, so the reachable bodies are the smallest.
+            rigid_part = pebble_game.find_rigid_part(*pole)
+            part_by_pole[pole] = rigid_part or pebble_game.reachable_bodies(pole)
+    part = min((part_by_pole[pole] for pole in unknown_poles), key=len)
+    pairs = [n for n, (a, b) in enumerate(chain.ends) if a != b and {a, b} <= part]
     return BlockPoles(
-        links=tuple(sorted(inside)),
-        pairs=tuple(
-            n for n, (a, b) in enumerate(chain.ends) if a != b and {a, b} <= inside
-        ),
-        poles=tuple(pole for pole in unknown if {*pole} <= inside),
+        links=tuple(sorted(part)),
+        pairs=tuple(pairs),
+        poles=tuple(pole for pole in unknown_poles if part.issuperset(pole)),
         round=round_number,
     )
 
 
-def _mark(partners: Partners, poles: Iterable[Pole]) -> None:
-    for i, j in poles:
-        partners[i].add(j)
-        partners[j].add(i)
+def _choose_opening(
+    chain: Plan,
+    contacts_by_pole: dict[Pole, list[int]],
+    known_poles: KnownPoles,
+    block: BlockPoles,
+) -> BlockPoles:
+    """Return a part with the opening pole from which passes find the most other poles.
+
+    If several find as many, the one that needs the fewest passes is chosen.
+
+    Parameters
+    ----------
+    chain
+        The plan without steps.
+    contacts_by_pole
+        Numbers of the sliding pairs that join the bodies of a pole.
+    known_poles
+        The poles that are known before the part is solved.
+    block
+        The part, without an opening pole.
+    """
+
+    def open_at(pole: Pole) -> BlockPoles:
+        """Return the part with the passes that follow from one of its poles."""
+        known_then = known_poles.copy()
+        passes: list[LinePole] = []
+        steps = [LinePole(pole, block.round, ())]
+        while steps:
+            for step in steps:
+                known_then.add(step)
+            unknown_poles = known_then.unknown_of(block.poles)
+            next_round = steps[0].round + 1
+            steps = _find_line_poles(
+                chain, contacts_by_pole, known_then, unknown_poles, next_round
+            )
+            passes += steps
+        return replace(block, opening=pole, passes=tuple(passes))
+
+    def poles_left_and_passes(opened: BlockPoles) -> tuple[int, int]:
+        poles_left = len(block.poles) - 1 - len(opened.passes)
+        # If poles are left, they need a further pass.
+        return poles_left, opened.last + (poles_left > 0)
+
+    def most_lines_first(pole: Pole) -> tuple[int, Pole]:
+        return -len(known_poles.third_bodies(pole)), pole
+
+    max_trials = max(1, MAX_OPENING_WORK // len(block.poles) ** 2)
+    tried_poles = sorted(block.poles, key=most_lines_first)[:max_trials]
+    return min(map(open_at, tried_poles), key=poles_left_and_passes)

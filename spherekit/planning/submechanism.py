@@ -14,7 +14,7 @@ from spherekit.mechanism.load import Load
 from spherekit.mechanism.load_dependence import used_links, used_pairs
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group, plan_assembly
-from spherekit.planning.mobility import merged
+from spherekit.planning.mobility import merge_locked_links
 
 
 def moving_pairs(
@@ -53,7 +53,7 @@ def _are_one_body(
     links: frozenset[int],
 ) -> bool:
     """Return whether locked inputs and groups, solved in order, alone join links."""
-    body = list(merged(mechanism, inputs))
+    body = list(merge_locked_links(mechanism, inputs))
     for group in groups:
         ends = {link for pair in group.pairs for link in mechanism.ends[pair]}
         parts = [{body[link] for link in ends.intersection(x)} for x in group.bodies]

@@ -84,7 +84,7 @@ def _lengths(contact: RollingOnCarrier, joints: Sequence[Joint]) -> list[float]:
     return find_wheel_contact(wheels, turns)
 
 
-def held_meshes(mechanism: Mechanism) -> frozenset[int]:
+def find_carried_contacts(mechanism: Mechanism) -> frozenset[int]:
     """Return the numbers of the rolling pairs whose wheels another link carries.
 
     That the wheels touch is then said twice, by the contact and by the link that carries

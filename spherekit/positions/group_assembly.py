@@ -127,7 +127,7 @@ def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:
     of the group's pairs in file order. Samples whose arcs cannot close are marked in
     `state.lost`.
     """
-    near, middle, far = group.dyad_places
+    near, middle, far = group.dyad_positions
 
     def axis(which: int, body: int) -> Floats:
         pair, side = group.pairs[which], group.ends[which].index(body)

@@ -427,7 +427,7 @@ class QuadAssembly:
         sign
             Sign of the triple product of the axes in the order of the pairs of the group.
         """
-        near, middle, far = group.dyad_places
+        near, middle, far = group.dyad_positions
 
         def axis(place: int, body: int) -> Array:
             side = group.ends[place].index(body)

@@ -331,7 +331,7 @@ class SampledSingularities:
             dyad = next(joining, None)
             angle = nans(len(values))
             if dyad is not None and dyad.is_dyad:
-                near, middle, far = (axes[:, dyad.pairs[k]] for k in dyad.dyad_places)
+                near, middle, far = (axes[:, dyad.pairs[k]] for k in dyad.dyad_positions)
                 angle = arc(cross(near, middle), cross(middle, far))
             angles.append(np.minimum(angle, np.pi - angle))
         return angles
@@ -357,7 +357,7 @@ class SampledSingularities:
         for group in groups:
             if not group.is_dyad:
                 return nans(len(values))
-            near, middle, far = (axes[:, group.pairs[k]] for k in group.dyad_places)
+            near, middle, far = (axes[:, group.pairs[k]] for k in group.dyad_positions)
             angle = arc(cross(near, middle), cross(middle, far))
             least = np.minimum(least, np.minimum(angle, np.pi - angle))
         return least

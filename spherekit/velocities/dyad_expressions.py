@@ -75,7 +75,7 @@ def _close(
 ) -> Expr:
     """Place the free bodies of a dyad; return the square of its triple product."""
     mechanism = structure.mechanism
-    near, middle, far = group.dyad_places
+    near, middle, far = group.dyad_positions
 
     def held(which: int, body: int) -> tuple[LinkOrientation, Entries]:
         pair, end = group.pairs[which], group.ends[which].index(body)

@@ -10,7 +10,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Plan, Pole, pole_of
-from spherekit.planning.pole_planner import plan, prune
+from spherekit.planning.pole_planner import plan, prune_plan
 
 
 def cross(a: Floats, b: Floats) -> Floats:
@@ -94,6 +94,6 @@ def request(
     needed = {whole.pole(*pole) for pole in (*wanted, *coefficients, (a, b))}
     for body in bodies - {a, b}:
         needed |= {pole_of(a, body), pole_of(b, body)}
-    pruned = prune(whole, sorted(pole for pole in needed if pole is not None))
+    pruned = prune_plan(whole, sorted(pole for pole in needed if pole is not None))
     every = tuple(dict.fromkeys([*wanted, *coefficients]))
     return Request(pruned, every, tuple(sorted(bodies)), derivatives, circles, turned)

@@ -607,7 +607,7 @@ class VariedTerms:
         (group,) = (dyad for dyad in dyads if dyad.middle == number)
         near, middle, far = (
             self.flow.vectors[self.mechanism.variables_of(group.pairs[k])[0]]
-            for k in group.dyad_places
+            for k in group.dyad_positions
         )
         one, other = cross(near, middle), cross(middle, far)
         normal, level = cross(one, other), dot(one, other)

@@ -37,8 +37,8 @@ from spherekit.planning.pole_plan import (
     Plan,
     Pole,
     Step,
-    cells,
     pole_of,
+    table_cells,
 )
 from spherekit.planning.pole_planner import plans
 from spherekit.positions.mode_meetings import degrees_text
@@ -533,7 +533,7 @@ class PageMaker:
             "end": end,
             "titles": [*map(planned.name, planned.bodies)],
             "bodies": [links[body] for body in planned.bodies],
-            "cells": cells(planned),
+            "cells": table_cells(planned),
             "labels": {
                 ",".join(named(pole)): pole_name(planned, pole)
                 for pole in combinations(planned.bodies, 2)

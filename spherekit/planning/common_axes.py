@@ -1,0 +1,61 @@
+"""Links that turn about one common axis in every configuration.
+
+Two R pairs of one link may have the same axis. Examples are the two sliders of an arc guide
+and the coaxial wheels of a gear train. All links of these pairs then turn about this axis
+relative to each other. The Aronhold-Kennedy theorem cannot find their pole axes: it
+intersects great circles through two poles, and the two poles coincide.
+"""
+
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.mechanism.graph import clusters
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import SAME_AXIS_SINE, link_axes
+
+
+class CommonAxis(NamedTuple):
+    """An axis about which three or more links turn relative to each other.
+
+    Attributes
+    ----------
+    links
+        Numbers of these links.
+    pair
+        Number of an R pair about this axis, the smallest.
+    is_exact
+        Whether the axes of all pairs have equal coordinates in the links that they share.
+        Otherwise they agree up to rounding.
+    """
+
+    links: frozenset[int]
+    pair: int
+    is_exact: bool
+
+
+def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
+    """Return the axes that several R pairs of one link have in common."""
+    number = mechanism.pair_number
+    coaxial_couples: list[tuple[int, int]] = []
+    rounded_pairs: set[int] = set()
+    for axes in link_axes(mechanism).values():
+        for name_a, name_b in combinations(axes, 2):
+            axis_a = axes[name_a]
+            axis_b = axes[name_b]
+            if np.linalg.norm(np.cross(axis_a, axis_b)) >= SAME_AXIS_SINE:
+                continue
+            couple = number[name_a], number[name_b]
+            coaxial_couples.append(couple)
+            # The axes of a link may have opposite directions.
+            is_equal = np.array_equal(axis_a, axis_b) or np.array_equal(axis_a, -axis_b)
+            if not is_equal:
+                rounded_pairs.update(couple)
+    common_axes = []
+    for pairs in clusters(len(mechanism.pairs), coaxial_couples):
+        if len(pairs) > 1:
+            links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
+            is_exact = rounded_pairs.isdisjoint(pairs)
+            common_axes.append(CommonAxis(links, pairs[0], is_exact))
+    return tuple(common_axes)
