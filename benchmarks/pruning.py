@@ -15,8 +15,8 @@ from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.analysis_requests import needs_of, requests_for
 from spherekit.runs.registry import create
-from spherekit.runs.run_cost import counts_of
-from spherekit.runs.run_plan import needed_part
+from spherekit.runs.run_cost import count_evaluations
+from spherekit.runs.run_plan import extract_needed_part
 from spherekit.runs.runner import run as run_analyses
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import Request
@@ -68,7 +68,7 @@ def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...
     for what, text in NARROW.items():
         jobs[what] = _job(whole.motion, _request(mechanism, text))
         about[what] = (mechanism, text, False)
-        part = needed_part(Study(mechanism.name, mechanism), [create(text)])
+        part = extract_needed_part(Study(mechanism.name, mechanism), [create(text)])
         tracer = PositionAnalysis(part, search=False, samples=SAMPLES)
         jobs[f"{what}, only needed"] = _job(tracer.motion, _request(part, text))
         about[f"{what}, only needed"] = (mechanism, text, True)
@@ -77,8 +77,10 @@ def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...
     base = sizes["all poles"]
     rows: list[tuple[Cell, ...]] = []
     for what, (made, text, only) in about.items():
-        solved = needed_part(Study(made.name, made), [create(text)]) if only else made
-        counts = counts_of(_request(solved, text))
+        solved = made
+        if only:
+            solved = extract_needed_part(Study(made.name, made), [create(text)])
+        counts = count_evaluations(_request(solved, text))
         own = sizes[what]
         rows.append(
             (

@@ -15,7 +15,7 @@ from spherekit.errors import EngineError
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs import batch_runner, prefetch
-from spherekit.runs.batch_runner import REFERENCES
+from spherekit.runs.batch_runner import REFERENCE_SAMPLES
 from spherekit.runs.kernel_columns import SLICE
 from spherekit.symbolic.compiler import available, heyoka
 from spherekit.velocities.kernels import kernel
@@ -79,7 +79,7 @@ def _by(engine: Engine | None) -> Iterator[None]:
     """Have rows given by a kernel on this engine, or by none."""
     fewest = NEVER if engine is None else 0
     many = 0 if engine == "compiled" else NEVER
-    with patch.multiple(batch_runner, FEWEST=fewest, MANY=many):
+    with patch.multiple(batch_runner, MIN_KERNEL_ROWS=fewest, MIN_COMPILED_ROWS=many):
         yield
 
 
@@ -154,7 +154,7 @@ def _alone(
         every = all_poles(len(made.links))
         by = tracer.by_rank
         requests = [request(made, x, every, every, by_rank=by) for x in tracer.inputs]
-        rows = row_kernel(tracer.sparse(REFERENCES), requests, engine)
+        rows = row_kernel(tracer.sparse(REFERENCE_SAMPLES), requests, engine)
         assert rows is not None
         terms = rows.whole
 

@@ -9,7 +9,7 @@ from spherekit.files.study import Study
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.motion import Motion
 from spherekit.runs import batch_runner
-from spherekit.runs.sampling import course_of
+from spherekit.runs.sampling import make_sampling
 from spherekit.status import Status
 from spherekit.velocities.direction_signs import SignContinuation
 from spherekit.velocities.pole_evaluation import evaluate
@@ -48,15 +48,15 @@ class Differences:
 
 def both_ways(made, **options):
     """Return all poles both ways, None where there is no kernel; see `Study`."""
-    with patch.object(batch_runner, "FEWEST", 0):
-        course = course_of(Study(made.name, made, search=False, **options))
-        tracer = course.tracer
+    with patch.object(batch_runner, "MIN_KERNEL_ROWS", 0):
+        course = make_sampling(Study(made.name, made, search=False, **options))
+        tracer = course.position_analysis
         every = all_poles(len(made.links))
         wanted = [
             request(tracer.mechanism, pair, every, every, by_rank=tracer.by_rank)
             for pair in tracer.inputs
         ]
-        quick = batch_runner.BatchRunner.of(course, wanted, recorded=False)
+        quick = batch_runner.BatchRunner.prepare(course, wanted, is_recorded=False)
         if quick is None:
             return None
         (motion,) = quick.blocks(len(course))

@@ -19,7 +19,7 @@ from spherekit.numerics.lazy_columns import LazyColumn
 from spherekit.planning.pole_plan import all_poles
 from spherekit.runs import batch_runner, prefetch
 from spherekit.runs.kernel_columns import LazyField
-from spherekit.runs.sampling import course_of
+from spherekit.runs.sampling import make_sampling
 from spherekit.status import Status
 from spherekit.symbolic.compiler import available
 from spherekit.velocities.direction_signs import signs_at_stops
@@ -33,7 +33,7 @@ SLOW = {"twelve_bar", "stephenson_output"}
 
 @pytest.fixture(autouse=True)
 def _from_the_first_row(monkeypatch):
-    monkeypatch.setattr(batch_runner, "FEWEST", 0)
+    monkeypatch.setattr(batch_runner, "MIN_KERNEL_ROWS", 0)
 
 
 def compared(made, same_signs=True, **options):
@@ -88,7 +88,7 @@ def test_input_grids(name, samples):
 def test_directions_reverse_within_blocks(name, monkeypatch):
     """They are turned round where they are with care; compiled, if heyoka is there."""
     if available():
-        monkeypatch.setattr(batch_runner, "MANY", 0)
+        monkeypatch.setattr(batch_runner, "MIN_COMPILED_ROWS", 0)
     turned = []
 
     def counted(*arguments):
@@ -96,7 +96,7 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
         return turned[-1]
 
     monkeypatch.setattr(batch_runner, "signs_at_stops", counted)
-    monkeypatch.setattr(batch_runner, "JUDGED", 1)
+    monkeypatch.setattr(batch_runner, "SLICE_NUMBERS", 1)
     for size in (batch_runner.SLICE, 1):  # within a slice, and from one to the next
         monkeypatch.setattr(batch_runner, "SLICE", size)
         ways = both_ways(sk.load(name), samples=300)
@@ -169,7 +169,7 @@ def test_blocks_go_on(name, block, monkeypatch):
     """Signs continue over gaps too, and rows are the same however many are at once."""
     options = {"samples": 2900, "assembly_mode": 0}
     whole, parts = sk.run(name, **options), sk.run(name, block=block, **options)
-    monkeypatch.setattr(batch_runner, "FEWEST", 1 << 60)
+    monkeypatch.setattr(batch_runner, "MIN_KERNEL_ROWS", 1 << 60)
     careful = sk.run(name, **options)
     one, two, three = (r.results["poles"].data["poles"] for r in (whole, parts, careful))
     for other, near in ((two, 1e-11), (three, 1e-9)):
@@ -210,7 +210,7 @@ def test_bounds_hold_in_fifty_digits():
 def test_some_rows_of_several_modes_have_poles():
     """A motion of a few rows keeps its modes, with fewer rows than these have."""
     made = sk.load("four_bar")
-    (motion,) = course_of(Study(made.name, made, 9)).blocks(9)
+    (motion,) = make_sampling(Study(made.name, made, 9)).blocks(9)
     poles = all_poles(len(made.links))
     field = evaluate(motion.rows([2]), request(made, made.inputs[0].pair, poles, poles))
     assert all(len(u) == 1 and np.all(np.isfinite(u)) for u in field.direction.values())

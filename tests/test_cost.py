@@ -20,7 +20,7 @@ from spherekit.planning.submechanism import moving_pairs
 from spherekit.runs import expected_size
 from spherekit.runs.analysis_requests import needs_of, requests_for
 from spherekit.runs.registry import create
-from spherekit.runs.run_cost import counts_of
+from spherekit.runs.run_cost import count_evaluations
 from spherekit.velocities.pole_evaluation import evaluate
 
 NARROW, WIDE = "poles:only=6/1", "poles"
@@ -53,9 +53,9 @@ def test_an_irreducible_part_gives_the_poles_that_are_needed():
 def test_no_derivatives_where_none_were_asked(twelve):
     needs = needs_of(twelve, [create(NARROW)])
     (wanted,) = requests_for(twelve, replace(needs, derivatives=False))
-    counts = counts_of(wanted)
+    counts = count_evaluations(wanted)
     assert counts["axis_derivatives"] == counts["rate_derivatives"] == 0
-    narrow, wide = (counts_of(request_of(twelve, text)) for text in (NARROW, WIDE))
+    narrow, wide = (count_evaluations(request_of(twelve, text)) for text in (NARROW, WIDE))
     assert counts["poles"] == narrow["poles"] == narrow["axis_derivatives"] < 20
     assert wide["poles"] == 66
     motion = sk.trace(twelve, samples=3, assembly_mode=0)
@@ -252,13 +252,13 @@ def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, mon
     path = tmp_path / "chain.toml"
     sk.dump(made, path)
     calls = []
-    run = expected_size.executed
+    run = expected_size.run_study
 
     def counting(study, analyses, *others):
         calls.append((study.count, len(analyses), study.search))
         return run(study, analyses, *others)
 
-    monkeypatch.setattr(expected_size, "executed", counting)
+    monkeypatch.setattr(expected_size, "run_study", counting)
     samples = 24
     assert main(["explain", str(path), "--samples", str(samples), "--json"]) == 0
     sizes = json.loads(capsys.readouterr().out)["predicted"]

@@ -23,8 +23,7 @@ from common import Asking, Listener, rows_of, with_springs
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, OutputError
-from spherekit.runs import batch_runner
-from spherekit.runs import run_folder as store
+from spherekit.runs import batch_runner, resource_checks, table_store
 from spherekit.runs.run_folder import WORK, RunFolder
 from spherekit.scenes.scene import Scene, Series
 from spherekit.symbolic.compiler import available
@@ -129,7 +128,6 @@ def note(error):
 KILLED = """
 import os, sys
 import spherekit as sk
-from spherekit.runs import run_folder as store
 def stop(done, total):
     if done >= int(sys.argv[2]):
         os.kill(os.getpid(), int(sys.argv[3]))
@@ -160,11 +158,10 @@ def test_killed_runs_go_on(tmp_path):
 
 STOPPED = """
 import os, sys
-from spherekit.runs import run_folder as store
 from spherekit.runs import batch_runner as rows_at_once
 from spherekit.cli import run
 from spherekit.cli.main import main
-rows_at_once.BYTES = 1 << 21
+rows_at_once.BLOCK_BYTES = 1 << 21
 def stop(done, total):
     os.kill(os.getpid(), int(sys.argv[1]))
 run.progress = lambda: stop
@@ -187,7 +184,7 @@ def signalled(number, handler, words):
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(batch_runner, "BYTES", 1 << 21)
+    monkeypatch.setattr(batch_runner, "BLOCK_BYTES", 1 << 21)
     folder = tmp_path / "with space"
     words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
     # Ignored, as by the shells that start jobs in the background, it would stay so.
@@ -260,13 +257,13 @@ def test_a_disk_that_fills_at_the_end_leaves_the_older_results(tmp_path):
 
 def test_a_disk_without_room_is_told_early(tmp_path, monkeypatch):
     free = type("", (), {"free": 20_000})
-    monkeypatch.setattr(store.shutil, "disk_usage", lambda _: free)
+    monkeypatch.setattr(resource_checks.shutil, "disk_usage", lambda _: free)
     with pytest.raises(OutputError, match=r"about .* kB.*20 kB left.*--format parquet"):
         four_bar(tmp_path)
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
-    with RunFolder.opened(tmp_path):
+    with RunFolder.open(tmp_path):
         with pytest.raises(OutputError, match=rf"process {os.getpid()} on .* is writing"):
             four_bar(tmp_path)
         with pytest.raises(OutputError, match="is writing there"):
@@ -416,7 +413,7 @@ def test_any_text_survives(plain, tmp_path):
 
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
     """Pieces of 32 rows cut across blocks and assembly modes."""
-    for module in (store, table_files):
+    for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK", 32)
     four_bar(tmp_path)
     parquet = pq.ParquetFile(tmp_path / "motion.parquet")
@@ -434,7 +431,7 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
 @pytest.mark.parametrize("job, count", [(four_bar, 5_000), (wound, 1_500)])
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
     """Four times as many rows: less than a tenth of their bytes beside the inputs."""
-    for module in (store, table_files):
+    for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK", 1024)
 
     def peak(samples):
@@ -471,7 +468,7 @@ def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch, ca
     assert "361 of 361 samples are done and kept" in note(caught.value)
     result = sk.run(sk.load("four_bar"), Whole(), folder=tmp_path, unfinished="resume")
     assert result.summary["samples_in_a_block"] == 361 and len(result.frame("words")) == 722
-    monkeypatch.setattr(store, "usable_memory", lambda: 10**8)
+    monkeypatch.setattr(resource_checks, "usable_memory", lambda: 10**8)
     with pytest.raises(AnalysisError, match=r"words looks at all samples at once.* 100 MB"):
         sk.run(sk.load("four_bar"), Whole(), samples=50_000)
     assert main(["explain", "four_bar", "-a", "singularities", "-a", "eksergian"]) == 0
@@ -496,7 +493,7 @@ def shown(listener):
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
     from spherekit.runs import recording_session
 
-    monkeypatch.setattr(recording_session, "MOST_LOGGED", 10)
+    monkeypatch.setattr(recording_session, "MAX_RECORDED_SAMPLES", 10)
     listener = Listener()
     result = four_bar(samples=45, recorder=listener)
     wanted = [0, 5, 10, 15, 20, 25, 30, 35, 40, 44]

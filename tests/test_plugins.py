@@ -10,10 +10,10 @@ from common import Asking, distribution
 
 import spherekit as sk
 from spherekit.errors import AnalysisError, PluginError
+from spherekit.runs.batch import Batch
 from spherekit.runs.contract import Findings
 from spherekit.runs.needs import Needs
 from spherekit.runs.registry import create, load, names, records, registered
-from spherekit.runs.table_scenes import Batch
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
     INPUTS,

@@ -183,14 +183,14 @@ traded = partial(trade, analysis="eksergian", rounds=1)
 
 def tables_of(made, analysis, setting, t, start):
     """Return the tables of a simulation by a setting, as an ordinary run gives them."""
-    from spherekit.runs.sampling import simulated_course
+    from spherekit.runs.sampling import sample_simulation
     from spherekit.runs.simulation_measurement import tables_by
 
     done = simulate(
         made, start, float(t[-1]), tolerance=setting.tolerance, engine=setting.integrator
     )
     tracer = PositionAnalysis(made, None, 0, samples=2)
-    course = simulated_course(tracer, done, t, setting.tolerance)
+    course = sample_simulation(tracer, done, t, setting.tolerance)
     return tables_by(course, create(analysis), Setting())[0]
 
 

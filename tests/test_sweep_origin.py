@@ -17,7 +17,7 @@ import spherekit as sk
 from spherekit import processor
 from spherekit.cli.main import main
 from spherekit.errors import FileError, OutputError, SpherekitError
-from spherekit.runs import run_folder
+from spherekit.runs import run_identity
 
 VARY = {"links.2.arc": [float(x) for x in np.linspace(10.0, 40.0, 40)]}
 WORDS = ["sweep", "four_bar", "-a", "poles", "--tables", "--samples", "5", "--workers", "1"]
@@ -94,7 +94,7 @@ def test_parts_of_other_processors_are_recorded_and_said(tmp_path):
 
 @pytest.mark.parametrize("library", ["spherekit", "numpy", "scipy", "heyoka", "machine"])
 def test_parts_of_other_versions_are_refused(library, folder_of_sweep, monkeypatch):
-    code = run_folder.code_identity() | {library: "1.2.3"}
+    code = run_identity.code_identity() | {library: "1.2.3"}
     monkeypatch.setattr("spherekit.designs.sweep.code_identity", lambda: code)
     with pytest.raises(OutputError, match=f"by other code .{library}: .* there, 1.2.3 now"):
         swept(folder_of_sweep)

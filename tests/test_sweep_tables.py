@@ -20,7 +20,7 @@ from spherekit.errors import DesignError, OutputError
 from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of, number_path, with_numbers
 from spherekit.files.schema import check
-from spherekit.runs import run_folder as folder
+from spherekit.runs import resource_checks, run_identity
 from spherekit.tables.table import SAMPLE, Column, Table
 
 CASES = [
@@ -187,7 +187,7 @@ def test_parts_by_other_code_are_refused(tmp_path):
 
 def test_a_worker_with_other_versions_writes_nothing(tmp_path):
     sweep = swept({"links.2.arc": [20.0]}).sweep
-    code = folder.code_identity() | {"numpy": "1.0"}
+    code = run_identity.code_identity() | {"numpy": "1.0"}
     with pytest.raises(DesignError, match=r"other versions \(numpy: .* there, 1\.0 now"):
         PartComputer(sweep, str(tmp_path), code)(0)
     assert not list(tmp_path.iterdir())
@@ -195,7 +195,8 @@ def test_a_worker_with_other_versions_writes_nothing(tmp_path):
 
 def test_what_the_disk_does_not_hold_is_said(tmp_path, monkeypatch):
     vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 40))}
-    monkeypatch.setattr(folder.shutil, "disk_usage", lambda _: type("", (), {"free": 1000}))
+    free = type("", (), {"free": 1000})
+    monkeypatch.setattr(resource_checks.shutil, "disk_usage", lambda _: free)
     with pytest.raises(OutputError, match="the tables of 40 designs will take about"):
         swept(vary, tmp_path)
     with pytest.raises(OutputError, match="choose another folder"):

@@ -18,12 +18,12 @@ from spherekit.proof.reference_rows import exact_direction, exact_rows
 from spherekit.runs.contract import Sweep
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.registry import create
-from spherekit.runs.sampling import course_of
+from spherekit.runs.sampling import make_sampling
 from spherekit.runs.simulation_measurement import plan_of, tables_by
 from spherekit.runs.trade import trade
 from spherekit.runs.trade_choice import WORTH, choose
 from spherekit.runs.trade_files import read_trade
-from spherekit.runs.trade_measurement import deviations_of, reference_at
+from spherekit.runs.trade_measurement import compute_reference_tables, measure_deviations
 from spherekit.runs.trade_record import MARGIN, Measured
 from spherekit.status import Status
 from spherekit.tables.table import Column, Table
@@ -40,12 +40,12 @@ def digits():
 
 
 def course(mechanism, samples, **given):
-    return course_of(Study(mechanism.name, mechanism, samples, **given))
+    return make_sampling(Study(mechanism.name, mechanism, samples, **given))
 
 
 def in_fifty_digits(plan):
     """Return the requests of a run, with reference rows of its course in 50 digits."""
-    (motion,) = plan.course.blocks(len(plan.course))
+    (motion,) = plan.sampling.blocks(len(plan.sampling))
     every = np.ones(len(motion), dtype=bool)
     return [
         (item, exact_rows(motion, every, item.plan.input, Digits(50)))
@@ -55,7 +55,7 @@ def in_fifty_digits(plan):
 
 def true_error(plan, setting, reference):
     """Return the largest scaled error of the table `poles`, everything in 50 digits."""
-    tables, _, _ = tables_by(plan.course, *plan.analyses, setting)
+    tables, _, _ = tables_by(plan.sampling, *plan.analyses, setting)
     data = tables["poles"]
     order = np.lexsort((data["sample"], data["assembly_mode"]))
     first = {name: np.asarray(values)[order] for name, values in data.items()}
@@ -153,10 +153,12 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
             assert all(MARGIN * each.error > tolerance for each in found.pareto)
             continue
         plan = plan_of(course(made, samples, **given), create("poles"))
-        (motion,) = plan.course.blocks(samples)
-        right, poles, _ = reference_at(plan, motion)
-        tables, _, _ = tables_by(plan.course, *plan.analyses, chosen.setting, poles)
-        for each in deviations_of(plan, tables, right):
+        (motion,) = plan.sampling.blocks(samples)
+        reference = compute_reference_tables(plan, motion)
+        tables, _, _ = tables_by(
+            plan.sampling, *plan.analyses, chosen.setting, reference.pole_fields
+        )
+        for each in measure_deviations(plan, tables, reference.tables):
             assert each.error <= tolerance and not each.missing, (chosen.name, each)
 
 

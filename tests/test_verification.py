@@ -22,8 +22,8 @@ from spherekit.runs.evaluation_options import ORDINARY
 from spherekit.runs.needs import Needs
 from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.sampling import Sampling
-from spherekit.runs.summary import faults, told
 from spherekit.runs.verification import Verifier
+from spherekit.runs.verification_text import format_verification, verification_failures
 from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, Column, Table
 from spherekit.tolerances import EPS
 from spherekit.velocities.pole_evaluation import evaluate
@@ -80,9 +80,9 @@ def test_the_same_rows_whatever_the_blocks():
     seen = []
 
     class Spy(Verifier):
-        def verdict(self, failed=()):
-            seen.extend(self._kept)
-            return super().verdict(failed)
+        def verify(self, failed=()):
+            seen.append(self._selected)
+            return super().verify(failed)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(runner, "Verifier", Spy)
@@ -134,7 +134,10 @@ def test_a_wrong_rate_is_found(perturbed, capsys):
 def test_a_wrong_direction_is_outside_its_bound(perturbed):
     perturbed(lambda field: np.add.at(field.direction[1, 3], np.s_[:, 1], 1e-10))
     verdict = verified(samples=9, verify=4)
-    assert any("4 of 24 pole directions are off" in fault for fault in faults(verdict))
+    assert any(
+        "4 of 24 pole directions are off" in fault
+        for fault in verification_failures(verdict)
+    )
     directions = verdict["directions"]
     assert directions["within_bound"] == directions["count"] - 4
     assert directions["subject"]["link"] == "4"
@@ -157,8 +160,8 @@ def test_a_wrong_configuration_has_no_reference():
     values[3, 1] += 1e-4
     values[5, 1] += 1e-8
     moved = replace(motion, values=values)
-    verifier.see(moved, (evaluate(moved, wanted),), {})
-    verdict = verifier.verdict()
+    verifier.check_block(moved, (evaluate(moved, wanted),), {})
+    verdict = verifier.verify()
     assert verdict["rows"] == len(motion)
     (lost,) = verdict["without_reference"]
     assert lost["sample"] == motion.sample[3] and lost["status"] == "MODE_LOST"
@@ -168,9 +171,9 @@ def test_a_wrong_configuration_has_no_reference():
     item = column(verdict, "motion", "theta_32")
     assert item["sample"] == motion.sample[5]
     assert item["deviation"] == pytest.approx(1e-8, rel=1e-6)
-    text = "\n".join(told(verdict))
+    text = "\n".join(format_verification(verdict))
     assert f"no reference at sample {motion.sample[3]}, assembly mode 0: MODE_LOST" in text
-    assert len(faults(verdict)) == 2
+    assert len(verification_failures(verdict)) == 2
 
 
 def test_several_inputs_times_and_analyses_of_whole_motions():
@@ -184,7 +187,7 @@ def test_several_inputs_times_and_analyses_of_whole_motions():
     assert column(mixed, "eksergian", "tau")["deviation"] < 1e-13
     alone = verified(analyses="singularities", samples=9, verify=3)
     assert {item["table"] for item in alone["columns"]} == {"motion"}
-    assert "singularities" in told(alone)[-1]
+    assert "singularities" in format_verification(alone)[-1]
 
 
 @final
@@ -306,5 +309,5 @@ def test_faults_of_a_plugin_or_a_profile_do_not_lose_the_run(monkeypatch):
 
     monkeypatch.setattr(verification, "exact_rows_by_input", refused)
     summary = sk.run(sk.load("four_bar"), samples=3, verify=2).summary
-    assert "does not converge" in told(summary["verified"])[0]
+    assert "does not converge" in format_verification(summary["verified"])[0]
     assert "no row was verified" in summary["warnings"][0]

@@ -25,8 +25,8 @@ from spherekit.positions.motion import Motion
 from spherekit.positions.motion_cache import traced
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.analysis_requests import requests_for
+from spherekit.runs.batch import Batch
 from spherekit.runs.needs import Needs
-from spherekit.runs.table_scenes import Batch
 from spherekit.status import Status
 from spherekit.tables.table import (
     ASSEMBLY_MODE,

@@ -27,7 +27,7 @@ from spherekit.planning.assembly_plan import driven_at
 from spherekit.resources import usable_cores
 from spherekit.runs.figure_of_merit import FigureOfMerit, parse_merit
 from spherekit.runs.registry import create
-from spherekit.runs.sampling import course_of
+from spherekit.runs.sampling import make_sampling
 
 if TYPE_CHECKING:
     from spherekit.runs.contract import AbstractAnalysis
@@ -199,7 +199,7 @@ def _labels_of_mode(study: Study) -> Names:
         return ()
     # Modes have the numbers that they have along the ranges of the inputs.
     at_rest = replace(study, start=None, laws={}, duration=None)
-    (mode,) = course_of(at_rest).tracer.assembly_modes
+    (mode,) = make_sampling(at_rest).position_analysis.assembly_modes
     number = str(mode.number)
     return mode.label, f"{number} {mode.label}", number, f"{OF_RUN} {number}"
 

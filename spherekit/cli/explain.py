@@ -39,21 +39,21 @@ examples:
 
 def execute(options: Namespace) -> int:
     """Print the closure of what the analyses need."""
-    from spherekit.runs.expected_size import extrapolated_recording
+    from spherekit.runs.expected_size import predict_recording
     from spherekit.runs.registry import create
-    from spherekit.runs.run_plan import needed_part
+    from spherekit.runs.run_plan import extract_needed_part
     from spherekit.runs.study_analyses import analyses_of
 
     study = study_from(options)
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
     if options.only_needed:
-        study = replace(study, mechanism=needed_part(study, analyses))
+        study = replace(study, mechanism=extract_needed_part(study, analyses))
     facts = _facts(study, analyses)
     if options.recording and facts["predicted"].get("assembly_modes"):
         from spherekit.display.rerun.recorder import RerunRecorder
 
         with TemporaryDirectory() as folder:
-            facts["predicted"]["recording"] = extrapolated_recording(
+            facts["predicted"]["recording"] = predict_recording(
                 study,
                 analyses,
                 lambda n: RerunRecorder(study.name, path=Path(folder, f"{n}.rrd")),
@@ -76,9 +76,9 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
         is_mobile_by_rank_only,
     )
     from spherekit.runs.analysis_requests import needs_of, requests_for
-    from spherekit.runs.expected_size import expected
-    from spherekit.runs.run_cost import counts_of
-    from spherekit.runs.run_folder import memory_at_once
+    from spherekit.runs.expected_size import predict_run
+    from spherekit.runs.resource_checks import evaluation_memory
+    from spherekit.runs.run_cost import count_evaluations
 
     mechanism = study.mechanism
     check_sample_counts(mechanism, study.samples)
@@ -104,7 +104,7 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
             {
                 "moving": mechanism.pairs[wanted.plan.input].name,
                 "locked": mechanism.names_of(wanted.plan.locked),
-                "counts": counts_of(wanted),
+                "counts": count_evaluations(wanted),
                 "links_with_rates": [wanted.plan.name(body) for body in wanted.bodies],
                 "derivatives": wanted.derivatives,
                 "steps": [describe(wanted.plan, step) for step in wanted.plan.steps],
@@ -114,12 +114,12 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
         "other_configurations": [
             analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
         ],
-        "predicted": expected(
+        "predicted": predict_run(
             study, analyses, assembly, sum(len(wanted.poles) for wanted in requests)
         ),
         "at_once": {
             "analyses": [analysis.name for analysis in analyses if analysis.at_once],
-            "bytes_a_row": memory_at_once(mechanism, 1),
+            "bytes_a_row": evaluation_memory(mechanism, 1),
         },
     }
 

@@ -288,10 +288,10 @@ def _check_effect(study: "Study", options: Namespace) -> None:
 
 def _add_hint(error: BaseException, study: "Study", options: Namespace) -> None:
     """Add the command by which a stopped run goes on, if there is one."""
-    from spherekit.runs.run_folder import has_unfinished
+    from spherekit.runs.run_folder import has_unfinished_work
 
     noted = getattr(error, "__notes__", ())
-    if noted and study.folder and has_unfinished(study.folder):
+    if noted and study.folder and has_unfinished_work(study.folder):
         words = [word for word in options.words if word not in ("--resume", "--restart")]
         error.add_note(f"go on with: {shlex.join(['spherekit', *words, '--resume'])}")
 

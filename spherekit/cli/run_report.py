@@ -43,9 +43,9 @@ def report(summary: Any) -> str:
         lines.append(_simulated(summary["simulation"], summary["cost"]["simulate"]))
     lines += _errors(summary["errors_reached"])
     if "verified" in summary:
-        from spherekit.runs.summary import told
+        from spherekit.runs.verification_text import format_verification
 
-        lines += told(summary["verified"])
+        lines += format_verification(summary["verified"])
     lines += spent(summary["cost"])
     if "accuracy" in summary:
         lines.append(accuracy_line(summary["accuracy"]))

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 from spherekit.designs.sweep import Sweep
 from spherekit.errors import DesignError, OutputError
 from spherekit.progress import PATIENCE, tell
-from spherekit.runs.run_folder import code_identity, differences
+from spherekit.runs.run_identity import code_identity, differences
 from spherekit.storage.atomic_write import make_folder, write_bytes
 from spherekit.wording import counted
 

@@ -21,7 +21,7 @@ from spherekit.runs.contract import Analyses
 from spherekit.runs.execution import Execution
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.run_result import MOTION, RunResult, stems
-from spherekit.runs.runner import executed
+from spherekit.runs.runner import run_study
 from spherekit.status import Status
 from spherekit.tables.table import Table, TableArrays, Units
 from spherekit.wording import choices, counted, listing
@@ -134,7 +134,8 @@ class DesignRuns:
         """
         mechanism = designed(self.document, self.variables, values)
         mechanism = mechanism.with_inputs(*self.study.mechanism.input_pairs)
-        run = executed(replace(self.study, mechanism=mechanism), self.analyses, Execution())
+        study = replace(self.study, mechanism=mechanism)
+        run = run_study(study, self.analyses, Execution())
         if run.failures:
             raise AnalysisError(next(iter(run.failures.values())))
         return run

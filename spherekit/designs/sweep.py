@@ -39,8 +39,8 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.processor import processor_identity
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.figure_of_merit import FigureOfMerit
-from spherekit.runs.run_folder import code_identity
-from spherekit.runs.run_state import identities_of
+from spherekit.runs.run_identity import code_identity
+from spherekit.runs.run_state import describe_analyses
 from spherekit.storage.atomic_write import make_folder, refused
 from spherekit.storage.json_data import as_json
 from spherekit.tables.table import Table, TableArrays, Units
@@ -249,7 +249,7 @@ class Sweep:
             "mode_labels": self.mode_labels,
             "part": self.part_size,
             "columns": GENERAL_COLUMNS,
-            "analyses": identities_of(self.analyses),
+            "analyses": describe_analyses(self.analyses),
             "tables": self.tables,
             "degrees": self.degrees,
         }

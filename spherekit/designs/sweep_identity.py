@@ -10,7 +10,8 @@ from pathlib import Path
 
 from spherekit.conventions import Facts
 from spherekit.errors import OutputError
-from spherekit.runs.run_folder import differences, foreign
+from spherekit.runs.run_folder import find_foreign_files
+from spherekit.runs.run_identity import differences
 from spherekit.storage.atomic_write import make_folder, write_text
 from spherekit.wording import listing
 
@@ -41,7 +42,7 @@ def working_folder(place: Path, definition: Facts) -> Iterator[str]:
     work = place / WORK
     patterns = (DEFINITION, "designs", "tables", "tables/*", *PARTS)
     links = (x.name for pattern in patterns for x in place.glob(pattern) if x.is_symlink())
-    others = [*links, *foreign(work, MADE, ANY)]
+    others = [*links, *find_foreign_files(work, MADE, ANY)]
     if others:
         raise OutputError(
             f"{place}: {listing(others)} in it is a link or no file of sweeps; "

@@ -24,7 +24,7 @@ from spherekit.designs.sweep_identity import working_folder
 from spherekit.designs.worker_processes import compute_in_processes
 from spherekit.errors import DesignError, OutputError
 from spherekit.progress import ProgressReporter
-from spherekit.runs.run_folder import need_disk
+from spherekit.runs.resource_checks import need_disk
 from spherekit.storage.atomic_write import make_folder
 from spherekit.storage.file_lock import locked
 from spherekit.storage.json_data import as_json

@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from spherekit.planning.pole_plan import parse_pole as parse_pole
     from spherekit.planning.pole_plan import pole_of as pole_of
     from spherekit.plugin.checks import conformance as conformance
+    from spherekit.runs.batch import Batch as Batch
     from spherekit.runs.contract import AbstractAnalysis as AbstractAnalysis
     from spherekit.runs.contract import Findings as Findings
     from spherekit.runs.contract import Sweep as Sweep
     from spherekit.runs.needs import Needs as Needs
     from spherekit.runs.registry import registered as registered
-    from spherekit.runs.table_scenes import Batch as Batch
     from spherekit.scenes.link_scenes import link_bodies as link_bodies
     from spherekit.scenes.scene import Arrow as Arrow
     from spherekit.scenes.scene import Axis as Axis

@@ -1,1 +1,489 @@
-"""What an analysis may read: a block of samples, limited to what it declared."""
+"""The block of samples that an analysis reads, limited to what it has declared."""
+
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.arrays import Array, Floats, Integers, SmallIntegers
+from spherekit.conventions import Names
+from spherekit.errors import AnalysisError, SolveError, UndeclaredNeed
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.lazy_columns import Interleaved, LazyColumn
+from spherekit.planning.pole_plan import Plan, Pole, pole_of
+from spherekit.positions.motion import Motion
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.positions.timing import Timing, input_extents
+from spherekit.runs.kernel_columns import LazyField
+from spherekit.runs.needs import Needs
+from spherekit.scenes.scene import Range
+from spherekit.status import Status
+from spherekit.velocities.pole_field import PoleField, axis_pairs
+from spherekit.wording import listing
+
+PoleFields = Sequence[PoleField | LazyField]
+"""The poles at the rows of a motion: one field per input that moves while others stand."""
+
+ContinuedAngles = Mapping[str, Floats]
+"""(n,) pair variables in rad without jumps of whole revolutions, by pair."""
+
+ArrayT = TypeVar("ArrayT", bound=Array)
+Result = TypeVar("Result")
+
+_POLE_FIELD_NAMES: Mapping[str, str] = {
+    "direction": "direction",
+    "direction_dq": "direction_dq",
+    "velocity_coefficient": "velocity_coefficient",
+    "acceleration_coefficient": "acceleration_coefficient",
+    "conditioning": "angle",
+    "error_bound": "error",
+    "velocity_coefficient_error_bound": "velocity_coefficient_error",
+    "acceleration_coefficient_error_bound": "acceleration_coefficient_error",
+    "direction_dq_error_bound": "direction_dq_error",
+    "pole_status": "pole_status",
+}
+"""Attribute of `PoleField` that has a quantity, by the method of `Batch` for it."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A read-only block of samples of all assembly modes, limited to declared needs.
+
+    Arrays have n rows, one assembly mode after another, and in each mode the samples in
+    order. Failed rows are NaN. The arrays cannot be written to; copy one to change it.
+    Signs of directions and `continued_value` continue from block to block.
+
+    A method with the parameter `moved` returns a quantity while one input moves and the
+    others are locked. `moved` is the index of that input, by default the first.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism, with the inputs of the run.
+    plans
+        The plan of the poles for each input.
+    needs
+        What the analysis has declared. Other quantities raise `UndeclaredNeed`.
+    timed
+        Whether the samples are times, of a law or of a simulation. Otherwise the time
+        follows from an input that moves at 1 rad/s.
+    """
+
+    mechanism: Mechanism
+    plans: tuple[Plan, ...]
+    needs: Needs
+    _motion: Motion
+    _pole_fields: PoleFields = field(repr=False)
+    _angles: ContinuedAngles = field(default_factory=dict, repr=False)
+    timed: bool = False
+    _tracer: PositionAnalysis | None = field(default=None, repr=False)
+    _run_extents: list[Floats] | None = field(default=None, repr=False)
+    _results: dict[Hashable, Any] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self._motion)
+
+    @property
+    def sample(self) -> Integers:
+        """(n,) sample numbers."""
+        return _read_only(self._motion.sample)
+
+    @property
+    def moving_inputs(self) -> Names:
+        """Names of the driven pairs, in the order that `moved` counts."""
+        return self.mechanism.input_pairs
+
+    @property
+    def assembly_mode(self) -> Integers:
+        """(n,) assembly mode numbers."""
+        return _read_only(self._motion.assembly_mode)
+
+    @property
+    def q(self) -> Floats:
+        """(n,) variable of the driven pair, rad; `SolveError` with several inputs."""
+        return _read_only(self._motion.q)
+
+    @property
+    def inputs(self) -> Floats:
+        """(n, inputs) variables of the driven pairs, rad."""
+        return _read_only(self._motion.inputs)
+
+    @property
+    def t(self) -> Floats:
+        """(n,) time, s."""
+        return _read_only(self._timing.t)
+
+    @property
+    def dq(self) -> Floats:
+        """(n,) rate of the driven pair, rad/s; `SolveError` with several inputs."""
+        return _read_only(self._single(self._timing.dq))
+
+    @property
+    def ddq(self) -> Floats:
+        """(n,) its acceleration, rad/s2; `SolveError` with several inputs."""
+        return _read_only(self._single(self._timing.ddq))
+
+    @property
+    def input_rates(self) -> Floats:
+        """(n, inputs) rates of the driven pairs, rad/s."""
+        return _read_only(self._timing.dq)
+
+    @property
+    def input_accelerations(self) -> Floats:
+        """(n, inputs) accelerations of the driven pairs, rad/s2."""
+        return _read_only(self._timing.ddq)
+
+    @property
+    def q_range(self) -> Range:
+        """Least and greatest q of the whole run, rad; `SolveError` with several inputs."""
+        return self._range(0)
+
+    @property
+    def dq_range(self) -> Range:
+        """Least and greatest dq of the whole run, rad/s; `SolveError` likewise."""
+        self._check("time", "time")
+        return self._range(1)
+
+    @property
+    def residual(self) -> Floats:
+        """(n,) closure residual, rad."""
+        return _read_only(self._motion.residual)
+
+    @property
+    def closure_conditioning(self) -> Floats:
+        """(n,) condition of the closure Jacobian without the inputs, in the 2-norm."""
+        return _read_only(self._motion.conditioning)
+
+    @property
+    def status(self) -> SmallIntegers:
+        """(n,) codes of `spherekit.status.Status`."""
+        return _read_only(run_status(self._motion, self._pole_fields))
+
+    @property
+    def tracer(self) -> PositionAnalysis:
+        """The position analysis of the run: its solver, assembly modes and curves."""
+        self._check("the tracer", "tracer")
+        assert self._tracer is not None
+        return self._tracer
+
+    @property
+    def motion(self) -> Motion:
+        """The configurations of all rows, for an analysis that computes further ones."""
+        self._check("the motion", "tracer")
+        return self._motion
+
+    def once(self, key: Hashable, make: Callable[[], Result]) -> Result:
+        """Return the result of `make`, which is called once for this batch and analysis.
+
+        So `compute`, `findings` and `scene` of an analysis can share a result.
+        """
+        if key not in self._results:
+            self._results[key] = make()
+        result: Result = self._results[key]
+        return result
+
+    @staticmethod
+    def interleaved(parts: Sequence[Array | NDArray[np.str_]]) -> Interleaved:
+        """Return a column that has, for each row of the batch, one row per subject.
+
+        `parts` has the values (n,) of each subject. They are not copied.
+        """
+        return Interleaved(parts)
+
+    def of_poles(
+        self, poles: Sequence[tuple[int, int, int]]
+    ) -> Callable[[str, int | None], Interleaved]:
+        """Return a function that makes table columns with one row per pole and batch row.
+
+        A column can be computed when the table is read. This saves time in runs of many
+        samples whose analysis only passes columns on.
+
+        Parameters
+        ----------
+        poles
+            For each pole two links and the index of the input that moves.
+
+        Returns
+        -------
+        A function of the name of a method that takes two links and an input, such as
+        ``"direction"``, and of the component of a vector (None for numbers).
+        """
+
+        def column(quantity: str, component: int | None) -> Interleaved:
+            if quantity not in _POLE_FIELD_NAMES:
+                raise AnalysisError(
+                    f"a column of {quantity!r} was asked for; give one of "
+                    f"{listing(_POLE_FIELD_NAMES)}"
+                )
+            name = _POLE_FIELD_NAMES[quantity]
+            parts: list[Array | LazyColumn] = []
+            for i, j, moved in poles:
+                pole_field = self._pole_field(moved)
+                if isinstance(pole_field, LazyField) and name not in pole_field.KNOWN:
+                    self._check_pole(i, j, quantity)
+                    parts.append(pole_field.column(name, pole_of(i, j), component or 0))
+                else:
+                    values = np.asarray(getattr(self, quantity)(i, j, moved))
+                    parts.append(values if component is None else values[:, component])
+            return Interleaved(parts)
+
+        return column
+
+    def pole_columns(self, poles: Sequence[tuple[int, int, int]]) -> dict[str, Interleaved]:
+        """Return the columns of a pole table, with one row per pole and batch row.
+
+        They are sample, assembly mode, the names of the links and of the moving input, the
+        axis, the coefficients, the closure residual and the status. See `of_poles`.
+        """
+        make_column = self.of_poles(poles)
+        links = self.mechanism.links
+        pairs = self.moving_inputs
+        texts_by_column = {
+            "link": [links[j] for _, j, _ in poles],
+            "relative_to": [links[i] for i, *_ in poles],
+            "moving": [pairs[moved] for *_, moved in poles],
+        }
+        return {
+            **{
+                name: Interleaved([getattr(self, name)] * len(poles))
+                for name in ("sample", "assembly_mode", "residual")
+            },
+            **{
+                name: Interleaved([np.broadcast_to(np.array(x), len(self)) for x in texts])
+                for name, texts in texts_by_column.items()
+            },
+            **{f"u{axis}": make_column("direction", k) for k, axis in enumerate("xyz")},
+            "velocity_coefficient": make_column("velocity_coefficient", None),
+            "acceleration_coefficient": make_column("acceleration_coefficient", None),
+            "status": make_column("pole_status", None),
+        }
+
+    def assembly_mode_rows(self) -> Mapping[int, slice]:
+        """Return the rows of each assembly mode, by its number."""
+        k = self._motion.samples
+        return {
+            item.number: slice(n * k, (n + 1) * k)
+            for n, item in enumerate(self._motion.assembly_modes)
+        }
+
+    def direction(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return the pole axis of two links: unit vectors (n, 3) in ground axes."""
+        return self._pole(i, j, "direction", moved)
+
+    def has_continuous_sign(self, i: int, j: int, moved: int = 0) -> bool:
+        """Return whether the direction of a pole is continuous over the rows.
+
+        The axis of a pair always is. Other directions are continuous along a path of
+        samples. Over a grid of several inputs they point to one side of a fixed plane, so
+        direction and coefficients can change sign between neighbours.
+        """
+        plan = self.plans[moved]
+        return self._motion.is_path or plan.pole(i, j) in {None, *axis_pairs(plan)}
+
+    def conditioning(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) the ratio ``|w_j - w_i| / (|w_i| + |w_j|)`` of angular velocities.
+
+        A small ratio means that digits cancel in the pole. It is 1 for the axis of a pair.
+        """
+        return self._pole(i, j, "conditioning", moved)
+
+    def error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of the pole direction, rad.
+
+        It includes rounding and the error of the configuration.
+        """
+        return self._pole(i, j, "error_bound", moved)
+
+    def pole_status(self, i: int, j: int, moved: int = 0) -> SmallIntegers:
+        """Return (n,) status codes, with NO_POLE or ILL_CONDITIONED for this pole alone."""
+        return self._pole(i, j, "pole_status", moved)
+
+    def velocity_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) the coefficient of link max(i, j) relative to the other."""
+        return self._pole(i, j, "velocity_coefficient", moved)
+
+    def acceleration_coefficient(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) the derivative of the coefficient by the input, 1/rad."""
+        return self._pole(i, j, "acceleration_coefficient", moved)
+
+    def direction_dq(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n, 3) the derivative of the pole axis by the input, 1/rad.
+
+        NaN where the velocity coefficient is too small to know it.
+        """
+        return self._pole(i, j, "direction_dq", moved)
+
+    def velocity_coefficient_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of `velocity_coefficient`."""
+        return self._pole(i, j, "velocity_coefficient_error_bound", moved)
+
+    def acceleration_coefficient_error_bound(
+        self, i: int, j: int, moved: int = 0
+    ) -> Floats:
+        """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
+        return self._pole(i, j, "acceleration_coefficient_error_bound", moved)
+
+    def direction_dq_error_bound(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n,) a bound of the error of `direction_dq`, 1/rad.
+
+        It bounds the length of the error vector; NaN where `direction_dq` is.
+        """
+        return self._pole(i, j, "direction_dq_error_bound", moved)
+
+    def rates_loss(self, moved: int = 0) -> Floats:
+        """Return (n,) the relative error bound of angular velocities and derivatives.
+
+        It is relative to the largest of all links, or to 1 if that is smaller. Values below
+        about 1e-10 are given as 0.
+        """
+        return _read_only(self._pole_field(moved).loss)
+
+    def planes(self, i: int, j: int, moved: int = 0) -> Floats:
+        """Return (n, 2, 3) unit normals of the two great circles that meet in the pole."""
+        return self._pole(i, j, "planes", moved)
+
+    def pair_value(self, name: str) -> Floats:
+        """Return (n,) the variable of a pair, rad in (-pi, pi]."""
+        self._check("pair_value", "pair_values", name)
+        (number,) = self.mechanism.variables_of(self.mechanism.pair_number[name])
+        return _read_only(self._motion.values[:, number])
+
+    def continued_value(self, name: str) -> Floats:
+        """Return (n,) the variable of a pair without jumps of whole revolutions, rad.
+
+        The variable of a driven pair is the input itself. Other variables are in (-pi, pi]
+        at the first sample of each assembly mode, and are assumed to move by less than half
+        a revolution from one sample to the next.
+        """
+        self._check("continued_value", "continued_values", name)
+        return _read_only(self._angles[name])
+
+    def rotation(self, link: str) -> Floats:
+        """Return (n, 3, 3) rotation matrices from link axes to ground axes."""
+        self._check("rotation", "rotations", link)
+        return _read_only(self._motion.rotations[:, self.mechanism.link_number[link]])
+
+    def angular_velocity(self, link: str, moved: int = 0) -> Floats:
+        """Return (n, 3) angular velocity of a link per unit rate of the input, ground axes.
+
+        It is relative to the ground.
+        """
+        return self._link_rate(link, self._pole_field(moved).w)
+
+    def angular_velocity_dq(self, link: str, moved: int = 0) -> Floats:
+        """Return (n, 3) derivative of the angular velocity by the input, 1/rad."""
+        self._check("angular_velocity_dq", "derivatives")
+        return self._link_rate(link, self._pole_field(moved).dw)
+
+    def pair_rate(self, name: str, moved: int = 0) -> Floats:
+        """Return (n,) the rate of a pair's variable per unit rate of the input."""
+        self._check("pair_rate", "pair_rates", name)
+        pair = self.mechanism.pair_number[name]
+        (number,) = self.mechanism.variables_of(pair)
+        first, second = self.mechanism.ends[pair]
+        # Relative angular velocity of the links per unit rate of the variable.
+        axis = self._motion.vectors[:, number]
+        w = self._pole_field(moved).w
+        along = np.sum((w[second] - w[first]) * axis, axis=1)
+        return along / np.vecdot(axis, axis)
+
+    def _check(self, read: str, need: str, name: str | None = None) -> None:
+        """Raise `UndeclaredNeed` if a need, or a pair or link in it, was not declared.
+
+        `read` is the name of the quantity in the message.
+        """
+        declared = getattr(self.needs, need)
+        if name is None and not declared:
+            raise UndeclaredNeed(f"{read} was read; declare Needs({need}=True)")
+        if name is not None and name not in declared:
+            raise UndeclaredNeed(
+                f'{read}("{name}") was read; declare it in Needs({need}=...)'
+            )
+
+    def _link_rate(self, link: str, values: Mapping[int, Floats]) -> Floats:
+        self._check("angular_velocity", "link_rates", link)
+        return _read_only(values[self.mechanism.link_number[link]])
+
+    @property
+    def _timing(self) -> Timing:
+        self._check("time", "time")
+        assert self._motion.timing is not None
+        return self._motion.timing
+
+    def _range(self, quantity: int) -> Range:
+        """Return least and greatest input (quantity 0) or input rate (1) of the run.
+
+        A batch outside a run has its own range.
+        """
+        run_extents = self._run_extents or input_extents(
+            self._motion.inputs, self._motion.timing
+        )
+        low, high = self._single(run_extents[quantity])
+        return float(low), float(high)
+
+    def _single(self, columns: Floats) -> Floats:
+        """Return (n,) the column of the only input."""
+        if columns.shape[1] != 1:
+            raise SolveError(
+                f"{self.mechanism.name} has {columns.shape[1]} inputs; read input_rates "
+                "or input_accelerations"
+            )
+        return columns[:, 0]
+
+    def _pole_field(self, moved: int) -> PoleField | LazyField:
+        if not self._pole_fields:
+            raise UndeclaredNeed("a pole was read; declare it in needs()")
+        return self._pole_fields[moved]
+
+    def _pole(self, i: int, j: int, quantity: str, moved: int) -> Array:
+        self._check_pole(i, j, quantity)
+        attribute = _POLE_FIELD_NAMES.get(quantity, quantity)
+        values: Mapping[Pole, Array] = getattr(self._pole_field(moved), attribute)
+        return _read_only(values[pole_of(i, j)])
+
+    def _check_pole(self, i: int, j: int, quantity: str) -> None:
+        """Raise `UndeclaredNeed` if a quantity of a pole was not declared."""
+        pole = pole_of(i, j)
+        needs = self.needs
+        if quantity.startswith("acceleration"):
+            self._check(quantity, "derivatives")
+        # Every column of every pole is asked about, so no union of these sets is formed.
+        declared = [needs.directions, needs.rates, needs.planes]
+        declaration = "directions=..."
+        if quantity == "planes":
+            declared = [needs.planes]
+            declaration = "planes=..."
+        elif quantity.startswith("direction_dq"):
+            declared = [needs.turns] if needs.derivatives else []
+            declaration = "turns=..., derivatives=True"
+        elif "coefficient" in quantity:
+            declared = [needs.rates]
+            declaration = "rates=..."
+        if not any(pole in poles for poles in declared):
+            low, high = (self.mechanism.links[link] for link in pole)
+            raise UndeclaredNeed(
+                f"{quantity} of the pole of links {high} and {low} was read; declare it in "
+                f"Needs({declaration})"
+            )
+
+
+def _read_only(values: ArrayT) -> ArrayT:
+    """Return a view of an array that nobody can write to."""
+    view = values.view()
+    view.flags.writeable = False
+    return view
+
+
+def run_status(motion: Motion, pole_fields: PoleFields) -> SmallIntegers:
+    """Return (n,) status codes of the rows of a run.
+
+    The code of a row is that of its configuration if this has failed. Otherwise it is that
+    of the first input whose velocities have failed.
+    """
+    status = motion.status
+    for pole_field in pole_fields:
+        if pole_field.status is not motion.status:
+            status = np.where(status == Status.OK, pole_field.status, status)
+    return status

@@ -1,10 +1,12 @@
-"""Blocks of samples whose rows a kernel gives all at once, the doubtful ones with care.
+"""Evaluation of the samples of a run by a kernel, for runs of many rows.
 
-Variables are predicted from nodes, the kernel says how far loops are open there and what
-rates follow, and what all of that may be off by. Rows that it does not vouch for are
-found by `PositionAnalysis` and `evaluate`, as without it. It is done slice by slice, so
-that each stays in the cache; of each it is seen where directions of poles may reverse from
-one row to the next.
+The kernel evaluates all columns of many rows at once. For each row it also gives error
+bounds, by which rows are certified. Rows that are not certified are computed by
+`PositionAnalysis` and `evaluate`, as in a run without a kernel.
+
+A block is evaluated slice by slice, so that the arrays of a slice stay in the cache. While
+they are there, the rows are noted between which a pole direction may reverse, since signs
+of directions continue from row to row.
 """
 
 from collections import defaultdict
@@ -24,7 +26,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.sample_prediction import predictor
 from spherekit.runs.kernel_columns import SLICE, ComputedColumns, LazyField, Part, slices_of
 from spherekit.runs.prefetch import each_at_once, in_turn
-from spherekit.runs.run_folder import memory_at_once
+from spherekit.runs.resource_checks import evaluation_memory
 from spherekit.runs.sampling import Sampling
 from spherekit.status import Status
 from spherekit.symbolic.compiler import available
@@ -40,401 +42,595 @@ from spherekit.velocities.pole_request import Request
 from spherekit.velocities.row_expressions import MovingTerms
 from spherekit.velocities.row_kernel import ColumnFunction, RowKernel, row_kernel
 
-SMALL_STEP = 1e-6
-"""A step of Newton's method (rad) from what was predicted stays in its mode."""
+MAX_NEWTON_STEP_RAD = 1e-6
+"""Step of Newton's method from a predicted configuration that stays in its assembly mode.
 
-NONE: Indices = np.empty(0, dtype=np.intp)
-ASIDE = 1e-8
-"""The least cosine of successive directions: those of rows that are still open may be off
-by a tenth of that, as those that are vouched for."""
-FEWEST = 1 << 14
-"""With fewer rows than this a kernel is not made."""
-MANY = 1 << 19
-"""From so many rows on it is compiled, where heyoka is installed."""
-FEW = 256
-"""Rows that are compared one by one, where the box of all does not say enough."""
-REFERENCES = 64
-"""Samples of which the kernel learns in which order variables are eliminated."""
-BYTES = 1 << 27
-"""Of columns in a block, or of frames where they are read, at most."""
-JUDGED = 1 << 19
-"""Numbers that decide about the rows of a slice: they stay in the cache."""
-GROWTH = 8
-"""Times that a block grows at most: an analysis may begin to read arrays late."""
-MORE = 32
-"""Blocks have so many times the rows of those without a kernel, at most."""
+Larger: a step may reach another mode; smaller: more rows are computed without the kernel.
+"""
+
+NO_ROWS: Indices = np.empty(0, dtype=np.intp)
+
+MIN_DIRECTION_COSINE = 1e-8
+"""Cosine of successive directions below which the direction may have reversed.
+
+Directions of rows that are not closed yet can have errors up to a tenth of it, like those
+of certified rows. Larger: more rows are compared; smaller: reversals are missed.
+"""
+
+MIN_KERNEL_ROWS = 1 << 14
+"""Number of rows below which no kernel is made, as making it takes longer than it saves."""
+
+MIN_COMPILED_ROWS = 1 << 19
+"""Number of rows from which the kernel is compiled, if heyoka is installed."""
+
+MAX_ROWS_COMPARED = 256
+"""Number of rows that are compared one by one; see `_find_reversals`."""
+
+REFERENCE_SAMPLES = 64
+"""Samples from which the kernel learns in which order it eliminates variables."""
+
+BLOCK_BYTES = 1 << 27
+"""Largest size of the columns of a block, or of its rotation matrices if they are read."""
+
+SLICE_NUMBERS = 1 << 19
+"""Numbers of a slice that decide about its rows. So many stay in the cache."""
+
+MAX_BLOCK_GROWTH = 8
+"""Factor by which blocks may grow while no column is read.
+
+Larger: an analysis that begins to read columns late then has larger blocks in memory.
+"""
+
+MAX_BLOCK_FACTOR = 32
+"""Blocks have at most this factor times the samples of blocks without a kernel."""
 
 
-class Rows:
-    """The rows of a block while they are found, slice by slice.
+class BlockRows:
+    """The rows of a block while they are computed, slice by slice.
 
-    By assembly mode, then sample; `q` (inputs, n) are their inputs. `values`
-    (variables, n) are nearly closed where they were predicted, and follow from the inputs
-    where the kernel has the closed form in it; in the end they are those of all variables.
-    `closure` (2, n) is by how much loops are open, and the error of the configuration.
-    `vouched` (n,) says where the values close all loops and the kernel's numbers may be
-    given. `singular_error` (n,) is that of a `Motion`.
+    Rows run mode after mode, in each mode sample after sample.
+
+    Parameters
+    ----------
+    kernel
+        Evaluates the rows.
+    position_analysis
+        The assembly modes, and the solver of rows that the kernel does not certify.
+    q
+        (inputs, n) inputs of the rows, rad.
+
+    Attributes
+    ----------
+    values
+        (variables, n) pair variables, rad. If the kernel has no closed form, they have to
+        be predicted before `fill`.
+    closure
+        (2, n) closure residual and configuration error of each row, rad.
+    is_certified
+        (n,) whether the row is closed and the columns of the kernel may be used.
+    status
+        (n,) status of each row.
+    singular_error
+        (n,) as in `Motion`; NaN for certified rows.
+    slices
+        Index of the assembly mode and rows of each slice.
     """
 
-    def __init__(self, kernel: RowKernel, tracer: PositionAnalysis, q: Floats) -> None:
-        self.kernel, self._tracer, self._q = kernel, tracer, q
-        modes = len(tracer.assembly_modes)
+    def __init__(
+        self, kernel: RowKernel, position_analysis: PositionAnalysis, q: Floats
+    ) -> None:
+        self.kernel = kernel
+        self._position_analysis = position_analysis
+        self._q = q
+        mode_count = len(position_analysis.assembly_modes)
         n = q.shape[1]
         self.closure = np.empty((2, n))
-        self.vouched = np.ones(n, dtype=bool)
+        self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
         self.singular_error = nans(n)
-        # What has no closed form is predicted, or not known.
-        blank = np.empty if kernel.has_closed_form else nans
-        self.values = blank((len(tracer.mechanism.variable_owners), n))
+        # Values that are not predicted stay NaN.
+        new_array = np.empty if kernel.has_closed_form else nans
+        self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
+        # The function that decides about rows: from inputs in closed form, or from values.
         self._deciding = kernel.by_inputs if kernel.has_closed_form else kernel.judging
-        # So many that little is left to do between.
-        size = max(1, round(JUDGED / (self._deciding.width * SLICE))) * SLICE
-        self.parts = slices_of(modes, n // modes, size)
+        slice_size = max(1, round(SLICE_NUMBERS / (self._deciding.width * SLICE))) * SLICE
+        self.slices = slices_of(mode_count, n // mode_count, slice_size)
 
-    def fill(self, samples: Indices) -> "list[tuple[int, Seen]]":
-        """Fill all rows, of samples by their numbers.
+    def fill(self, samples: Indices) -> "list[tuple[int, SliceReversals]]":
+        """Compute all rows, of samples given by their numbers.
 
-        Return what is seen of each slice that has rows vouched for, with its mode.
+        Returns
+        -------
+        For each slice with certified rows: the index of its mode, and possible reversals.
         """
-        made = each_at_once(self._fill, self.parts, self.kernel.in_threads)
-        late = np.flatnonzero(~self.vouched & (self.status == Status.OK))
-        if len(late):
-            self._with_care(samples, late)
-        self.vouched &= self.status == Status.OK
-        seen: list[tuple[int, Seen]] = []
-        judging = self.kernel.judging
-        for (mode, part), here in zip(self.parts, made, strict=True):
-            rows = part.start + np.flatnonzero(self.vouched[part])
-            if here is None and len(rows):
-                here = Seen(self.kernel, judging, judging(self.values[:, rows]), rows)
-            if here:
-                seen.append((mode, here))
-        return seen
+        reversals_by_slice = each_at_once(
+            self._fill_slice, self.slices, self.kernel.in_threads
+        )
+        uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
+        if len(uncertified):
+            self._solve_rows(samples, uncertified)
+        self.is_certified &= self.status == Status.OK
 
-    def _fill(self, part: Part) -> "Seen | None":
-        """Fill a slice; return what is seen of it if all of its rows are vouched for."""
+        judging = self.kernel.judging
+        result: list[tuple[int, SliceReversals]] = []
+        for (mode, part), reversals in zip(self.slices, reversals_by_slice, strict=True):
+            rows = part.start + np.flatnonzero(self.is_certified[part])
+            if reversals is None and len(rows):
+                columns = judging(self.values[:, rows])
+                reversals = SliceReversals(self.kernel, judging, columns, rows)
+            if reversals:
+                result.append((mode, reversals))
+        return result
+
+    def _fill_slice(self, part: Part) -> "SliceReversals | None":
+        """Compute the rows of a slice.
+
+        Returns its possible reversals if all of its rows are certified or out of reach.
+        """
         mode, rows = part
         deciding = self._deciding
-        numbers = np.arange(rows.start, rows.stop)
+        row_numbers = np.arange(rows.start, rows.stop)
         q = self._q[:, rows]
-        by_form = self.kernel.has_closed_form
-        signs = self._tracer.assembly_modes[mode].signs_along(q)
-        count = len(q) + len(signs) if by_form else len(self.values)
-        room = np.empty((count + deciding.width, len(numbers)))
-        given = room[:count]
-        columns = room[count:]
-        if by_form:
-            given_by(q, signs, given)
+        has_closed_form = self.kernel.has_closed_form
+        assembly_mode = self._position_analysis.assembly_modes[mode]
+        signs = assembly_mode.signs_along(q)
+        argument_count = len(q) + len(signs) if has_closed_form else len(self.values)
+
+        # One array for arguments and columns, for the cache.
+        room = np.empty((argument_count + deciding.width, len(row_numbers)))
+        arguments = room[:argument_count]
+        columns = room[argument_count:]
+        if has_closed_form:
+            given_by(q, signs, arguments)
         else:
-            given[:] = self.values[:, rows]
-        deciding(given, columns)
-        places = deciding.places
-        if by_form:
-            self.values[:, rows] = columns[places["variables"]]
+            arguments[:] = self.values[:, rows]
+        deciding(arguments, columns)
+        column_rows = deciding.places
+        if has_closed_form:
+            self.values[:, rows] = columns[column_rows["variables"]]
         rounding = self.kernel.open_by_rounding
-        closure = columns[places["closure"]]
+        closure = columns[column_rows["closure"]]
         self.closure[:, rows] = closure
-        if np.max(columns[places["doubt"]]) <= 1.0 and np.max(closure[0]) <= rounding:
-            return Seen(self.kernel, deciding, columns, numbers)
-        if by_form:
-            lost = lost_by(columns[places["squares"]])
+        # Most slices are certified as a whole. This is faster than row by row.
+        if np.max(columns[column_rows["doubt"]]) <= 1.0 and np.max(closure[0]) <= rounding:
+            return SliceReversals(self.kernel, deciding, columns, row_numbers)
+
+        if has_closed_form:
+            is_out_of_reach = lost_by(columns[column_rows["squares"]])
         else:
-            # Where nothing was predicted, beyond the end of the curve.
-            lost = np.isnan(given[self.kernel.free[0]])
-            assembly_mode = self._tracer.assembly_modes[mode]
+            # No prediction: the input may be beyond the end of the curve of the mode.
+            is_out_of_reach = np.isnan(arguments[self.kernel.free[0]])
             guide = assembly_mode.guide
             if isinstance(guide, ModeCurve) and not assembly_mode.pieces:
-                lost[lost] = guide.at(q[:, lost].T, None)[2] == Status.OUT_OF_REACH
+                status = guide.at(q[:, is_out_of_reach].T, None)[2]
+                is_out_of_reach[is_out_of_reach] = status == Status.OUT_OF_REACH
             else:
-                lost[:] = False
+                is_out_of_reach[:] = False
             is_open = (closure[0] > rounding) & np.isfinite(closure[0])
-            self._close(columns, numbers, np.flatnonzero(is_open))
+            self._close_rows(columns, row_numbers, np.flatnonzero(is_open))
             self.closure[:, rows] = closure
-        well = np.all(columns[places["doubts"]] <= 1.0, axis=0) & (closure[0] <= rounding)
-        self.vouched[rows] = well
-        self.status[rows][lost] = Status.OUT_OF_REACH
-        if not np.any(well) or not np.all(well | lost):
+        is_certified = np.all(columns[column_rows["doubts"]] <= 1.0, axis=0) & (
+            closure[0] <= rounding
+        )
+        self.is_certified[rows] = is_certified
+        self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
+        if not np.any(is_certified) or not np.all(is_certified | is_out_of_reach):
             return None
-        return Seen(self.kernel, deciding, columns[:, well], numbers[well])
+        return SliceReversals(
+            self.kernel, deciding, columns[:, is_certified], row_numbers[is_certified]
+        )
 
-    def _close(self, columns: Floats, numbers: Indices, at: Indices) -> None:
-        """Take a step of Newton's method at some rows of a slice; keep what is near by."""
-        if len(at):
-            before = self.values[:, numbers[at]]
-            after = before.copy()
-            after[list(self.kernel.free)] = self.kernel.closer(before)
-            near = max_abs(after - before, axis=0) < SMALL_STEP
-            at = at[near]
-            after = np.ascontiguousarray(after[:, near])
-            self.values[:, numbers[at]] = after
-            columns[:, at] = self.kernel.judging(after)
+    def _close_rows(
+        self, columns: Floats, row_numbers: Indices, open_rows: Indices
+    ) -> None:
+        """Take a step of Newton's method at the open rows of a slice.
 
-    def _with_care(self, samples: Indices, late: Indices) -> None:
-        """Find rows as the tracer does, and what the kernel says of them."""
-        tracer = self._tracer
-        residual = np.empty(len(late))
-        modes = late // len(samples)
-        for number in np.unique(modes):
-            of_mode = modes == number
-            at = late[of_mode]
-            wanted = samples[at % len(samples)]
-            q = tracer.input_grid.q[wanted]
-            evaluated = tracer.solver.evaluate(tracer.assembly_modes[number], q, wanted)
-            self.values[:, at] = evaluated.values.T
-            self.status[at] = evaluated.status
-            self.singular_error[at] = evaluated.singular_error
-            residual[of_mode] = evaluated.residual
-        judged = late[np.isfinite(residual)]
+        A step that is too large may lead to another mode and is not taken.
+        """
+        if not len(open_rows):
+            return
+        before = self.values[:, row_numbers[open_rows]]
+        after = before.copy()
+        after[list(self.kernel.free)] = self.kernel.closer(before)
+        is_small = max_abs(after - before, axis=0) < MAX_NEWTON_STEP_RAD
+        open_rows = open_rows[is_small]
+        after = np.ascontiguousarray(after[:, is_small])
+        self.values[:, row_numbers[open_rows]] = after
+        columns[:, open_rows] = self.kernel.judging(after)
+
+    def _solve_rows(self, samples: Indices, rows: Indices) -> None:
+        """Solve rows by the position analysis, and let the kernel judge the result."""
+        position_analysis = self._position_analysis
+        residual = np.empty(len(rows))
+        row_modes = rows // len(samples)
+        for mode in np.unique(row_modes):
+            is_of_mode = row_modes == mode
+            mode_rows = rows[is_of_mode]
+            mode_samples = samples[mode_rows % len(samples)]
+            q = position_analysis.input_grid.q[mode_samples]
+            evaluated = position_analysis.solver.evaluate(
+                position_analysis.assembly_modes[mode], q, mode_samples
+            )
+            self.values[:, mode_rows] = evaluated.values.T
+            self.status[mode_rows] = evaluated.status
+            self.singular_error[mode_rows] = evaluated.singular_error
+            residual[is_of_mode] = evaluated.residual
+        solved = rows[np.isfinite(residual)]
         judging = self.kernel.judging
-        columns = judging(self.values[:, judged])
-        self.closure[:, judged] = columns[judging.places["closure"]]
-        self.vouched[judged] = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
-        self.closure[0, late] = residual
+        columns = judging(self.values[:, solved])
+        self.closure[:, solved] = columns[judging.places["closure"]]
+        self.is_certified[solved] = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
+        # The residual of the solver is measured directly, and therefore kept.
+        self.closure[0, rows] = residual
 
 
-class Seen:
-    """What was seen of a slice's rows that are vouched for, while they were in the cache.
+class SliceReversals:
+    """The rows of a slice between which pole directions may reverse, and its errors.
 
-    `rows` are the numbers of the outermost, `ends` for each input the relative angular
-    velocities (poles, 3, 2) there, and `gaps` (2, k) the rows between which some direction
-    may reverse. `errors` are for each input the largest of directions, rates, changes.
+    It is made while the columns of the slice are in the cache.
+
+    Attributes
+    ----------
+    rows
+        (2,) numbers of the first and last certified row of the slice.
+    end_velocities
+        For each input the relative angular velocities (poles, 3, 2) at these rows.
+    gaps
+        For each input the pairs of rows (2, k) between which a direction may reverse.
+    errors
+        For each input the largest errors of directions, rates and their derivatives.
     """
 
     def __init__(
         self, kernel: RowKernel, deciding: ColumnFunction, columns: Floats, rows: Indices
     ) -> None:
         self.rows = rows[[0, -1]]
-        self.ends: list[Floats] = []
+        self.end_velocities: list[Floats] = []
         self.gaps: list[Indices] = []
-        for number, moving in enumerate(kernel.moving):
-            spins = columns[deciding.places["spins", number]]
-            at = _gaps(moving, spins)
-            self.ends.append(moving.relative(spins[:, [0, -1]]))
-            self.gaps.append(np.array([rows[at], rows[at + 1]]))
+        for input_index, moving in enumerate(kernel.moving):
+            spins = columns[deciding.places["spins", input_index]]
+            gap_starts = _find_reversals(moving, spins)
+            self.end_velocities.append(moving.relative(spins[:, [0, -1]]))
+            self.gaps.append(np.array([rows[gap_starts], rows[gap_starts + 1]]))
         self.errors = [
-            np.max(columns[place], axis=1, initial=0.0)
-            for key, place in deciding.places.items()
+            np.max(columns[column_rows], axis=1, initial=0.0)
+            for key, column_rows in deciding.places.items()
             if "errors" in key
         ]
 
 
-def _along(one: Floats, two: Floats) -> Bools:
-    """Return which directions (..., 3) do not reverse from one to the other."""
-    sizes = np.vecdot(one, one) * np.vecdot(two, two)
-    return np.vecdot(one, two) >= ASIDE * np.sqrt(sizes)
+def _keeps_direction(first: Floats, second: Floats) -> Bools:
+    """Return which of the vectors (..., 3) surely do not reverse from first to second."""
+    squared = np.vecdot(first, first) * np.vecdot(second, second)
+    return np.vecdot(first, second) >= MIN_DIRECTION_COSINE * np.sqrt(squared)
 
 
-def _gaps(moving: MovingTerms, spins: Floats) -> Indices:
-    """Return after which rows a direction of an input may reverse to the next one.
+def _find_reversals(moving: MovingTerms, spins: Floats) -> Indices:
+    """Return the rows after which a pole direction may reverse.
 
-    By how links turn (k, n), of which least and largest say most often that none does: no
-    product of two in a box falls below the one of its corners, and no size exceeds the
-    other. Else both halves are looked at.
+    The relative angular velocities are in a box, from the least to the greatest value of
+    each component. The corners of the box bound the products of any two of them. Most often
+    the least product is positive, so that no direction reverses in the whole slice.
+    Otherwise both halves are treated likewise, and short parts are compared row by row.
+
+    Parameters
+    ----------
+    moving
+        Selects the links of each pole.
+    spins
+        (components, n) angular velocities of the links per unit rate of the input.
     """
     low = np.min(spins, axis=1)
     high = np.max(spins, axis=1)
     least = moving.relative(low, high)
-    most = moving.relative(high, low)
-    across = least * most
-    one = least * least
-    other = most * most
-    inner = np.where(across > 0.0, np.minimum(one, other), across)
-    size = np.sum(np.maximum(one, other), axis=1)
-    if np.all(np.sum(inner, axis=1) >= ASIDE * size):
-        return NONE
+    greatest = moving.relative(high, low)
+    across = least * greatest
+    least_squared = least * least
+    greatest_squared = greatest * greatest
+    # Least product of two values of a component. It is negative if the box contains 0.
+    least_product = np.where(
+        across > 0.0, np.minimum(least_squared, greatest_squared), across
+    )
+    largest_length = np.sum(np.maximum(least_squared, greatest_squared), axis=1)
+    if np.all(np.sum(least_product, axis=1) >= MIN_DIRECTION_COSINE * largest_length):
+        return NO_ROWS
     half = spins.shape[1] // 2
-    if half > FEW:
+    if half > MAX_ROWS_COMPARED:
+        # The halves share a row, so that the step between them is compared too.
         return np.append(
-            _gaps(moving, spins[:, : half + 1]), _gaps(moving, spins[:, half:]) + half
+            _find_reversals(moving, spins[:, : half + 1]),
+            _find_reversals(moving, spins[:, half:]) + half,
         )
-    v = np.moveaxis(moving.relative(spins), 1, 2)
-    return np.flatnonzero(~np.all(_along(v[:, :-1], v[:, 1:]), axis=0))
+    velocities = np.moveaxis(moving.relative(spins), 1, 2)
+    keeps = _keeps_direction(velocities[:, :-1], velocities[:, 1:])
+    return np.flatnonzero(~np.all(keeps, axis=0))
 
 
-def stops_of(
-    seen: Sequence[tuple[int, Seen]], number: int, held: Bools, careful: Bools
+def find_stops(
+    reversals: Sequence[tuple[int, SliceReversals]],
+    input_index: int,
+    is_assembled: Bools,
+    is_uncertified: Bools,
 ) -> dict[int, Stops]:
-    """Return where directions of an input are looked at, by the modes' places.
+    """Return the rows at which directions are compared, by the index of the mode.
 
-    `seen` are slices with their modes, in order; `held` (modes, samples) says which rows
-    have a configuration, `careful` which of these were found with care.
+    Between these rows no direction reverses, so that their signs hold for all rows.
+
+    Parameters
+    ----------
+    reversals
+        The slices in order, with the indices of their modes.
+    input_index
+        Index of the input that moves.
+    is_assembled
+        (modes, samples) whether the row has a configuration.
+    is_uncertified
+        (modes, samples) whether the row was solved without the kernel. Directions may
+        reverse before and after it.
     """
     gaps: dict[int, list[Indices]] = defaultdict(list)
-    for mode, here in seen:
-        gaps[mode].append(here.gaps[number])
-    for (mode, one), (other, two) in pairwise(seen):
-        across = one.ends[number][..., 1], two.ends[number][..., 0]
-        if mode == other and not np.all(_along(*across)):
-            gaps[mode].append(np.array([one.rows[1:], two.rows[:1]]))
+    for mode, reversal in reversals:
+        gaps[mode].append(reversal.gaps[input_index])
+    for (mode, previous), (next_mode, following) in pairwise(reversals):
+        last_velocity = previous.end_velocities[input_index][..., 1]
+        first_velocity = following.end_velocities[input_index][..., 0]
+        if mode == next_mode and not np.all(
+            _keeps_direction(last_velocity, first_velocity)
+        ):
+            gaps[mode].append(np.array([previous.rows[1:], following.rows[:1]]))
+
     stops: dict[int, Stops] = {}
-    for mode, of_mode in enumerate(held):
-        rows = np.flatnonzero(of_mode)
-        if len(rows):
-            late = np.flatnonzero(careful[mode, rows])
-            at = np.setdiff1d([late - 1, late], [-1, len(rows) - 1])
-            rows += mode * len(of_mode)
-            every = np.concatenate([*gaps[mode], [rows[at], rows[at + 1]]], axis=1)
-            some = np.unique(np.concatenate([rows[[0, -1]], every.ravel()]))
-            first, last = np.searchsorted(some, every)
-            begun = np.bincount(first, minlength=len(some))
-            ended = np.bincount(last, minlength=len(some))
-            stops[mode] = some, np.cumsum(begun - ended)[:-1] > 0
+    for mode, is_assembled_in_mode in enumerate(is_assembled):
+        rows = np.flatnonzero(is_assembled_in_mode)
+        if not len(rows):
+            continue
+        uncertified = np.flatnonzero(is_uncertified[mode, rows])
+        gap_starts = np.setdiff1d([uncertified - 1, uncertified], [-1, len(rows) - 1])
+        rows += mode * len(is_assembled_in_mode)
+        all_gaps = np.concatenate(
+            [*gaps[mode], [rows[gap_starts], rows[gap_starts + 1]]], axis=1
+        )
+        stop_rows = np.unique(np.concatenate([rows[[0, -1]], all_gaps.ravel()]))
+        # Number of gaps that are open after each stop: those begun less those ended.
+        first, last = np.searchsorted(stop_rows, all_gaps)
+        begun = np.bincount(first, minlength=len(stop_rows))
+        ended = np.bincount(last, minlength=len(stop_rows))
+        stops[mode] = stop_rows, np.cumsum(begun - ended)[:-1] > 0
     return stops
+
+
+@dataclass(frozen=True)
+class PendingPoles:
+    """What is known of the poles of a block before they are asked for.
+
+    Attributes
+    ----------
+    is_certified
+        (n,) rows that the kernel certifies.
+    is_assembled
+        (modes, samples) rows with a configuration.
+    uncertified
+        (k,) numbers of rows with a configuration that are not certified.
+    stops
+        For each input, the rows at which directions are compared; see `find_stops`.
+    error_maxima
+        (inputs, 3) largest errors of directions, rates and their derivatives. NaN if no
+        row is certified.
+    """
+
+    is_certified: Bools
+    is_assembled: Bools
+    uncertified: Indices
+    stops: Sequence[Mapping[int, Stops]]
+    error_maxima: Floats
 
 
 @dataclass
 class BatchRunner:
-    """The rows of a course by a kernel.
+    """Computes the motion and the poles of blocks of samples by a kernel.
 
-    Where all groups are dyads it has the closed form in it; else samples that
-    lie close together along a path are `predicted`. Configurations that neither knows are
-    those of the tracer. What is `unread` of blocks lies here until its poles are asked:
-    the rows (n,) that the kernel vouches for, those (modes, samples) with a configuration,
-    the others (k,) of these, by input where directions are looked at, and the largest
-    errors by input, of directions, rates and changes: NaN where nothing is vouched for.
+    If all groups are dyads, the kernel has their closed form. Otherwise configurations of
+    samples along a path are predicted by interpolation. Other configurations come from the
+    position analysis.
+
+    Attributes
+    ----------
+    sampling
+        The samples of the run.
+    requests
+        The poles to evaluate, for each input that moves.
+    kernel
+        Evaluates the rows.
+    predict
+        Predicts configurations along a path; None with a closed form.
+    is_recorded
+        Whether the run is recorded. Blocks are then as small as without a kernel.
+    looks_ahead
+        Whether the next block is computed in another thread while a block is used. Nothing
+        else may then use the position analysis.
+    needs_timing
+        Whether motions have times.
+    reads_frames
+        Whether an analysis reads rotation matrices, which need more memory than columns.
+    unread
+        What is known of the poles of a motion until they are asked for, by its `id`.
     """
 
-    course: Sampling
+    sampling: Sampling
     requests: Sequence[Request]
     kernel: RowKernel
-    predicted: Callable[[int, int, Floats], None] | None
-    recorded: bool
+    predict: Callable[[int, int, Floats], None] | None
+    is_recorded: bool
     looks_ahead: bool
-    timed: bool
+    needs_timing: bool
     reads_frames: bool = False
-    unread: dict[
-        int, tuple[Bools, Bools, Indices, Sequence[Mapping[int, Stops]], Floats]
-    ] = field(default_factory=dict, repr=False)
-    _last: ComputedColumns | None = None
+    unread: dict[int, PendingPoles] = field(default_factory=dict, repr=False)
+    _last_columns: ComputedColumns | None = None
 
     @classmethod
-    def of(
+    def prepare(
         cls,
-        course: Sampling,
+        sampling: Sampling,
         requests: Sequence[Request],
-        recorded: bool,
+        is_recorded: bool,
         looks_ahead: bool = False,
-        timed: bool = True,
+        needs_timing: bool = True,
         reads_frames: bool = False,
     ) -> "BatchRunner | None":
-        """Return it, None where rows are few, no poles asked or the terms do not hold.
+        """Make a kernel for a run; see the attributes for the parameters.
 
-        Where it `looks_ahead`, a block is found while the one before is made use of; the
-        tracer is then for it alone. Motions are `timed` where that is asked. Blocks are
-        smaller where an analysis `reads_frames` of links, which take more than columns.
+        Returns None if a kernel does not help: in a simulation, for few rows, without
+        poles, or if the kernel cannot certify rows of this mechanism.
         """
-        tracer = course.tracer
-        rows = len(course) * len(tracer.assembly_modes)
-        if course.simulation is not None or rows < FEWEST or not requests:
+        position_analysis = sampling.position_analysis
+        row_count = len(sampling) * len(position_analysis.assembly_modes)
+        if sampling.simulation is not None or row_count < MIN_KERNEL_ROWS or not requests:
             return None
-        compiles = rows >= MANY and available()
-        made = row_kernel(
-            tracer.sparse(REFERENCES), requests, "compiled" if compiles else "numpy"
+        is_compiled = row_count >= MIN_COMPILED_ROWS and available()
+        kernel = row_kernel(
+            position_analysis.sparse(REFERENCE_SAMPLES),
+            requests,
+            "compiled" if is_compiled else "numpy",
         )
-        if made is None or not made.vouches:
+        if kernel is None or not kernel.vouches:
             return None
-        predicted = None if made.has_closed_form else predictor(tracer)
         return cls(
-            course, requests, made, predicted, recorded, looks_ahead, timed, reads_frames
+            sampling=sampling,
+            requests=requests,
+            kernel=kernel,
+            predict=None if kernel.has_closed_form else predictor(position_analysis),
+            is_recorded=is_recorded,
+            looks_ahead=looks_ahead,
+            needs_timing=needs_timing,
+            reads_frames=reads_frames,
         )
 
     @property
-    def block(self) -> int:
-        """Samples in a block; where they are recorded, as many as without a kernel."""
-        tracer = self.course.tracer
-        bytes_a_row = 8 * self.kernel.kept
+    def block_size(self) -> int:
+        """Number of samples in a block, limited by memory."""
+        position_analysis = self.sampling.position_analysis
+        bytes_per_row = 8 * self.kernel.kept
         if self.reads_frames:
-            bytes_a_row = max(bytes_a_row, memory_at_once(tracer.mechanism, 1))
-        many = BYTES // (bytes_a_row * len(tracer.assembly_modes))
-        return max(1, min(many, tracer.block * (1 if self.recorded else MORE)))
+            frame_bytes = evaluation_memory(position_analysis.mechanism, 1)
+            bytes_per_row = max(bytes_per_row, frame_bytes)
+        mode_count = len(position_analysis.assembly_modes)
+        size = BLOCK_BYTES // (bytes_per_row * mode_count)
+        factor = 1 if self.is_recorded else MAX_BLOCK_FACTOR
+        return max(1, min(size, position_analysis.block * factor))
 
-    def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
-        """Yield the motion from sample `first` on in blocks of successive samples.
+    def blocks(self, size: int, first_sample: int = 0) -> Iterator[Motion]:
+        """Yield the motion in blocks of successive samples.
 
-        Of `size`, unless that is the ordinary one: then they grow while no column is read.
+        Blocks have `size` samples. If that is `block_size`, they grow as long as no column
+        of the previous block was read, because then only values are kept in memory.
         """
-        may_grow = size == self.block and not (self.recorded or self.reads_frames)
-        most = GROWTH * size if may_grow else size
+        may_grow = size == self.block_size and not (self.is_recorded or self.reads_frames)
+        largest_size = MAX_BLOCK_GROWTH * size if may_grow else size
 
-        def samples() -> Iterator[Indices]:
-            start = first
+        def block_samples() -> Iterator[Indices]:
+            start = first_sample
             count = size
-            while start < len(self.course):
-                yield np.arange(start, min(start + count, len(self.course)))
+            while start < len(self.sampling):
+                yield np.arange(start, min(start + count, len(self.sampling)))
                 start += count
-                if self._last is not None:
-                    count = size if self._last.was_read else min(2 * count, most)
+                if self._last_columns is not None:
+                    was_read = self._last_columns.was_read
+                    count = size if was_read else min(2 * count, largest_size)
 
-        return in_turn(self.motion_at, samples(), self.looks_ahead)
+        return in_turn(self.motion_at, block_samples(), self.looks_ahead)
 
     def fields(
-        self, motion: Motion, memories: Sequence[SignContinuation]
+        self, motion: Motion, sign_continuations: Sequence[SignContinuation]
     ) -> tuple[LazyField, ...]:
-        """Return the poles of a motion that was found, for each input that moves.
+        """Return the poles of a motion of `motion_at`, for each input that moves.
 
-        They are made when they are read.
+        Their columns are computed when they are read. Each motion can be asked once.
         """
-        vouched, held, doubtful, stops, errors = self.unread.pop(id(motion))
-        self._last = columns = ComputedColumns(self.kernel, motion, self.requests, doubtful)
-        turned: list[Turning] = []
-        inputs = zip(self.kernel.moving, memories, strict=False)
-        for k, (moving, memory) in enumerate(inputs):
+        pending = self.unread.pop(id(motion))
+        columns = ComputedColumns(self.kernel, motion, self.requests, pending.uncertified)
+        self._last_columns = columns
+        turnings: list[Turning] = []
+        for input_index, (moving, memory) in enumerate(
+            zip(self.kernel.moving, sign_continuations, strict=False)
+        ):
             if motion.is_path:
-                at = partial(columns.relative_at, k)
-                turned.append(signs_at_stops(motion, moving.signed, stops[k], at, memory))
+                velocities_at = partial(columns.relative_at, input_index)
+                stops = pending.stops[input_index]
+                turnings.append(
+                    signs_at_stops(motion, moving.signed, stops, velocities_at, memory)
+                )
             else:
-                turned.append(sides_of(motion, held, memory))
-        columns.turn(turned, motion.samples)
+                turnings.append(sides_of(motion, pending.is_assembled, memory))
+        columns.turn(turnings, motion.samples)
         return tuple(
-            LazyField(columns, k, motion, vouched, of_input)
-            for k, of_input in enumerate(errors)
+            LazyField(columns, input_index, motion, pending.is_certified, errors)
+            for input_index, errors in enumerate(pending.error_maxima)
         )
 
     def motion_at(self, samples: Indices) -> Motion:
-        """Return the motion at some samples, by their numbers in rising order."""
-        timing = self.course.timing if self.timed else None
-        tracer = self.course.tracer
-        modes = len(tracer.assembly_modes)
+        """Compute the motion at samples (n,), given by their numbers in rising order."""
+        timing = self.sampling.timing if self.needs_timing else None
+        position_analysis = self.sampling.position_analysis
+        assembly_modes = position_analysis.assembly_modes
+        mode_count = len(assembly_modes)
         count = len(samples)
-        q = np.tile(tracer.input_grid.q[samples].T, modes)
-        rows = Rows(self.kernel, tracer, q)
-        if self.predicted is not None:
-            values = rows.values.reshape(-1, modes, count)
+        q = np.tile(position_analysis.input_grid.q[samples].T, mode_count)
+        rows = BlockRows(self.kernel, position_analysis, q)
+        if self.predict is not None:
+            values = rows.values.reshape(-1, mode_count, count)
+            # Predicted for each run of successive samples.
             edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
             for low, high in pairwise(edges):
-                out = values[:, :, low:high]
-                self.predicted(samples[low], samples[high - 1] + 1, out)
-        seen = rows.fill(samples)
-        failed = ~has_configuration(rows.status)
-        rows.values[:, failed] = rows.closure[:, failed] = np.nan
-        careful = ~(rows.vouched | failed)
-        doubtful = np.flatnonzero(careful)
+                self.predict(samples[low], samples[high - 1] + 1, values[:, :, low:high])
+        reversals = rows.fill(samples)
+
+        has_failed = ~has_configuration(rows.status)
+        rows.values[:, has_failed] = np.nan
+        rows.closure[:, has_failed] = np.nan
+        is_uncertified = ~(rows.is_certified | has_failed)
+        uncertified = np.flatnonzero(is_uncertified)
         motion = Motion(
-            mechanism=tracer.mechanism,
-            joints=tracer.solver.joints,
-            assembly=tracer.assembly,
-            assembly_modes=tracer.assembly_modes,
+            mechanism=position_analysis.mechanism,
+            joints=position_analysis.solver.joints,
+            assembly=position_analysis.assembly,
+            assembly_modes=assembly_modes,
             samples=count,
-            sample=np.tile(samples, modes),
-            assembly_mode=np.repeat([m.number for m in tracer.assembly_modes], count),
+            sample=np.tile(samples, mode_count),
+            assembly_mode=np.repeat([mode.number for mode in assembly_modes], count),
             inputs=q.T,
             values=rows.values.T,
             status=rows.status,
             residual=rows.closure[0].copy(),
-            is_path=tracer.input_grid.is_path,
-            timing=None if timing is None else timing.rows(samples).repeated(modes),
+            is_path=position_analysis.input_grid.is_path,
+            timing=None if timing is None else timing.rows(samples).repeated(mode_count),
             singular_error=rows.singular_error,
         )
-        if len(doubtful):
-            rows.closure[1, doubtful] = motion.rows(doubtful).configuration_error
+        if len(uncertified):
+            error = motion.rows(uncertified).configuration_error
+            rows.closure[1, uncertified] = error
+        # The kernel has computed the error already. The property is not evaluated again.
         vars(motion)["configuration_error"] = rows.closure[1]
-        held = ~failed.reshape(modes, count)
-        careful = careful.reshape(held.shape)
-        every = range(len(self.requests))
-        stops = [stops_of(seen, k, held, careful) for k in every if motion.is_path]
-        largest = np.fmax.reduce(
-            [nans((len(every), 3)), *(np.array(here.errors) for _, here in seen)]
+
+        is_assembled = ~has_failed.reshape(mode_count, count)
+        is_uncertified = is_uncertified.reshape(is_assembled.shape)
+        input_indices = range(len(self.requests))
+        stops = []
+        if motion.is_path:
+            stops = [
+                find_stops(reversals, input_index, is_assembled, is_uncertified)
+                for input_index in input_indices
+            ]
+        error_maxima = np.fmax.reduce(
+            [
+                nans((len(input_indices), 3)),
+                *(np.array(item.errors) for _, item in reversals),
+            ]
         )
-        self.unread[id(motion)] = rows.vouched, held, doubtful, stops, largest
+        self.unread[id(motion)] = PendingPoles(
+            is_certified=rows.is_certified,
+            is_assembled=is_assembled,
+            uncertified=uncertified,
+            stops=stops,
+            error_maxima=error_maxima,
+        )
         return motion

@@ -1,10 +1,8 @@
-"""The contract between spherekit and an analysis: needs, batch, tables, scene.
+"""The contract between spherekit and an analysis: needs, batch, tables, scenes, findings.
 
 A plugin is a frozen dataclass derived from `AbstractAnalysis`; its fields are its
-parameters. It says what it needs before anything is computed, gets exactly that, block
-after block or for all samples at once, and returns the tables it declared.
-
-What stands in a run for an analysis that is broken, so that the others go on.
+parameters. It declares what it needs before anything is computed. It then reads exactly
+that, block by block or for all samples at once, and returns its declared tables.
 """
 
 from abc import ABC, abstractmethod
@@ -15,28 +13,44 @@ from typing import Any, ClassVar, Literal
 from spherekit.conventions import Names
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.runs.batch import Batch
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.needs import Needs
-from spherekit.runs.table_scenes import Batch
 from spherekit.scenes.scene import Scene
 from spherekit.tables.table import Table, TableArrays, Tables
 
 CONTRACT = 1
-"""Version of this contract; a plugin states the one it was written for."""
+"""Version of this contract. A plugin states the version for which it was written."""
 
 
 @dataclass(frozen=True)
 class Sweep:
     """A parameter of an analysis that trades speed for accuracy, for `spherekit trade`.
 
-    `values` of the `parameter`, the most accurate last: what the others give is compared
-    with that. ``"samples"`` are those of the run. The numbers compared are those of
-    `column` in `table`, row by row where the columns `match` agree; `error` is the column
-    with the analysis's own estimate. Where the rows are `places`, `column` says where (rad,
-    of each input if it is one of inputs), and each is compared with the nearest.
+    The analysis is run with each value of the parameter. One column of a table is compared
+    with that of the most accurate value.
 
-    Other parameters have the values `beside` meanwhile. What matters to mechanisms with
-    one or with several `inputs` only says so.
+    Attributes
+    ----------
+    parameter
+        Name of the parameter; ``"samples"`` is the number of samples of the run.
+    values
+        Its values, the most accurate last.
+    table, column
+        The numbers that are compared.
+    match
+        Columns of texts. Rows are compared with rows that have the same texts.
+    error
+        Column with the error estimate of the analysis, if there is one.
+    places
+        Whether `column` is a position in rad, such as an input at which something happens.
+        Each position is then compared with the nearest. If there are several inputs, there
+        is a column for each, whose name begins with `column`.
+    beside
+        Names and values of other parameters during the comparison.
+    inputs
+        Whether the parameter matters to mechanisms with any number of inputs, with one, or
+        with several.
     """
 
     parameter: str
@@ -50,16 +64,22 @@ class Sweep:
     inputs: Literal["any", "one", "several"] = "any"
 
     def applies(self, mechanism: Mechanism) -> bool:
-        """Return whether it matters to a mechanism."""
+        """Return whether the parameter matters to a mechanism."""
         return self.inputs in ("any", "several" if len(mechanism.inputs) > 1 else "one")
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What an analysis has to say beside its tables.
+    """Results of an analysis in addition to its tables.
 
-    `figures` go to the summary and must be ready for JSON; `warnings`, in whole
-    sentences, and `remarks`, the results in a line or two, are shown to whoever runs it.
+    Attributes
+    ----------
+    figures
+        Values for the summary, by name. They must be ready for JSON.
+    warnings
+        Whole sentences that are shown to the user.
+    remarks
+        The results in a line or two, which are shown to the user.
     """
 
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -68,7 +88,19 @@ class Findings:
 
 
 class AbstractAnalysis(ABC):
-    """Base class of analyses; subclasses are frozen dataclasses of parameters."""
+    """Base class of analyses. Subclasses are frozen dataclasses of parameters.
+
+    Attributes
+    ----------
+    name, version, summary
+        Name on the command line, version, and a line for the list of analyses.
+    contract
+        Version of the contract for which the analysis was written.
+    cites
+        Sources to cite.
+    tables
+        The tables that `compute` returns; the first one is the main table.
+    """
 
     name: ClassVar[str]
     version: ClassVar[str]
@@ -77,48 +109,60 @@ class AbstractAnalysis(ABC):
     cites: ClassVar[Names] = ()
     tables: ClassVar[tuple[Table, ...]]
     rowwise: ClassVar[bool] = False
-    """Whether a row depends only on what the batch says of it: then blocks are given as
-    they come, and a few rows tell what many cost."""
+    """Whether each row depends only on the quantities of the same row of the batch.
+
+    Such an analysis is given block by block, and the size of its tables is predicted from a
+    few rows. Others are given all samples at once.
+    """
     reads_samples: ClassVar[bool] = True
-    """Whether it reads samples of a run; otherwise it is asked once, with the first
-    block, which is empty where no analysis of the run reads samples."""
+    """Whether the analysis reads samples of the run.
+
+    Otherwise it is computed once, with the first block. That is empty if no analysis of the
+    run reads samples.
+    """
     trades: ClassVar[tuple[Sweep, ...]] = ()
-    """Own parameters that trade speed for accuracy, where samples are not what costs."""
+    """Parameters that trade speed for accuracy, if not the samples take the time."""
 
     @property
     def at_once(self) -> bool:
-        """Whether all samples of a run have to come in one batch."""
+        """Whether the analysis reads all samples of a run in one batch."""
         return self.reads_samples and not self.rowwise
 
     @abstractmethod
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return what will be read; cheap, and `AnalysisError` for bad parameters."""
+        """Return what the analysis will read. This must be fast.
+
+        Raises
+        ------
+        AnalysisError
+            If a parameter does not fit the mechanism.
+        """
 
     @abstractmethod
     def compute(self, batch: Batch) -> Tables:
         """Return the declared tables by name for all rows of the batch."""
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return what is to be seen of the batch; nothing by default."""
+        """Return the scenes of the batch; none by default."""
         return ()
 
     def findings(self, batch: Batch) -> Findings:
-        """Return what is to be said beside the tables; nothing by default.
+        """Return results in addition to the tables; none by default.
 
-        Of an analysis that is `rowwise` it is said of each block, and then `joined`.
+        A `rowwise` analysis returns findings of each block, which are then `joined`.
         """
         return Findings()
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
-        """Return the figures of merit that compare designs; none by default.
+        """Return the figures of merit by which designs are compared; none by default.
 
-        Their expressions are of `spherekit.plugin.designs.row_quantities`, or of the
-        columns of one of its tables, ``table="NAME.TABLE"``.
+        They are expressions of `spherekit.plugin.designs.row_quantities`, or of the columns
+        of a table of this analysis, ``table="NAME.TABLE"``.
         """
         return ()
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return what is to be said of all blocks `before` and of the next one together.
+        """Return the findings of all blocks before and of the next block together.
 
         Raises
         ------
@@ -134,11 +178,15 @@ class AbstractAnalysis(ABC):
 
 
 Analyses = Sequence[AbstractAnalysis]
+"""The analyses of a run, in the order of their tables."""
 
 
 @dataclass(frozen=True)
 class BrokenAnalysis(AbstractAnalysis):
-    """An analysis that is asked for and cannot be used; `why` says what is wrong."""
+    """Stands for an analysis that cannot be used, so that the other analyses are run.
+
+    The run notes the reason `why` as its failure.
+    """
 
     name: str  # type: ignore[misc]
     why: str
@@ -147,9 +195,9 @@ class BrokenAnalysis(AbstractAnalysis):
     tables = ()
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Raise `PluginError` with what is wrong."""
+        """Raise `PluginError` with the reason."""
         raise PluginError(self.why)
 
     def compute(self, batch: Batch) -> Mapping[str, TableArrays]:
-        """Raise `PluginError` with what is wrong."""
+        """Raise `PluginError` with the reason."""
         raise PluginError(self.why)

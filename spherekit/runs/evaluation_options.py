@@ -1,4 +1,4 @@
-"""How a run's numbers are computed: the choices that trade speed for accuracy."""
+"""The choices of a run that trade speed for accuracy: engines, routes, tolerance."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -15,16 +15,24 @@ ENGINES: dict[RowEngine, str] = {
     "compiled": "the same terms, compiled by heyoka",
     "extended": "the same terms in quad precision, 33 digits",
 }
+"""Descriptions of the engines that evaluate velocities, by name."""
 
 
 @checked_class(AnalysisError)
 @dataclass(frozen=True)
 class Setting:
-    """One way to compute what analyses read.
+    """One way to compute the quantities that analyses read.
 
-    `engine` runs the terms of rates; NumPy takes a `route` too.
-    `integrator` and `tolerance` (rad) are those of a simulation; None leaves the tolerance
-    to the run.
+    Attributes
+    ----------
+    engine
+        Evaluates the velocity equations at the samples.
+    route
+        How the NumPy engine computes poles; see `spherekit.velocities.pole_request`.
+    integrator
+        The engine of a simulation.
+    tolerance
+        The tolerance of a simulation, rad. None if the study has it.
     """
 
     engine: RowEngine = "numpy"
@@ -41,11 +49,11 @@ class Setting:
         return " ".join(parts)
 
     def describe(self) -> str:
-        """Return the setting in words."""
+        """Return a description for users."""
         if self.tolerance is not None:
             return f"integrated by {self.integrator}, tolerance {self.tolerance:g} rad"
         return ROUTES[self.route] if self.engine == "numpy" else ENGINES[self.engine]
 
 
 ORDINARY = Setting()
-"""What a run does unless told otherwise."""
+"""The default setting. Only with it a kernel may evaluate the samples."""

@@ -1,4 +1,4 @@
-"""How a run is done: where its results go, and by what means its numbers are found."""
+"""The options that say how a run is done: its folder, engine, recorder and so on."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,43 +14,46 @@ from spherekit.tables.table import Format
 from spherekit.velocities.kernels import Engine
 
 Progress = Callable[[int, int], None]
+"""Receives the number of samples that are done, and of all samples."""
 
 
 @dataclass(frozen=True)
 class Execution:
-    """How a run is done; what it goes through is its `Study`.
+    """How a run is done. The motion that it analyses is a `Study`.
 
-    Raises `AnalysisError` where a value is not of the type that its field has.
+    Raises `AnalysisError` if a value has another type than its field.
 
     Attributes
     ----------
     folder
-        Where tables go while the run goes on, so that memory does not grow with the
-        samples; the files are there at the end. Without it tables stay in memory.
+        Folder of the results. Tables are stored there block by block, so memory does not
+        grow with the number of samples. Without it, tables stay in memory.
     unfinished
-        What to do with the work of a run that was stopped in that folder: ``"refuse"`` to
+        What to do with the work of a run that was stopped in the folder: ``"refuse"`` to
         start, ``"resume"`` it (or start, if there is none), or ``"discard"`` it.
     formats
-        Which files are written; by default Parquet, and CSV up to 100 MB.
+        Formats of the table files. By default Parquet, and CSV up to 100 MB.
     tables
-        Whether tables are kept in memory where there is no folder.
+        Whether tables are kept in memory if there is no folder.
     engine
-        What solves a simulation, see `spherekit.dynamics.forward_dynamics.simulate`.
+        The solver of a simulation; see `spherekit.dynamics.forward_dynamics.simulate`.
     only_needed
         Whether to leave out the groups of links that no analysis needs. Assembly modes are
-        then modes of the part that is left, and only that part has to close.
+        then those of the remaining part, and only that part has to close.
     recorder
-        Receives the scenes block by block while the run goes on.
+        Receives the scenes of each block.
     log_every
-        Of how many successive samples one goes to the recorder; by default so many that
-        no assembly mode has more than `MOST_LOGGED`.
+        Number of successive samples of which one is recorded. By default it is chosen for
+        at most `MAX_RECORDED_SAMPLES` in each assembly mode.
     progress
-        Called with samples done and samples in all after each block.
+        Called after each block with the numbers of samples done and of all samples.
     block
-        Samples evaluated at once, by default as `PositionAnalysis.blocks` has them; all, if
-        an analysis wants whole batches.
-    setting, accuracy
-        How samples are computed, and what is known of the errors of that, for the summary.
+        Number of samples in a block. By default it is chosen for speed. It has no effect if
+        an analysis reads all samples at once.
+    setting
+        How velocities are computed.
+    accuracy
+        Known errors of the setting, which are added to the summary.
     """
 
     folder: AnyPath | None = None

@@ -1,13 +1,11 @@
-"""How large the tables and the recording of a study will be, judged from short runs.
+"""Prediction of the size of the tables and of the recording of a run, from two short runs.
 
-A run of few samples writes its files, and one of twice as many: all sizes grow as they do
-from one to the other.
+The short runs write their files. All sizes are extrapolated linearly in the number of
+samples.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import reduce
-from operator import getitem
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -18,54 +16,59 @@ from spherekit.files.study import Study
 from spherekit.planning.assembly_plan import Assembly
 from spherekit.runs.contract import Analyses
 from spherekit.runs.execution import Execution
-from spherekit.runs.recording_session import MOST_LOGGED
+from spherekit.runs.recording_session import MAX_RECORDED_SAMPLES
 from spherekit.runs.run_result import MOTION
-from spherekit.runs.runner import executed, traced
+from spherekit.runs.runner import needs_motion, run_study
 from spherekit.tables.table import FILE_SIZE
 
-LEAST = 4
-"""Samples below which no short run is smaller than the run."""
+MIN_PREDICTED_SAMPLES = 4
+"""Runs of fewer samples are not predicted, since the short runs would not be shorter."""
 
-FEW = 48
-"""Samples of the longer one of two short runs."""
+MEASURED_SAMPLES = 48
+"""Number of samples of the longer of the two short runs.
 
-SHORT = 16
-"""Samples of the shortest recording that is made."""
-
-
-MANY_POLES = 400
-"""Poles of a row beyond which a run of `FEW_OF_MANY` samples in one mode is measured.
-
-Chains of 30 links have more, and the rates of all their links take seconds for some hundred
-rows. More: such runs are measured with all their modes, for minutes at 60 links. Fewer: the
-number of modes, and by how much they differ, are not known of smaller mechanisms.
+Larger: prediction takes longer; smaller: sizes are extrapolated from fewer rows.
 """
 
-FEW_OF_MANY = 4
-"""Samples of a run with many poles. They have thousands of rows."""
+MEASURED_RECORDING_SAMPLES = 16
+"""Number of samples of the shorter of the two recordings that are made."""
 
-EVALUATED_OF_MANY = 100
-"""Poles, besides axes of pairs, that are evaluated of many. More: expressions of all poles
-of 60 links take as long as all else; fewer: the bytes of rows are known less well."""
+MAX_POLES = 400
+"""Number of poles of a row above which `MEASURED_SAMPLES_OF_MANY_POLES` are measured.
+
+Chains of 30 links have more, and the rates of all their links take seconds for some hundred
+rows. Larger: such runs are measured with all their assembly modes, for minutes at 60 links.
+Smaller: the number of modes is not known for smaller mechanisms.
+"""
+
+MEASURED_SAMPLES_OF_MANY_POLES = 4
+"""Samples of the measured run if there are many poles. It has thousands of rows."""
+
+EVALUATED_POLES_OF_MANY = 100
+"""Number of poles that are evaluated if there are many, besides the axes of pairs.
+
+Larger: expressions of all poles of 60 links take as long as everything else; smaller: the
+bytes of rows are known less well.
+"""
 
 
-def expected(study: Study, analyses: Analyses, assembly: Assembly, poles: int) -> Facts:
-    """Return what a run of the study will evaluate and write, ready for JSON.
+def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int) -> Facts:
+    """Predict what a run of a study will evaluate and write, ready for JSON.
 
     Parameters
     ----------
     study, analyses, assembly
         The run, and the groups of its mechanism.
     poles
-        How many poles are asked for at each configuration.
+        Number of poles that are evaluated at each configuration.
 
     Returns
     -------
     dict
-        Where all groups are dyads and poles are not many, the assembly modes are found, as
-        the run will find them. Otherwise that may take long: `assembly_modes` is None, and
-        the figures are those of each assembly mode. `reason` says why there are no figures,
-        if there are none.
+        If all groups are dyads and there are not many poles, the assembly modes are found
+        as the run will find them. Otherwise the search can take long. ``assembly_modes`` is
+        None then, and all numbers are those of a single assembly mode. ``reason`` says why
+        nothing is predicted.
 
     Raises
     ------
@@ -75,85 +78,114 @@ def expected(study: Study, analyses: Analyses, assembly: Assembly, poles: int) -
     if study.start is not None:
         return {"reason": "the motion follows from the loads, and is not known before"}
     samples = study.count
-    if samples < LEAST:
+    if samples < MIN_PREDICTED_SAMPLES:
         return {"reason": f"a run of {samples} samples is over before it is predicted"}
-    has_many_poles = poles > MANY_POLES
+    has_many_poles = poles > MAX_POLES
     finds_modes = assembly.has_closed_form and not has_many_poles
-    few = study if finds_modes else replace(study, search=False)
-    half = min(samples, FEW) // 2
-    able = [analysis for analysis in analyses if analysis.rowwise]
-    follow = traced(study, analyses, Execution())
+    measured_study = study if finds_modes else replace(study, search=False)
+    short_count = min(samples, MEASURED_SAMPLES) // 2
+    # The tables of other analyses need not grow with the samples.
+    rowwise_analyses = [analysis for analysis in analyses if analysis.rowwise]
+    computes_motion = needs_motion(study, analyses, Execution())
 
-    def measure(chosen: Analyses, count: int, most_poles: int | None = None) -> Facts:
-        """Return the summary of a run of so many samples."""
+    def measure(
+        measured_analyses: Analyses, sample_count: int, max_poles: int | None = None
+    ) -> Facts:
+        """Return the summary of a run of some samples, which writes files."""
         with TemporaryDirectory() as folder:
-            execution = Execution(folder=folder, formats=tuple(FILE_SIZE))
-            study = shortened(few, count)
-            return executed(study, chosen, execution, follow, most_poles).summary
+            return run_study(
+                shorten_study(measured_study, sample_count),
+                measured_analyses,
+                Execution(folder=folder, formats=tuple(FILE_SIZE)),
+                computes_motion,
+                max_poles,
+            ).summary
 
-    # The positions alone are quick to find, whatever is asked of them.
-    cheap = [] if has_many_poles else able
-    shorter = measure(cheap, half)
-    longer = measure(cheap, 2 * half)
-    asked = longer
+    # With many poles the two short runs only compute positions, which is fast. The tables
+    # of the analyses are measured in a third run, of a few samples and a part of the poles.
+    short_analyses = [] if has_many_poles else rowwise_analyses
+    shorter = measure(short_analyses, short_count)
+    longer = measure(short_analyses, 2 * short_count)
+    measured = longer
     if has_many_poles:
-        asked = measure(able, min(samples, FEW_OF_MANY), EVALUATED_OF_MANY)
-    modes = len(longer["assembly_modes"])
-    multiple = modes if finds_modes else min(modes, 1)
+        measured = measure(
+            rowwise_analyses,
+            min(samples, MEASURED_SAMPLES_OF_MANY_POLES),
+            EVALUATED_POLES_OF_MANY,
+        )
+    mode_count = len(longer["assembly_modes"])
+    predicted_modes = mode_count if finds_modes else min(mode_count, 1)
 
-    def grown(*keys: str) -> int:
-        if has_many_poles and keys[1:2] != (MOTION,):
-            # What does not grow with the samples is little of such tables.
-            whole = reduce(getitem, keys, asked["cost"]) * samples / FEW_OF_MANY
+    def extrapolate(*keys: str) -> int:
+        """Return the predicted value of an entry of the cost."""
+        is_motion = keys[1:2] == (MOTION,)
+        if has_many_poles and not is_motion:
+            # The part that does not grow with the samples is small in such tables.
+            measured_value = _entry(measured["cost"], keys)
+            value = measured_value * samples / MEASURED_SAMPLES_OF_MANY_POLES
         else:
-            one, two = (reduce(getitem, keys, x["cost"]) for x in (shorter, longer))
-            whole = one + (two - one) * (samples - half) / half
-        return round(whole * multiple / max(modes, 1))
+            short_value = _entry(shorter["cost"], keys)
+            growth = _entry(longer["cost"], keys) - short_value
+            value = short_value + growth * (samples - short_count) / short_count
+        return round(value * predicted_modes / max(mode_count, 1))
 
-    failed = {item["name"] for item in asked["analyses"] if item["failed"]}
-    names = {analysis.name for analysis in able} - failed
+    failed = {item["name"] for item in measured["analyses"] if item["failed"]}
+    predicted_names = {analysis.name for analysis in rowwise_analyses} - failed
+    tables = {}
+    for stem, table in measured["cost"]["tables"].items():
+        tables[stem] = {
+            "rows": extrapolate("tables", stem, "rows"),
+            "columns": table["columns"],
+        }
+        for kind in FILE_SIZE:
+            tables[stem][f"{kind}_bytes"] = extrapolate("tables", stem, f"{kind}_bytes")
     return {
-        "assembly_modes": modes if finds_modes else None,
-        "configurations": grown("configurations"),
-        "tables": {
-            stem: {
-                "rows": grown("tables", stem, "rows"),
-                "columns": table["columns"],
-                **{
-                    f"{kind}_bytes": grown("tables", stem, f"{kind}_bytes")
-                    for kind in FILE_SIZE
-                },
-            }
-            for stem, table in asked["cost"]["tables"].items()
-        },
-        "velocity_equation_solves": grown("velocity_equation_solves"),
-        "not_predicted": [a.name for a in analyses if a.name not in names],
+        "assembly_modes": mode_count if finds_modes else None,
+        "configurations": extrapolate("configurations"),
+        "tables": tables,
+        "velocity_equation_solves": extrapolate("velocity_equation_solves"),
+        "not_predicted": [a.name for a in analyses if a.name not in predicted_names],
     }
 
 
-def shortened(study: Study, samples: int) -> Study:
-    """Return the study with so many of its samples, along a path through its ranges."""
+def _entry(cost: Facts, keys: Sequence[str]) -> Any:
+    """Return the entry of nested dictionaries at a sequence of keys."""
+    entry: Any = cost
+    for key in keys:
+        entry = entry[key]
+    return entry
+
+
+def shorten_study(study: Study, samples: int) -> Study:
+    """Return a study with fewer samples, along a path through its ranges."""
     path = study.path
     if path is not None:
         path = path[np.linspace(0, len(path) - 1, samples).astype(int)]
     return replace(study, samples=samples, grid=False, path=path, verify=None)
 
 
-def extrapolated_recording(
+def predict_recording(
     study: Study,
     analyses: Analyses,
-    made: Callable[[int], Any],
+    make_recorder: Callable[[int], Any],
 ) -> dict[str, int]:
-    """Return the entities, rows and bytes that the recording of a study will have.
+    """Predict the entities, rows and bytes of the recording of a study.
 
-    From two short ones. `made` gives a recorder of `spherekit.display` for each.
+    `make_recorder` returns a recorder of `spherekit.display` for a number of samples.
     """
+    short_count = MEASURED_RECORDING_SAMPLES
     costs: list[dict[str, int]] = []
-    for samples in (SHORT, 2 * SHORT):
-        with made(samples) as recorder:
-            executed(shortened(study, samples), analyses, Execution(recorder=recorder))
+    for samples in (short_count, 2 * short_count):
+        with make_recorder(samples) as recorder:
+            run_study(shorten_study(study, samples), analyses, Execution(recorder=recorder))
             costs.append(recorder.cost)
-    one, two = costs
+    shorter, longer = costs
     total = study.count
-    more = -(-total // -(-total // MOST_LOGGED)) / SHORT - 1.0
-    return {key: round(one[key] + more * (two[key] - one[key])) for key in one}
+    # A long run records one of several successive samples.
+    every = -(-total // MAX_RECORDED_SAMPLES)
+    recorded_samples = -(-total // every)
+    growth_factor = recorded_samples / short_count - 1.0
+    return {
+        key: round(shorter[key] + growth_factor * (longer[key] - shorter[key]))
+        for key in shorter
+    }

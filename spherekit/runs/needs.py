@@ -1,4 +1,4 @@
-"""What an analysis declares to read."""
+"""The declaration of what an analysis reads."""
 
 from dataclasses import dataclass
 
@@ -7,19 +7,43 @@ from spherekit.planning.pole_plan import Pole
 
 @dataclass(frozen=True)
 class Needs:
-    """What an analysis reads, by link numbers, pair names and link names.
+    """Declares which quantities an analysis reads from a `Batch`.
 
-    `directions`: poles whose axis direction is wanted. `rates`: poles whose velocity
-    coefficient is wanted too; with `derivatives`, also its derivative by the input.
-    `turns`: poles whose direction's derivative is wanted, with `derivatives`.
-    `planes`: poles whose two great circles are wanted. `link_rates`: links whose angular
-    velocity per unit rate of the input is wanted, `pair_rates`: pairs whose variable's
-    rate is; with `derivatives`, also the derivative of the former. `pair_values`,
-    `rotations`: pairs and links. `continued_values`: pairs whose variable is wanted
-    without jumps of a turn. All five by name. `time`: when the rows happen, with
-    the rates and accelerations of the inputs. `tracer`: what finds configurations, for
-    an analysis that asks for more of them than the samples; `links` are the numbers of
-    those whose motion relative to the input it asks about, none if about all.
+    A run evaluates only what its analyses declare. A pole is a pair of link numbers; pairs
+    and other links are given by name.
+
+    Attributes
+    ----------
+    directions
+        Poles whose axis direction is read.
+    rates
+        Poles whose direction and velocity coefficient are read. With `derivatives` their
+        acceleration coefficient can be read too.
+    derivatives
+        Whether derivatives with respect to the input are read, of what `rates`, `turns`
+        and `link_rates` name.
+    planes
+        Poles whose two great circles are read.
+    pair_values
+        Pairs whose variable is read, in rad within (-pi, pi].
+    continued_values
+        Pairs whose variable is read without jumps of whole revolutions.
+    rotations
+        Links whose rotation matrix is read.
+    link_rates
+        Links whose angular velocity per unit rate of the input is read.
+    pair_rates
+        Pairs whose rate per unit rate of the input is read.
+    time
+        Whether the time of each row and the rates and accelerations of the inputs are read.
+    tracer
+        Whether the analysis uses the position analysis of the run, in order to compute
+        other configurations than those of the samples.
+    turns
+        Poles whose derivative of the axis direction is read. Needs `derivatives`.
+    links
+        Numbers of the links that an analysis with `tracer` reads. If it is empty, the
+        analysis reads the whole mechanism.
     """
 
     directions: frozenset[Pole] = frozenset()
@@ -37,7 +61,7 @@ class Needs:
     links: frozenset[int] = frozenset()
 
     def union(self, other: "Needs") -> "Needs":
-        """Return what two analyses need together."""
+        """Return the needs of two analyses together."""
         return Needs(
-            **{name: held | getattr(other, name) for name, held in vars(self).items()}
+            **{name: value | getattr(other, name) for name, value in vars(self).items()}
         )

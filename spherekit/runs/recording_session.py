@@ -1,4 +1,4 @@
-"""What of a run goes to a recorder: the scenes of every sample, or of every k-th."""
+"""Passes the scenes of a run to a recorder, for every sample or for every k-th sample."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,22 +22,23 @@ from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Axis, Scene
 from spherekit.version import __version__
 
-MOST_LOGGED = 20_000
-"""Samples of an assembly mode that go to a recording unless more are asked for.
+MAX_RECORDED_SAMPLES = 20_000
+"""Samples of each assembly mode in a recording, unless `log_every` says otherwise.
 
-With all its poles a four-bar then takes 31 MB.
+A recording of a four-bar with all its poles then takes 31 MB. Larger: larger files;
+smaller: fewer of the successive samples are shown.
 """
 
 
 class Recorder(Protocol):
-    """What a run tells a viewer while it goes on; see `spherekit.display`.
+    """A viewer or file that receives the scenes of a run; see `spherekit.display`.
 
-    One that counts has a `finish`, which makes the recording whole, and then its `cost`:
-    entities and rows logged, and bytes of the file.
+    A recorder that counts has two more members: `finish`, which completes the recording,
+    and `cost`, the entities, rows and bytes that it has written.
     """
 
     def start(self, head: RecordingHead) -> None:
-        """Take what is known before the first block."""
+        """Receive what is known before the first block."""
 
     def log(
         self,
@@ -46,16 +47,20 @@ class Recorder(Protocol):
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Take one block of one mode: sample numbers (k,), inputs (k,) rad, times s.
+        """Receive one block of one assembly mode.
 
-        What stands still, and is known after the start only, has no samples.
+        `samples` (k,) are sample numbers, `inputs` (k,) are in rad and `times` (k,) in s.
+        A scene that does not move, and is known only after the start, has no samples.
         """
 
 
 class RecordingSession:
-    """Tells a recorder of a run: what stands still at once, what moves block by block.
+    """Passes what a run shows to its recorder.
 
-    One of `every` so many samples is logged along rows of neighbours, and a path's last.
+    The ground and the graph are passed at the start; links and the scenes of analyses are
+    passed block by block. Of successive samples one in `every` is recorded. In a grid of
+    inputs the count starts again in each row of the grid; along a path of samples the last
+    sample is recorded too.
     """
 
     def __init__(
@@ -63,22 +68,46 @@ class RecordingSession:
         analyses: Sequence[str],
         recorder: Recorder,
         every: int | None,
-        course: Sampling,
+        sampling: Sampling,
         plans: Sequence[Plan],
-        first: int = 0,
+        first_sample: int = 0,
     ) -> None:
-        """Start the recording of samples from `first` on."""
-        mechanism = course.tracer.mechanism
-        self._recorder, self._course, self._first = recorder, course, first
-        self._every = every or -(-len(course) // MOST_LOGGED)
-        self._row = course.shape[-1] if len(course.shape) > 1 else None
-        self._shapes = link_shapes(mechanism)
-        self._passed = 0
-        logged = self._is_logged(np.arange(len(course)))
-        times = course.t
-        self._times = None if times is None else times[logged]
-        single = times is None and course.inputs.shape[1] == 1
-        self._inputs = course.inputs[logged, 0] if single else None
+        """Start the recording.
+
+        Parameters
+        ----------
+        analyses
+            Names of the analyses, which the recording states.
+        recorder
+            Receives the scenes.
+        every
+            Number of successive samples of which one is recorded. By default it is chosen
+            for at most `MAX_RECORDED_SAMPLES` in each assembly mode.
+        sampling
+            The samples of the whole run.
+        plans
+            The plan of the poles for each input that moves.
+        first_sample
+            The first sample of a resumed run.
+        """
+        mechanism = sampling.position_analysis.mechanism
+        self._recorder = recorder
+        self._sampling = sampling
+        self._first_sample = first_sample
+        self._every = every or -(-len(sampling) // MAX_RECORDED_SAMPLES)
+        # Samples in a row of a grid of inputs; None along a path.
+        self._row_length = sampling.shape[-1] if len(sampling.shape) > 1 else None
+        self._link_shapes = link_shapes(mechanism)
+        # Samples of an unfinished simulation that are already shown.
+        self._shown_count = 0
+
+        is_recorded = self._is_recorded(np.arange(len(sampling)))
+        times = sampling.t
+        self._times = None if times is None else times[is_recorded]
+        # With several inputs, or over time, no single input orders the samples.
+        has_one_input = times is None and sampling.inputs.shape[1] == 1
+        self._inputs = sampling.inputs[is_recorded, 0] if has_one_input else None
+
         properties = {
             "spherekit": __version__,
             "mechanism_hash": mechanism_hash(mechanism),
@@ -86,102 +115,135 @@ class RecordingSession:
         }
         if self._every > 1:
             properties["logged"] = f"one of {self._every} successive samples"
-        if first:
-            properties["resumed"] = f"samples before {first} are not in this recording"
+        if first_sample:
+            properties["resumed"] = (
+                f"samples before {first_sample} are not in this recording"
+            )
+        recorded_row_length = None
+        if self._row_length is not None:
+            recorded_row_length = -(-self._row_length // self._every)
         recorder.start(
             RecordingHead(
-                [
-                    static_scene(plans, self._shapes),
+                scenes=[
+                    static_scene(plans, self._link_shapes),
                     replace(graph_scene(mechanism), source=MOTION),
                 ],
-                self._inputs,
-                course.titles,
-                properties,
-                course.middle,
-                None if self._row is None else -(-self._row // self._every),
-                self._times,
+                inputs=self._inputs,
+                assembly_modes=sampling.mode_titles,
+                properties=properties,
+                focus=sampling.mean_axis_direction,
+                row=recorded_row_length,
+                times=self._times,
             )
         )
 
     def summary(self) -> dict[str, int]:
-        """Return what the recording leaves out."""
-        return {"one_of": self._every, "from_sample": self._first}
+        """Return which samples the recording has, ready for JSON."""
+        return {"one_of": self._every, "from_sample": self._first_sample}
 
-    def seen(self, course: Sampling) -> None:
-        """Log the links at samples that a simulation has passed while it is solved."""
-        assert course.t is not None and course.simulation is not None
-        new = np.arange(
-            self._passed, np.searchsorted(course.t, course.simulation.end.t), self._every
-        )
-        if new.size:
-            self._course = course
-            motion = course.motion_at(new)
-            self._passed += self._every * len(new)
-            self.scenes(motion_scenes(motion, self._shapes), motion, MOTION)
+    def show_simulation_progress(self, sampling: Sampling) -> None:
+        """Show the links at samples that an unfinished simulation has passed.
 
-    def solved(self, course: Sampling) -> None:
-        """Go on with what is solved; links seen after its end are hidden."""
-        late = np.arange(len(self._course))[len(course) - 1 : self._passed]
-        if late.size:
-            gone = self._course.motion_at(late)
-            gone = replace(gone, placed=np.full_like(gone.placed, np.nan))
-            self.scenes(motion_scenes(gone, self._shapes), gone, MOTION)
-        self._course = course
+        They are shown before their poles are evaluated, so that a viewer follows a long
+        simulation. `use_final_sampling` ends this.
+        """
+        assert sampling.t is not None and sampling.simulation is not None
+        passed_count = np.searchsorted(sampling.t, sampling.simulation.end.t)
+        new_samples = np.arange(self._shown_count, passed_count, self._every)
+        if new_samples.size:
+            self._sampling = sampling
+            motion = sampling.motion_at(new_samples)
+            self._shown_count += self._every * len(new_samples)
+            self.record_scenes(motion_scenes(motion, self._link_shapes), motion, MOTION)
 
-    def motion(self, motion: Motion) -> None:
-        """Log the links of a block."""
-        motion, _ = self._chosen(motion)
+    def use_final_sampling(self, sampling: Sampling) -> None:
+        """Record the samples of a finished simulation from now on.
+
+        The finished simulation can end earlier than the one that was shown. Links at
+        samples after its end are hidden.
+        """
+        shown_after_end = np.arange(len(self._sampling))[
+            len(sampling) - 1 : self._shown_count
+        ]
+        if shown_after_end.size:
+            motion = self._sampling.motion_at(shown_after_end)
+            motion = replace(motion, placed=np.full_like(motion.placed, np.nan))
+            self.record_scenes(motion_scenes(motion, self._link_shapes), motion, MOTION)
+        self._sampling = sampling
+
+    def record_motion(self, motion: Motion) -> None:
+        """Record the links of a block."""
+        motion, _ = self._recorded_part(motion)
         if not motion.samples:
             return
-        for scene in motion_scenes(motion, self._shapes, self._course.timed):
+        for scene in motion_scenes(motion, self._link_shapes, self._sampling.is_over_time):
             self._log(replace(scene, source=MOTION), motion)
 
-    def scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
-        """Log what an analysis of this name shows of a block."""
-        motion, shown = self._chosen(motion)
+    def record_scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
+        """Record the scenes of a block; `source` is the name of their analysis."""
+        motion, is_recorded = self._recorded_part(motion)
         for scene in scenes:
-            self._log(replace(scene.thinned(shown), source=source), motion)
+            self._log(replace(scene.thinned(is_recorded), source=source), motion)
 
-    def _chosen(self, motion: Motion) -> tuple[Motion, Bools]:
-        """Return a block at the samples that are logged, and which (n,) these are."""
-        chosen = self._is_logged(motion.sample)
-        shown = chosen[: motion.samples]
-        if not np.all(shown):
-            motion = replace(motion.rows(chosen), samples=int(np.sum(shown)))
-        return motion, shown
+    def _recorded_part(self, motion: Motion) -> tuple[Motion, Bools]:
+        """Return the recorded samples of a block, and which of its samples (k,) they are.
 
-    def _is_logged(self, sample: Integers) -> Bools:
-        """Return (n,) whether samples (n,) are logged."""
-        last = (sample == len(self._course) - 1) & (self._row is None)
-        return (sample % (self._row or len(self._course)) % self._every == 0) | last
+        All assembly modes have the same samples, so the first mode decides.
+        """
+        is_recorded_row = self._is_recorded(motion.sample)
+        is_recorded = is_recorded_row[: motion.samples]
+        if not np.all(is_recorded):
+            motion = replace(motion.rows(is_recorded_row), samples=int(np.sum(is_recorded)))
+        return motion, is_recorded
+
+    def _is_recorded(self, sample: Integers) -> Bools:
+        """Return (n,) whether the samples with the numbers (n,) are recorded."""
+        sample_count = len(self._sampling)
+        is_last_of_path = (sample == sample_count - 1) & (self._row_length is None)
+        index_in_row = sample % (self._row_length or sample_count)
+        return (index_in_row % self._every == 0) | is_last_of_path
 
     def _log(self, scene: Scene, motion: Motion) -> None:
-        k = motion.samples
+        """Pass a scene to the recorder, with the samples of a block of recorded rows.
+
+        A scene over an axis of its own, such as a parameter of a curve, has no samples. Its
+        points are spread evenly over the timeline of the recording.
+        """
+        count = motion.samples
         timing = motion.timing
         if scene.over:
-            k = len(scene.over[0].values)
-            spread = (
-                None if line is None else np.linspace(line[0], line[-1], k + 1)[:-1]
-                for line in (self._inputs, self._times)
+            count = len(scene.over[0].values)
+            self._recorder.log(
+                scene,
+                np.arange(count),
+                _spread_evenly(self._inputs, count),
+                _spread_evenly(self._times, count),
             )
-            self._recorder.log(scene, np.arange(k), *spread)
-        elif k:
-            inputs = None if self._inputs is None else motion.q[:k]
-            times = None if self._times is None or timing is None else timing.t[:k]
+        elif count:
+            inputs = None if self._inputs is None else motion.q[:count]
+            times = None if self._times is None or timing is None else timing.t[:count]
             scene = replace(scene, over=self._axes(motion))
-            self._recorder.log(scene, motion.sample[:k], inputs, times)
+            self._recorder.log(scene, motion.sample[:count], inputs, times)
 
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
-        """Return what the samples of a block run over: the time, or each input."""
-        k = motion.samples
-        times = self._course.t
+        """Return the axes over which the samples of a block are drawn: time, or inputs."""
+        count = motion.samples
+        times = self._sampling.t
         if times is not None and motion.timing is not None:
-            return (Axis("time", "s", motion.timing.t[:k], (times[0], times[-1])),)
+            return (Axis("time", "s", motion.timing.t[:count], (times[0], times[-1])),)
         names = motion.mechanism.input_pairs
         label = "input {}" if len(names) == 1 else "{}"
+        input_ranges = self._sampling.extents[0].T.tolist()
         return tuple(
-            Axis(label.format(name), "rad", values, span)
-            for name, values, span in zip(
-                names, motion.inputs[:k].T, self._course.extents[0].T.tolist(), strict=True
+            Axis(label.format(name), "rad", values, input_range)
+            for name, values, input_range in zip(
+                names, motion.inputs[:count].T, input_ranges, strict=True
             )
         )
+
+
+def _spread_evenly(timeline: Floats | None, count: int) -> Floats | None:
+    """Return `count` values from the first value of a timeline on, before its last one."""
+    if timeline is None:
+        return None
+    return np.linspace(timeline[0], timeline[-1], count + 1)[:-1]

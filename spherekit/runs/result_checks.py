@@ -10,8 +10,8 @@ from spherekit.arrays import Array
 from spherekit.errors import PluginError
 from spherekit.numerics.lazy_columns import Interleaved
 from spherekit.runs.analysis_faults import faults_of
+from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis, Findings
-from spherekit.runs.table_scenes import Batch
 from spherekit.scenes.scene import Scene
 from spherekit.scenes.scene_checks import check_scene
 from spherekit.tables.table import TYPES, Column, Table, TableData, row_count

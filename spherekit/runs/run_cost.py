@@ -1,4 +1,4 @@
-"""What a run evaluates: counts of a request, and seconds by stage while it goes on."""
+"""The cost of a run: numbers of evaluated poles and rates, and the time of each stage."""
 
 import time
 from collections.abc import Iterator
@@ -15,61 +15,76 @@ TABLES = "tables"
 REST = "rest"
 
 
-def counts_of(wanted: Request) -> dict[str, int]:
-    """Return what a request evaluates at each configuration; nothing if it wants none.
+def count_evaluations(request: Request) -> dict[str, int]:
+    """Count what a request evaluates at each configuration while one input moves.
 
-    `poles` are all pole axes: `primary`, `secondary` and `irreducible` ones are taken from
-    pairs, from two great circles, and from irreducible parts. `great_circles` are all that
-    are compared, `link_rates` the bodies whose angular velocity is found;
-    `axis_derivatives` and `rate_derivatives` count the axes and the angular velocities that
-    are differentiated.
+    All counts are zero if the request asks for no poles.
+
+    Returns
+    -------
+    dict
+        ``poles`` is the number of pole axes. They are ``primary`` (axes of pairs),
+        ``secondary`` (intersections of two great circles) or ``irreducible`` (solved from
+        the velocity equations of a part that great circles cannot resolve).
+        ``great_circles`` counts all circles that are compared for secondary poles, and
+        ``link_rates`` the links whose angular velocity is computed. ``axis_derivatives``
+        and ``rate_derivatives`` count the axes and the angular velocities whose derivative
+        with respect to the input is computed.
     """
-    steps = wanted.plan.steps if wanted.poles else ()
-    lines = [step for step in steps if isinstance(step, LinePole)]
-    blocks = [step for step in steps if isinstance(step, BlockPoles)]
-    irreducible = sum(len(step.poles) for step in blocks)
-    primary = len(steps) - len(lines) - len(blocks)
-    poles = primary + len(lines) + irreducible
-    rates = len(wanted.bodies) if wanted.poles else 0
+    steps = request.plan.steps if request.poles else ()
+    circle_steps = [step for step in steps if isinstance(step, LinePole)]
+    irreducible_steps = [step for step in steps if isinstance(step, BlockPoles)]
+
+    primary_count = len(steps) - len(circle_steps) - len(irreducible_steps)
+    irreducible_count = sum(len(step.poles) for step in irreducible_steps)
+    pole_count = primary_count + len(circle_steps) + irreducible_count
+    link_count = len(request.bodies) if request.poles else 0
     return {
-        "poles": poles,
-        "primary": primary,
-        "secondary": len(lines),
-        "irreducible": irreducible,
-        "great_circles": sum(len(step.via) + len(step.contacts) for step in lines),
-        "link_rates": rates,
-        "axis_derivatives": poles * wanted.derivatives,
-        "rate_derivatives": rates * wanted.derivatives,
+        "poles": pole_count,
+        "primary": primary_count,
+        "secondary": len(circle_steps),
+        "irreducible": irreducible_count,
+        "great_circles": sum(len(step.via) + len(step.contacts) for step in circle_steps),
+        "link_rates": link_count,
+        "axis_derivatives": pole_count * request.derivatives,
+        "rate_derivatives": link_count * request.derivatives,
     }
 
 
 class Timer:
-    """Seconds that each stage took, by the clock on the wall."""
+    """Measures the wall-clock time in seconds of each stage of a run.
+
+    Attributes
+    ----------
+    seconds
+        Time of each stage in this process, by its name.
+    earlier_seconds
+        Time of each stage before a resumed run was stopped, by its name.
+    """
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
-        self.before: dict[str, float] = {}
-        self._started = time.perf_counter()
+        self.earlier_seconds: dict[str, float] = {}
+        self._start_time = time.perf_counter()
 
-    def closed(self) -> dict[str, float]:
-        """Return the seconds of all stages until now, with those of none as the rest.
+    def total_seconds(self) -> dict[str, float]:
+        """Return the time of each stage so far, with the earlier part of a resumed run.
 
-        Those that the same stages took `before`, in a part of the run that was stopped,
-        are added.
+        Time that belongs to no stage is listed under `REST`.
         """
-        rest = time.perf_counter() - self._started - sum(self.seconds.values())
-        seconds = self.seconds | {REST: rest}
+        elapsed = time.perf_counter() - self._start_time
+        seconds = self.seconds | {REST: elapsed - sum(self.seconds.values())}
         return {
-            name: self.before.get(name, 0.0) + seconds.get(name, 0.0)
-            for name in dict.fromkeys([*self.before, *seconds])
+            name: self.earlier_seconds.get(name, 0.0) + seconds.get(name, 0.0)
+            for name in dict.fromkeys([*self.earlier_seconds, *seconds])
         }
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Add the time of a block to a stage."""
-        before = self.seconds.setdefault(name, 0.0)
-        started = time.perf_counter()
+        """Add the time that the body of a `with` statement takes to a stage."""
+        seconds_before = self.seconds.setdefault(name, 0.0)
+        start_time = time.perf_counter()
         try:
             yield
         finally:
-            self.seconds[name] = before + time.perf_counter() - started
+            self.seconds[name] = seconds_before + time.perf_counter() - start_time

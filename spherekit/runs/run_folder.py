@@ -1,70 +1,67 @@
-"""Folders of runs and sweeps: what in them is whole, whose it is, and if there is room.
+"""The folder of a run: its lock, its journal and its results.
 
-The folder of a run is locked while it is written, with a journal of unfinished work.
-
-What is unfinished lies in a hidden folder within it. The journal says what of that counts,
-so that a run that was stopped at any moment, by whatever, can go on. Results appear in
-the folder together at the end, the summary last. Its signature says that a run wrote what
-it lists: nothing else is replaced or removed, and nothing behind a link.
+An unfinished run keeps its work in a hidden folder there. The rows in it are written by
+`table_store.py`.
 """
 
 import hashlib
 import json
 import os
-import platform
 import re
 import shutil
 import stat
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from spherekit.conventions import AnyPath
-from spherekit.errors import AnalysisError, OutputError
-from spherekit.mechanism.mechanism import Mechanism
-from spherekit.resources import usable_memory
+from spherekit.errors import OutputError
 from spherekit.storage.atomic_write import make_folder, refused, write_bytes
 from spherekit.storage.file_lock import locked
-from spherekit.tables.table import (
-    CHUNK,
-    FILE_SIZE,
-    Format,
-    Table,
-    TableData,
-    arrays,
-    formats_of,
-)
-from spherekit.tables.table_rows import in_modes, typed
-from spherekit.version import __version__
-from spherekit.wording import listing, size_text
+from spherekit.wording import listing
 
 WORK = ".spherekit-run"
+"""The hidden folder of unfinished work."""
+
 JOURNAL = "journal.json"
+"""File in `WORK` with the identity and the state of an unfinished run."""
+
 LOCK = "lock"
-MADE = "made"
+"""File in `WORK` that is locked while a run writes to the folder."""
+
+FINISHED = "made"
+"""Folder in `WORK` with the complete results, before they are moved to the run folder."""
+
 SUMMARY = "summary.json"
+
 SIGNATURE = "signature"
+"""Key in a summary of the checksum of its other entries."""
 
-BYTES = "bytes"
-"""Where a run signs the sizes of its files."""
+FILE_BYTES = "bytes"
+"""Key in a summary of the size of each file of the run."""
 
-OWN = re.compile(
+WORK_FILES = re.compile(
     r"lock|journal\.json|[^/]*\.(rows|parquet)|\.[^/]*\.part"
     r"|made/([^/]*\.(csv|parquet)|summary\.json|\.[^/]*\.part)"
 )
-"""Files that a run makes in the hidden folder, and in that of finished files there."""
+"""Paths of the files that runs make in `WORK`."""
 
 Unfinished = Literal["refuse", "resume", "discard"]
 """What to do with the unfinished work in a folder."""
 
 
 class RunFolder:
-    """A folder for the results of one run, which holds its lock."""
+    """A folder for the results of one run, which is locked by this process.
+
+    Files that no run has written are never replaced or removed. A file counts as written by
+    a run if a signed summary lists it with its size.
+
+    Parameters
+    ----------
+    path
+        The folder. Use `open`, which also locks it.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -73,194 +70,198 @@ class RunFolder:
 
     @classmethod
     @contextmanager
-    def opened(cls, place: AnyPath) -> "Iterator[RunFolder]":
-        """Make and lock a folder; leave in it no more than results, or work to go on with.
+    def open(cls, path: AnyPath) -> "Iterator[RunFolder]":
+        """Create and lock a folder, and tidy it up at the end of a `with` statement.
+
+        At the end the folder has results, or work that can be resumed, and nothing else of
+        a run.
 
         Raises
         ------
         OutputError
-            If it cannot be written, another program writes there, or it has a summary or a
-            hidden folder that no run has made.
+            If the folder cannot be written, another program writes to it, or it has a
+            summary or a hidden folder that no run has written.
         """
-        folder = cls(make_folder(place))
-        if others := foreign(folder.work, OWN, re.compile(MADE)):
+        run_folder = cls(make_folder(path))
+        foreign_files = find_foreign_files(
+            run_folder.work, WORK_FILES, re.compile(FINISHED)
+        )
+        if foreign_files:
             raise OutputError(
-                f"{str(folder.work)!r}: runs make no {listing(others, 4)} there: it stays "
-                "as it is; choose another folder for the results, or move it away"
+                f"{str(run_folder.work)!r}: runs make no {listing(foreign_files, 4)} there"
+                ": it stays as it is; choose another folder for the results, or move it "
+                "away"
             )
-        lock = locked(folder.work / LOCK)
+        lock = locked(run_folder.work / LOCK)
         if isinstance(lock, str):
             raise OutputError(
-                f"{str(folder.path)!r}: {lock} is writing there; wait for its end, or "
+                f"{str(run_folder.path)!r}: {lock} is writing there; wait for its end, or "
                 "choose another folder"
             )
         try:
-            folder.claim([SUMMARY])
-            if _content(folder.work / MADE / SUMMARY):  # it was stopped as results moved
-                folder.publish()
-                folder.discard()
-            yield folder
+            run_folder.refuse_foreign_results([SUMMARY])
+            if run_folder._has_finished_results:
+                # A run was stopped while its complete results were moved. Move the rest.
+                run_folder.publish()
+                run_folder.discard_work()
+            yield run_folder
         finally:
-            kept = folder.unfinished or _content(folder.work / MADE / SUMMARY)
-            if not kept:
-                folder.discard()
+            if not (run_folder.has_unfinished_work or run_folder._has_finished_results):
+                run_folder.discard_work()
                 with suppress(OSError):  # Windows removes no open file
-                    (folder.work / LOCK).unlink(missing_ok=True)
+                    (run_folder.work / LOCK).unlink(missing_ok=True)
             lock.release()
-            with suppress(OSError):  # what is kept is in it
-                folder.work.rmdir()
+            with suppress(OSError):  # the folder is not empty if work is kept
+                run_folder.work.rmdir()
 
     @property
-    def unfinished(self) -> bool:
-        """Whether a run was stopped here."""
-        return has_unfinished(self.path)
+    def has_unfinished_work(self) -> bool:
+        """Whether a run was stopped here and can be resumed."""
+        return has_unfinished_work(self.path)
 
-    def read(self) -> dict[str, Any]:
-        """Return what the journal says.
+    @property
+    def _has_finished_results(self) -> bool:
+        """Whether complete results wait to be moved. Their summary is written last."""
+        return bool(_signed_summary(self.work / FINISHED / SUMMARY))
+
+    def read_journal(self) -> dict[str, Any]:
+        """Return the entries of the journal.
 
         Raises
         ------
         OutputError
-            If it is damaged.
+            If the journal is damaged.
         """
         try:
             content = json.loads(self._journal.read_bytes())
-            state = content["state"]
-            whole = content["sha256"] == _digest(state)
+            entries = content["state"]
+            is_intact = content["sha256"] == _checksum(entries)
         except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-            raise self.damaged(f"the journal does not read: {error}") from None
-        if not whole or not isinstance(state, dict):
-            raise self.damaged("the checksum of the journal is wrong")
-        return state
+            raise self.damage_error(f"the journal does not read: {error}") from None
+        if not is_intact or not isinstance(entries, dict):
+            raise self.damage_error("the checksum of the journal is wrong")
+        return entries
 
-    def damaged(self, why: str) -> OutputError:
-        """Return the error that says that the unfinished work cannot be used."""
+    def damage_error(self, reason: str) -> OutputError:
+        """Return the error which says that the unfinished work cannot be used."""
         return OutputError(
             f"{str(self.path)!r}: the unfinished run there cannot go on, since what it has "
-            f'kept is damaged ({why}); begin again with --restart (unfinished="discard")'
+            f'kept is damaged ({reason}); begin again with --restart (unfinished="discard")'
         )
 
-    def write(self, state: Mapping[str, Any]) -> None:
-        """Write the journal, whole or not at all."""
-        content = {"sha256": _digest(state), "state": state}
+    def write_journal(self, entries: Mapping[str, Any]) -> None:
+        """Write the journal. If this is interrupted, the earlier journal stays."""
+        content = {"sha256": _checksum(entries), "state": entries}
         write_bytes(self._journal, json.dumps(content).encode())
 
-    def discard(self) -> None:
-        """Remove unfinished work, the journal first; the lock stays."""
+    def discard_work(self) -> None:
+        """Remove unfinished work, but not the lock.
+
+        The journal is removed first, so that an interrupted removal leaves no journal
+        without its files.
+        """
         with suppress(OSError):
             self._journal.unlink(missing_ok=True)
         for path in self.work.iterdir():
-            if path.name != LOCK:
-                with suppress(OSError):
-                    shutil.rmtree(path) if path.is_dir() else path.unlink()
+            if path.name == LOCK:
+                continue
+            with suppress(OSError):
+                if path.is_dir():
+                    shutil.rmtree(path)
+                else:
+                    path.unlink()
 
-    def claim(self, names: Iterable[str]) -> None:
-        """Raise `OutputError` if results of these names would replace what no run made."""
-        record = self.path / SUMMARY
-        owned = {*self._made(record), *self._made(self.work / MADE / SUMMARY)}
-        if _content(record):
-            owned.add(SUMMARY)
-        others = [x for x in names if x not in owned and os.path.lexists(self.path / x)]
-        if others:
+    def refuse_foreign_results(self, names: Iterable[str]) -> None:
+        """Raise `OutputError` if files of these names exist that no run has written."""
+        summary_path = self.path / SUMMARY
+        replaceable = {
+            *self._written_files(summary_path),
+            # Those that an interrupted `publish` has already moved.
+            *self._written_files(self.work / FINISHED / SUMMARY),
+        }
+        if _signed_summary(summary_path):
+            replaceable.add(SUMMARY)
+        foreign_files = [
+            name
+            for name in names
+            if name not in replaceable and os.path.lexists(self.path / name)
+        ]
+        if foreign_files:
             raise OutputError(
-                f"{str(self.path)!r}: {listing(others, 4)} there would be replaced, and "
-                "no run has made that, by what is known; choose another folder, or move it "
-                "away"
+                f"{str(self.path)!r}: {listing(foreign_files, 4)} there would be replaced, "
+                "and no run has made that, by what is known; choose another folder, or "
+                "move it away"
             )
 
-    def _made(self, record: Path) -> list[str]:
-        """Return the names of results here that a summary lists, as they were made."""
+    def _written_files(self, summary_path: Path) -> list[str]:
+        """Return the files in this folder that a summary lists, if unchanged in size."""
         return [
             name
-            for name, size in _content(record).get(BYTES, {}).items()
-            if Path(name).name == name and _size(self.path / name) == size
+            for name, size in _signed_summary(summary_path).get(FILE_BYTES, {}).items()
+            if Path(name).name == name and _file_size(self.path / name) == size
         ]
 
     def publish(self) -> list[Path]:
-        """Move finished files from the work folder to where they belong.
+        """Move complete results from the work folder to the run folder.
 
-        The summary of an older run goes, after the files it lists; the new one is the last
-        that comes. So a folder with a summary holds the files of one run.
+        First the files of an older run are removed, and its summary after them. Then the
+        new files are moved, and their summary last. A folder with a summary therefore has
+        all files of one run, and no others.
+
+        Returns
+        -------
+        Paths of the files, the summary last.
 
         Raises
         ------
         OutputError
-            If a file cannot be moved, or would replace what no run has made.
+            If a file cannot be moved, or would replace a file that no run has written.
         """
-        made = self.work / MADE
-        listed = _content(made / SUMMARY)[BYTES]
-        names = [*(name for name in listed if Path(name).name == name), SUMMARY]
-        self.claim(names)
+        finished_folder = self.work / FINISHED
+        listed_names = _signed_summary(finished_folder / SUMMARY)[FILE_BYTES]
+        # Names with a folder in them cannot be from a run.
+        names = [*(name for name in listed_names if Path(name).name == name), SUMMARY]
+        self.refuse_foreign_results(names)
         try:
-            for name in [*self._made(self.path / SUMMARY), SUMMARY]:
+            for name in [*self._written_files(self.path / SUMMARY), SUMMARY]:
                 (self.path / name).unlink(missing_ok=True)
             for name in names:
-                if (made / name).exists():
-                    (made / name).replace(self.path / name)
+                # A file is missing here if an interrupted call has moved it.
+                if (finished_folder / name).exists():
+                    (finished_folder / name).replace(self.path / name)
         except OSError as error:
             raise refused(self.path, "written", error) from None
         return [self.path / name for name in names]
 
 
-def has_unfinished(path: Path) -> bool:
-    """Return whether a run was stopped in a folder and can go on."""
+def has_unfinished_work(path: Path) -> bool:
+    """Return whether a run was stopped in a folder and can be resumed."""
     return (path / WORK / JOURNAL).exists()
 
 
-def code_identity() -> dict[str, str]:
-    """Return what parts of results depend on besides what was asked: versions, machine."""
+def sign_summary(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a summary with a signature, by which later runs see that a run wrote it."""
+    # The checksum is that of the summary as it is read again: without tuples, for example.
+    return {**summary, SIGNATURE: _checksum(json.loads(json.dumps(summary)))}
+
+
+def _checksum(entries: object) -> str:
+    """Return the SHA-256 of entries as JSON with sorted keys."""
+    return hashlib.sha256(json.dumps(entries, sort_keys=True).encode()).hexdigest()
+
+
+def _signed_summary(path: Path) -> dict[str, Any]:
+    """Return the entries of a summary with a valid signature, otherwise {}."""
     try:
-        compiler = version("heyoka")
-    except PackageNotFoundError:
-        compiler = "none"
-    return {
-        "spherekit": __version__,
-        "numpy": np.__version__,
-        "scipy": version("scipy"),
-        "heyoka": compiler,
-        "texts_in_parts": "strings",
-        "machine": f"{platform.system()} {platform.machine()}",
-    }
-
-
-def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """Return in what two runs differ, in words; empty if in nothing."""
-    changes = []
-    for key in {**before, **now}:
-        old = before.get(key)
-        new = now.get(key)
-        if json.dumps(old) != json.dumps(new):
-            words = key.replace("_", " ")
-            changes.append(f"{words}: {_short(old)} there, {_short(new)} now")
-    return listing(changes, 4)
-
-
-def _short(value: object) -> str:
-    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _digest(state: object) -> str:
-    return hashlib.sha256(json.dumps(state, sort_keys=True).encode()).hexdigest()
-
-
-def signed(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a summary with the signature that says that a run wrote it."""
-    return {**summary, SIGNATURE: _digest(json.loads(json.dumps(summary)))}
-
-
-def _content(record: Path) -> dict[str, Any]:
-    """Return what a run has signed, nothing if none has."""
-    try:
-        content = json.loads(record.read_bytes())
-        whole = not record.is_symlink() and content.pop(SIGNATURE) == _digest(content)
+        entries = json.loads(path.read_bytes())
+        is_valid = not path.is_symlink() and entries.pop(SIGNATURE) == _checksum(entries)
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return {}
-    return content if whole else {}
+    return entries if is_valid else {}
 
 
-def _size(path: Path) -> int:
-    """Return the bytes of a file, -1 if there is none; a link is none."""
+def _file_size(path: Path) -> int:
+    """Return the size of a regular file in bytes, -1 if it is a link or missing."""
     try:
         status = path.lstat()
     except OSError:
@@ -268,144 +269,30 @@ def _size(path: Path) -> int:
     return status.st_size if stat.S_ISREG(status.st_mode) else -1
 
 
-def foreign(place: Path, files: re.Pattern[str], folders: re.Pattern[str]) -> list[str]:
-    """Return what lies in a folder and is a link, or is called as nothing of ours is."""
-    if place.is_symlink() or (place.exists() and not place.is_dir()):
-        return [f"link or file {place.name}"]
-    others = []
-    for path in place.rglob("*"):
-        name = path.relative_to(place).as_posix()
+def find_foreign_files(
+    folder: Path, files: re.Pattern[str], folders: re.Pattern[str]
+) -> list[str]:
+    """Return the paths in a folder that are links, or that we do not write there.
+
+    Parameters
+    ----------
+    folder
+        The folder to search, with all folders in it. It need not exist.
+    files, folders
+        Patterns of the relative paths of our files and folders.
+
+    Returns
+    -------
+    Relative paths, or a phrase if `folder` is itself a link or a file.
+    """
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        return [f"link or file {folder.name}"]
+    foreign_files = []
+    for path in folder.rglob("*"):
+        relative_path = path.relative_to(folder).as_posix()
         is_folder = path.is_dir()
-        called = (folders if is_folder else files).fullmatch(name)
-        if path.is_symlink() or not called or not (is_folder or _size(path) >= 0):
-            others.append(name)
-    return others
-
-
-class StoredParts:
-    """The tables of a run while it goes on: a file for each block of each table.
-
-    A file is there whole or not at all, with checksums; how many there are says `state`,
-    and others are overwritten. Memory does not grow with the rows. `more` says that other
-    blocks come, whose rows are read by assembly mode.
-    """
-
-    def __init__(
-        self, folder: Path, more: bool, state: Iterable[tuple[str, str, int]]
-    ) -> None:
-        self.folder = folder
-        self._more = more
-        self._parts = Counter({(name, table): parts for name, table, parts in state})
-
-    def state(self) -> list[Any]:
-        """Return how many parts each table has, ready for JSON."""
-        return [[*key, parts] for key, parts in self._parts.items()]
-
-    def add(self, analysis: str, table: Table, data: TableData) -> None:
-        """Write the rows of one block.
-
-        Raises
-        ------
-        OutputError
-            If the disk is full.
-        """
-        from spherekit.tables.table_files import write_columns
-
-        several = self._more and table.in_assembly_modes
-        columns, runs = in_modes(typed(table, arrays(data)), several)
-        groups = [
-            (mode, slice(start, min(start + CHUNK, rows.stop)))
-            for mode, rows in runs
-            for start in range(rows.start, rows.stop, CHUNK)
-        ]
-        key = analysis, table.name
-        write_columns(
-            self._path(key, self._parts[key]),
-            columns,
-            {MODES: [mode for mode, _ in groups]},
-            [rows for _, rows in groups],
-            "none",
-        )
-        self._parts[key] += 1
-
-    def pieces(self, analysis: str, table: Table) -> Iterator[Mapping[str, Any]]:
-        """Yield all rows, mode after mode; `FileError` if they are not what was written."""
-        from spherekit.tables.table_files import notes_of, pieces_in
-
-        key = analysis, table.name
-        paths = [self._path(key, number) for number in range(self._parts[key])]
-        groups = [
-            (mode, number, group)
-            for number, path in enumerate(paths)
-            for group, mode in enumerate(notes_of(path)[MODES])
-        ]
-        return pieces_in((paths[number], group) for _, number, group in sorted(groups))
-
-    @property
-    def size(self) -> int:
-        """Bytes of all files."""
-        return sum(path.stat().st_size for path in self.folder.glob("*.parquet"))
-
-    def _path(self, key: tuple[str, str], number: int) -> Path:
-        return self.folder / f"{'.'.join(key)}.{number:06d}.parquet"
-
-
-MODES = "modes"
-"""Where a file of a block says which assembly mode each group of its rows is of."""
-
-
-FRAMES_HELD = 8
-"""Frames held at once for each link and pair of a row: 5 to 7.6 were measured."""
-
-
-def memory_at_once(mechanism: Mechanism, rows: int) -> int:
-    """Return about how many bytes it takes to evaluate so many rows at once.
-
-    Frames (3, 3) of links and pairs are most of it.
-    """
-    return rows * FRAMES_HELD * 72 * (len(mechanism.links) + len(mechanism.pairs))
-
-
-def need_memory(mechanism: Mechanism, rows: int, whole: Sequence[str]) -> None:
-    """Raise `AnalysisError` if rows that analyses want at once need too much memory."""
-    wanted = memory_at_once(mechanism, rows)
-    there = usable_memory()
-    if there is not None and wanted > there:
-        raise AnalysisError(
-            f"{listing(whole)} looks at all samples at once: that takes about "
-            f"{size_text(wanted)} of memory for {rows} rows, and this process may use "
-            f"{size_text(there)}; ask for {max(1, int(rows * there / wanted / 2))} rows "
-            "(samples of all assembly modes) or fewer, or for one assembly mode"
-        )
-
-
-def need_disk(place: Path, held: float, whole: float, what: str, advice: str) -> None:
-    """Raise `OutputError` if the disk has no room for the whole, of which some is there."""
-    free = shutil.disk_usage(place).free
-    if whole - held > free:
-        raise OutputError(
-            f"{str(place)!r}: {what} will take about {size_text(whole)}, and the disk has "
-            f"{size_text(free)} left; {advice}"
-        )
-
-
-def need_disk_for_run(
-    store: StoredParts, done: int, total: int, formats: Sequence[Format] | None
-) -> None:
-    """Raise `OutputError` if the disk has no room for a whole run and its files.
-
-    Judged by the size of the store when `done` of `total` samples are done.
-    """
-    held = store.size
-    whole = held * total / done
-    formats = formats_of(formats, FILE_SIZE["csv"] * whole)
-    wanted = whole * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
-    less = size_text(whole * (1.0 + FILE_SIZE["parquet"]))
-    hint = f"; Parquet alone (--format parquet) takes {less}" if "csv" in formats else ""
-    need_disk(
-        store.folder.parent,
-        held,
-        wanted,
-        "the run, work and files together,",
-        f"choose another folder or fewer samples{hint}",
-    )
+        has_our_name = (folders if is_folder else files).fullmatch(relative_path)
+        is_plain = is_folder or _file_size(path) >= 0
+        if path.is_symlink() or not has_our_name or not is_plain:
+            foreign_files.append(relative_path)
+    return foreign_files

@@ -1,8 +1,7 @@
-"""The summary of a run: what was run, how far it came, what it found and what it took.
+"""The plan of a run: its analyses with their needs, the poles to evaluate, and the blocks.
 
-And what is said of rows that were verified in many digits.
-
-A run made ready: what is evaluated for whom, of which part, in which blocks.
+`make_run_plan` prepares a run over a `Sampling`. `extract_needed_part` reduces the
+mechanism to the links that the analyses need.
 """
 
 from collections import Counter
@@ -21,18 +20,20 @@ from spherekit.planning.submechanism import part_for
 from spherekit.positions.angle_unwrapping import LastAngles
 from spherekit.positions.motion import Motion
 from spherekit.runs.analysis_requests import requests_for
+from spherekit.runs.batch import Batch, ContinuedAngles, PoleFields, run_status
 from spherekit.runs.batch_runner import BatchRunner
 from spherekit.runs.contract import AbstractAnalysis, Analyses
 from spherekit.runs.declaration_checks import declared
 from spherekit.runs.evaluation_options import ORDINARY, Setting
 from spherekit.runs.needs import Needs
+from spherekit.runs.resource_checks import need_memory
 from spherekit.runs.result_checks import computed
-from spherekit.runs.run_folder import StoredParts, code_identity, need_memory
+from spherekit.runs.run_identity import code_identity
 from spherekit.runs.run_result import MOTION
-from spherekit.runs.run_state import RunState, digest, identities_of
+from spherekit.runs.run_state import RunState, describe_analyses, hash_array
 from spherekit.runs.sampled_poles import evaluate_sample
 from spherekit.runs.sampling import EVENTS, Sampling
-from spherekit.runs.table_scenes import Angles, Batch, Fields, run_status
+from spherekit.runs.table_store import TableStore
 from spherekit.symbolic.compiler import heyoka
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
@@ -47,206 +48,290 @@ from spherekit.tables.table import (
     TableData,
     input_columns,
 )
-from spherekit.tables.table_rows import InMemory, JoinedBlocks
+from spherekit.tables.table_rows import JoinedBlocks
 from spherekit.velocities.direction_signs import SignContinuation
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import Request
 
-Read = tuple[Motion, Fields, Angles]
-"""A motion, its poles for each input, and the variables that go on, by pair."""
+EvaluatedBlock = tuple[Motion, PoleFields, ContinuedAngles]
+"""The motion of a block, its poles for each moving input, and its continued angles."""
+
+
+@dataclass(frozen=True)
+class DeclaredNeeds:
+    """The needs of the analyses of a run.
+
+    Attributes
+    ----------
+    needs
+        The needs of each analysis, in their order.
+    refused
+        Reason why an analysis breaks the contract of plugins and is not run, by its name.
+    """
+
+    needs: Sequence[Needs]
+    refused: Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """What a run evaluates: analyses with their needs, a request for each input.
+    """What a run evaluates, and in which blocks.
 
-    By a `setting`; the motion is that of a `source`, of `block` samples at once. Analyses
-    that break the contract are `refused`, and not asked.
+    Attributes
+    ----------
+    sampling
+        The samples and the assembly modes.
+    analyses
+        The analyses to run.
+    needs
+        The needs of each analysis.
+    refused
+        Reason why an analysis is not run, by its name.
+    requests
+        The poles to evaluate, for each input that moves while the others are locked.
+    setting
+        How velocities are computed.
+    source
+        Computes the motion of blocks. A `BatchRunner` is faster for many samples.
+    block_size
+        Number of samples in a block.
+    whole_analyses
+        Names of the analyses that read all samples at once. There is one block then.
+    max_poles
+        Number of poles that are evaluated, if a run only measures the size of its tables.
+        The tables then have the right size, and wrong numbers. None for all poles.
     """
 
-    course: Sampling
+    sampling: Sampling
     analyses: Analyses
     needs: Sequence[Needs]
     refused: Mapping[str, str]
     requests: tuple[Request, ...]
     setting: Setting
     source: BatchRunner | Sampling
-    block: int
-    at_once: list[str]
-    """Names of the analyses that look at all samples at once."""
-    most_poles: int | None = None
-    """How many poles are evaluated, if only the size of tables is measured."""
+    block_size: int
+    whole_analyses: list[str]
+    max_poles: int | None = None
 
     @property
     def mechanism(self) -> Mechanism:
-        """The mechanism, driven as the run drives it."""
-        return self.course.tracer.mechanism
+        """The mechanism, with the inputs of the run."""
+        return self.sampling.position_analysis.mechanism
 
     @property
     def plans(self) -> tuple[Plan, ...]:
-        """The plan of each input that moves alone."""
-        return tuple(item.plan for item in self.requests)
+        """The plan of the poles for each input that moves."""
+        return tuple(request.plan for request in self.requests)
 
     @property
     def is_single_block(self) -> bool:
-        """Whether all samples are evaluated at once."""
-        return self.block >= len(self.course)
+        """Whether all samples are evaluated in one block."""
+        return self.block_size >= len(self.sampling)
 
-    def read(self, motions: Iterable[Motion]) -> Iterator[Read]:
-        """Yield motions that follow each other with what analyses read of them."""
-        signs = [SignContinuation() for _ in self.requests]
-        last = LastAngles()
+    def evaluate_blocks(self, motions: Iterable[Motion]) -> Iterator[EvaluatedBlock]:
+        """Evaluate successive blocks, beginning with the first block of a run."""
+        sign_continuations = [SignContinuation() for _ in self.requests]
+        last_angles = LastAngles()
         for motion in motions:
-            yield motion, self.fields(motion, signs), self.angles(motion, last)
+            pole_fields = self.evaluate_poles(motion, sign_continuations)
+            yield motion, pole_fields, self.continue_angles(motion, last_angles)
 
-    def fields(self, motion: Motion, memories: Sequence[SignContinuation]) -> Fields:
-        """Return the poles of a block of the source for each input that moves."""
+    def evaluate_poles(
+        self, motion: Motion, sign_continuations: Sequence[SignContinuation]
+    ) -> PoleFields:
+        """Evaluate the poles of a block, for each input whose request has poles.
+
+        `sign_continuations` has a memory for each request, which is updated in place. It
+        makes pole directions continuous from block to block.
+        """
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
-            return self.source.fields(motion, memories)
-        if self.most_poles is not None:
+            return self.source.fields(motion, sign_continuations)
+        if self.max_poles is not None:
             return tuple(
-                evaluate_sample(motion, item, self.most_poles)
-                for item in self.requests
-                if item.poles
+                evaluate_sample(motion, request, self.max_poles)
+                for request in self.requests
+                if request.poles
             )
         return tuple(
-            evaluate(motion, item, memory, self.setting.route, self.setting.engine)
-            for item, memory in zip(self.requests, memories, strict=True)
-            if item.poles
+            evaluate(motion, request, memory, self.setting.route, self.setting.engine)
+            for request, memory in zip(self.requests, sign_continuations, strict=True)
+            if request.poles
         )
 
-    def angles(self, motion: Motion, last: LastAngles) -> Angles:
-        """Return the variables that go on, by pair, at a block of the source."""
-        names = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
-        return self.course.angles(motion, sorted(names), last) if names else {}
+    def continue_angles(self, motion: Motion, last_angles: LastAngles) -> ContinuedAngles:
+        """Return the variables that analyses read without jumps of whole revolutions.
 
-    def batch(
+        `last_angles` are those at the end of the previous block, and are updated in place.
+        """
+        pairs = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
+        if not pairs:
+            return {}
+        return self.sampling.continue_angles(motion, sorted(pairs), last_angles)
+
+    def make_batch(
         self,
         analysis: AbstractAnalysis,
         motion: Motion,
-        fields: Fields,
-        angles: Angles,
+        pole_fields: PoleFields,
+        continued_angles: ContinuedAngles,
     ) -> Batch:
-        """Return what an analysis may read of a block."""
-        course = self.course
+        """Return the view of a block that an analysis may read."""
+        sampling = self.sampling
         return Batch(
             self.mechanism,
             self.plans,
             self.needs[self.analyses.index(analysis)],
             motion,
-            fields,
-            angles,
-            course.timed,
-            course.tracer,
-            course.extents,
+            pole_fields,
+            continued_angles,
+            sampling.is_over_time,
+            sampling.position_analysis,
+            sampling.extents,
         )
 
-    def given(self, analysis: AbstractAnalysis, batch: Batch) -> dict[str, TableData]:
-        """Return the tables that an analysis gives; see `computed` for what it raises."""
+    def compute_tables(
+        self, analysis: AbstractAnalysis, batch: Batch
+    ) -> dict[str, TableData]:
+        """Return the checked tables of an analysis; `computed` lists the errors."""
         return computed(analysis, self.tables_of(analysis), batch)
 
-    def collected(
+    def join_tables(
         self, analysis: AbstractAnalysis, batches: Iterable[Batch]
     ) -> dict[str, TableArrays]:
-        """Return the tables that an analysis gives of successive batches, in memory."""
-        given = [self.given(analysis, batch) for batch in batches]
+        """Compute the tables of successive batches, and return them joined, in memory."""
+        tables_by_batch = [self.compute_tables(analysis, batch) for batch in batches]
         return {
-            table.name: JoinedBlocks([tables[table.name] for tables in given], table)
+            table.name: JoinedBlocks(
+                [tables[table.name] for tables in tables_by_batch], table
+            )
             for table in self.tables_of(analysis)
         }
 
-    def hand_over(
+    def append_rows(
         self,
-        name: str,
+        analysis_name: str,
         table: Table,
         rows: TableData,
-        standing: RunState,
-        store: StoredParts | InMemory | None,
+        run_state: RunState,
+        table_store: TableStore | None,
         batch: Batch | None = None,
     ) -> None:
-        """Store and count rows of a block, with the names of assembly modes."""
-        if store is not None:
-            stored = table.with_names(self.mechanism)
-            names = {x.number: x.name for x in self.course.tracer.assembly_modes if x.name}
-            store.add(name, stored, stored.named(rows, names))
-        # Rows of an analysis that reads no samples are not those of the batch.
-        by_sample = all(x.reads_samples for x in self.analyses if x.name == name)
-        standing.add_rows(name, table, rows, batch, by_sample)
+        """Store the rows of a block, and count them in the state of the run.
+
+        Parameters
+        ----------
+        analysis_name
+            Name of the analysis, or `MOTION`.
+        table, rows
+            A declared table and its columns.
+        run_state
+            Its counts are updated in place.
+        table_store
+            Receives the rows with the names of assembly modes. None if no rows are kept.
+        batch
+            What the analysis has read, if failed rows are to be counted.
+        """
+        if table_store is not None:
+            mode_names = {
+                mode.number: mode.name
+                for mode in self.sampling.position_analysis.assembly_modes
+                if mode.name
+            }
+            stored_table = table.with_names(self.mechanism)
+            table_store.add(
+                analysis_name, stored_table, stored_table.named(rows, mode_names)
+            )
+        # An analysis that reads no samples can have rows of other configurations, even if
+        # it names samples.
+        has_rows_of_batch = all(
+            analysis.reads_samples
+            for analysis in self.analyses
+            if analysis.name == analysis_name
+        )
+        run_state.count_rows(analysis_name, table, rows, batch, has_rows_of_batch)
 
     @cached_property
     def identity(self) -> Facts:
-        """What makes the run the one it is, ready for JSON.
+        """Everything on which the results of the run depend, ready for JSON.
 
-        Two runs with the same identity give the same bits on one machine.
+        Runs with the same identity give the same bits on one machine. A stopped run is
+        resumed only with the same identity.
         """
-        course = self.course
+        sampling = self.sampling
+        position_analysis = sampling.position_analysis
+        simulation = sampling.simulation
+        timing = sampling.timing
         source = self.source
-        simulation = course.simulation
-        timing = course.timing
-        return code_identity() | {
+        modes = position_analysis.assembly_modes
+        identity = code_identity() | {
             "mechanism": self.mechanism.name,
             "mechanism_hash": mechanism_hash(self.mechanism),
-            "inputs": course.tracer.inputs,
-            "samples": "x".join(map(str, course.shape)),
-            "assembly_modes": [[m.number, m.label] for m in course.tracer.assembly_modes],
-            # Work of earlier versions has no such key.
-            **({"crossings": "pass"} if course.tracer.crossings == "pass" else {}),
-            "analyses": identities_of(self.analyses),
+            "inputs": position_analysis.inputs,
+            "samples": "x".join(map(str, sampling.shape)),
+            "assembly_modes": [[mode.number, mode.label] for mode in modes],
+        }
+        # Journals of earlier versions, which had no other crossings, have no such key.
+        if position_analysis.crossings == "pass":
+            identity["crossings"] = "pass"
+        return identity | {
+            "analyses": describe_analyses(self.analyses),
             "engine": None if simulation is None else simulation.engine.name,
-            "tolerance": course.tolerance,
+            "tolerance": sampling.tolerance,
             "setting": asdict(self.setting),
-            "over_time": course.timed,
-            "input_values": digest(course.inputs),
-            "times": [] if timing is None else [digest(x) for x in vars(timing).values()],
-            "samples_in_a_block": self.block,
+            "over_time": sampling.is_over_time,
+            "input_values": hash_array(sampling.inputs),
+            "times": []
+            if timing is None
+            else [hash_array(values) for values in vars(timing).values()],
+            "samples_in_a_block": self.block_size,
             "kernel": source.kernel.engine if isinstance(source, BatchRunner) else None,
         }
 
     def tables_of(self, analysis: AbstractAnalysis) -> tuple[Table, ...]:
-        """Return the tables of an analysis."""
+        """Return the declared tables of an analysis, with a column for each input."""
         return tuple(table.of(self.mechanism) for table in analysis.tables)
 
     @cached_property
     def motion_tables(self) -> tuple[Table, ...]:
-        """The table of the motion, and of what happened in a simulation.
+        """The table of configurations, and for a simulation the table of its events.
 
-        None where no motion is traced.
+        Empty if the run computes no motion.
         """
-        if not self.course.tracer.assembly_modes:
+        if not self.sampling.position_analysis.assembly_modes:
             return ()
-        events = [] if self.course.simulation is None else [EVENTS.of(self.mechanism)]
-        return motion_table(self.course), *events
+        if self.sampling.simulation is None:
+            return (motion_table(self.sampling),)
+        return (motion_table(self.sampling), EVENTS.of(self.mechanism))
 
     def tables(self, failed: Collection[str] = ()) -> Mapping[str, tuple[Table, ...]]:
-        """Return the tables of the motion and of all analyses but those that failed.
+        """Return the tables that are stored, by analysis, without those of failed analyses.
 
-        With the names of assembly modes.
+        The key of the motion is `MOTION`. Tables have a column for names of assembly modes
+        if the mechanism names any.
         """
-        plain = {MOTION: self.motion_tables} | {
+        declared_tables = {MOTION: self.motion_tables} | {
             analysis.name: self.tables_of(analysis)
             for analysis in self.analyses
             if analysis.name not in failed
         }
         return {
             name: tuple(table.with_names(self.mechanism) for table in tables)
-            for name, tables in plain.items()
+            for name, tables in declared_tables.items()
         }
 
 
-Asked = tuple[Sequence[Needs], Mapping[str, str]]
-"""What each analysis needs, and by name why those that break the contract go."""
+def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
+    """Ask each analysis for its needs, and check its declaration and parameters.
 
+    An analysis that breaks the contract of plugins is noted in the result; the others are
+    run.
 
-def needs_of_each(analyses: Analyses, mechanism: Mechanism) -> Asked:
-    """Return what each analysis needs, and by name why those that break the contract go.
-
-    All that can be said against them and their parameters has been said then. Errors as
-    `declared`, but for plugins' own; `AnalysisError` too where one is asked for twice: its
-    tables have one place.
+    Raises
+    ------
+    AnalysisError
+        If a parameter does not fit the mechanism, or two analyses have the same name.
     """
     mechanism = driven_at(mechanism)
-    needs = []
-    refused = {}
     for name, count in Counter(analysis.name for analysis in analyses).items():
         if count > 1:
             raise AnalysisError(
@@ -254,29 +339,42 @@ def needs_of_each(analyses: Analyses, mechanism: Mechanism) -> Asked:
                 "place; ask once, with lists joined by + (poles:only=31+42), or run "
                 "twice"
             )
+    needs = []
+    refused = {}
     for analysis in analyses:
         try:
             needs.append(declared(analysis, mechanism))
-        except PluginError as fault:
-            refused[analysis.name] = str(fault)
+        except PluginError as error:
+            refused[analysis.name] = str(error)
             needs.append(Needs())
-    return needs, refused
+    return DeclaredNeeds(needs, refused)
 
 
-def job_of(
-    course: Sampling,
+def make_run_plan(
+    sampling: Sampling,
     analyses: Analyses,
-    asked: Asked,
-    block: int | None = None,
+    declared_needs: DeclaredNeeds,
+    block_size: int | None = None,
     setting: Setting = ORDINARY,
-    all_links: bool = False,
+    shows_all_links: bool = False,
 ) -> RunPlan:
-    """Return the job of analyses over a course; `asked` is what `needs_of_each` gives.
+    """Prepare a run of analyses over samples.
 
-    A kernel may stand in for the best route at every sample.
-
-    `block` is the samples wanted at once, and `all_links` says whether scenes show all
-    links; see `spherekit.run` for the others.
+    Parameters
+    ----------
+    sampling
+        The samples and the assembly modes.
+    analyses
+        The analyses to run.
+    declared_needs
+        Their needs, from `collect_needs`.
+    block_size
+        Number of samples in a block. By default the source chooses it. An analysis that
+        reads all samples at once sets it to the number of samples.
+    setting
+        How velocities are computed. With the ordinary setting a kernel may be used.
+    shows_all_links
+        Whether the run is recorded or verified, so that rotations of all links are read.
 
     Raises
     ------
@@ -284,44 +382,59 @@ def job_of(
         If the setting does not apply, an analysis needs times and there are none, or all
         samples at once need more memory than there is.
     """
-    tracer = course.tracer
-    needs, refused = asked
-    for analysis, what in zip(analyses, needs, strict=True):
-        if what.time and course.timing is None:
+    position_analysis = sampling.position_analysis
+    for analysis, needs in zip(analyses, declared_needs.needs, strict=True):
+        if needs.time and sampling.timing is None:
             raise AnalysisError(
                 f"{analysis.name}: needs time, but with several inputs nothing says how "
                 "they move; give a law for every input, and a duration"
             )
-    together = reduce(Needs.union, needs, Needs())
-    wanted = requests_for(tracer.mechanism, together, tracer.by_rank)
-    source: BatchRunner | Sampling = course
+    all_needs = reduce(Needs.union, declared_needs.needs, Needs())
+    requests = requests_for(
+        position_analysis.mechanism, all_needs, position_analysis.by_rank
+    )
     if setting.engine == "compiled":
-        heyoka()
+        heyoka()  # raises EngineError if it is not installed
+
+    source: BatchRunner | Sampling = sampling
     if setting == ORDINARY:
-        moving = [item for item in wanted if item.poles]
-        ahead = not together.tracer
-        source = (
-            BatchRunner.of(
-                course,
-                moving,
-                all_links,
-                ahead,
-                together.time or all_links or course.timed,
-                bool(together.rotations),
-            )
-            or course
+        batch_runner = BatchRunner.prepare(
+            sampling,
+            [request for request in requests if request.poles],
+            is_recorded=shows_all_links,
+            # An analysis that uses the position analysis must not do so while another
+            # thread computes the next block with it.
+            looks_ahead=not all_needs.tracer,
+            needs_timing=all_needs.time or shows_all_links or sampling.is_over_time,
+            reads_frames=bool(all_needs.rotations),
         )
-    whole = [x.name for x in analyses if x.name not in refused and x.at_once]
-    if whole:
-        block = len(course)
-        need_memory(tracer.mechanism, block * len(tracer.assembly_modes), whole)
-    block = min(block or source.block, len(course))
-    return RunPlan(course, analyses, *asked, wanted, setting, source, block, whole)
+        source = batch_runner or sampling
+
+    whole_analyses = [
+        analysis.name
+        for analysis in analyses
+        if analysis.name not in declared_needs.refused and analysis.at_once
+    ]
+    if whole_analyses:
+        block_size = len(sampling)
+        row_count = block_size * len(position_analysis.assembly_modes)
+        need_memory(position_analysis.mechanism, row_count, whole_analyses)
+    return RunPlan(
+        sampling=sampling,
+        analyses=analyses,
+        needs=declared_needs.needs,
+        refused=declared_needs.refused,
+        requests=requests,
+        setting=setting,
+        source=source,
+        block_size=min(block_size or source.block_size, len(sampling)),
+        whole_analyses=whole_analyses,
+    )
 
 
-def motion_table(course: Sampling) -> Table:
-    """Return the table of the configurations of a course."""
-    mechanism = course.tracer.mechanism
+def motion_table(sampling: Sampling) -> Table:
+    """Return the table of configurations, with a column for each pair variable."""
+    mechanism = sampling.position_analysis.mechanism
     variables = [
         Column(name, "rad", f"variable of pair {pair}")
         for name, pair in zip(
@@ -336,7 +449,7 @@ def motion_table(course: Sampling) -> Table:
         (
             SAMPLE,
             ASSEMBLY_MODE,
-            *([TIME] if course.timed else []),
+            *([TIME] if sampling.is_over_time else []),
             INPUTS,
             *variables,
             RESIDUAL,
@@ -345,39 +458,43 @@ def motion_table(course: Sampling) -> Table:
     ).of(mechanism)
 
 
-def motion_rows(course: Sampling, motion: Motion, fields: Fields) -> TableArrays:
-    """Return the rows of a block of a course whose poles were found."""
-    mechanism = course.tracer.mechanism
+def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> TableArrays:
+    """Return the columns of `motion_table` for a block; status includes that of poles."""
+    mechanism = sampling.position_analysis.mechanism
+    times = {}
+    if sampling.is_over_time and motion.timing:
+        times = {"t": motion.timing.t}
     return {
         "sample": motion.sample,
         "assembly_mode": motion.assembly_mode,
-        **({"t": motion.timing.t} if course.timed and motion.timing else {}),
+        **times,
         **input_columns(mechanism, motion.inputs),
         **dict(zip(mechanism.variable_names, motion.values.T, strict=True)),
         "residual": motion.residual,
-        "status": run_status(motion, fields),
+        "status": run_status(motion, pole_fields),
     }
 
 
 def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
-    """Return the numbers of the links whose placement something declared depends on."""
+    """Return the numbers of the links whose configuration the declared needs depend on."""
     poles = needs.directions | needs.rates | needs.planes | needs.turns
     pairs = needs.pair_values | needs.continued_values | needs.pair_rates
-    ends = (mechanism.pair(pair).links for pair in pairs)
-    names = needs.rotations.union(needs.link_rates, *ends)
-    return needs.links.union(*poles, (mechanism.link_number[name] for name in names))
+    link_names = set(needs.rotations | needs.link_rates)
+    for pair in pairs:
+        link_names.update(mechanism.pair(pair).links)
+    return needs.links.union(*poles, (mechanism.link_number[name] for name in link_names))
 
 
-def needed_part(study: Study, analyses: Analyses) -> Mechanism:
-    """Return the mechanism of a study without what no analysis needs.
+def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
+    """Return the mechanism of a study without the groups of links that no analysis needs.
 
     Raises
     ------
     AnalysisError
-        If an analysis does not declare what it reads, so that it may read anything, or
-        the motion follows from loads on all links.
+        If an analysis reads the whole mechanism, or the motion follows from loads, which
+        can act on any link.
     PlanError
-        If there is not one freedom for each input.
+        If the mechanism has not as many degrees of freedom as inputs.
     """
     mechanism = study.mechanism
     if study.start is not None:
@@ -385,26 +502,29 @@ def needed_part(study: Study, analyses: Analyses) -> Mechanism:
             f"{mechanism.name}: a motion that follows from loads needs all links; run it "
             "without only_needed (--only-needed)"
         )
-    wanted: frozenset[int] = frozenset()
+    needed_links: frozenset[int] = frozenset()
     for analysis in analyses:
         try:
             needs = declared(analysis, mechanism)
         except PluginError:
-            continue  # the run says so
+            continue  # the run reports it
         links = links_of(mechanism, needs)
-        if not (needs.links if needs.tracer else links):
+        declared_links = needs.links if needs.tracer else links
+        if not declared_links:
             raise AnalysisError(
                 f"{analysis.name}: looks at the whole mechanism, so no part of it can be "
                 "left out; run it without only_needed (--only-needed)"
             )
-        wanted |= links
-    return part_for(mechanism, wanted)
+        needed_links |= links
+    return part_for(mechanism, needed_links)
 
 
-def left_out(whole: Mechanism, part: Mechanism) -> Facts:
-    """Return what a part lacks, with the fingerprint of the whole, ready for JSON."""
+def describe_left_out(whole: Mechanism, part: Mechanism) -> Facts:
+    """Return the links and pairs that a part lacks, and the hash of the whole, for JSON."""
     return {
         "mechanism_hash": mechanism_hash(whole),
         "left_out_links": [link for link in whole.links if link not in part.links],
-        "left_out_pairs": [p.name for p in whole.pairs if p.name not in part.pair_number],
+        "left_out_pairs": [
+            pair.name for pair in whole.pairs if pair.name not in part.pair_number
+        ],
     }

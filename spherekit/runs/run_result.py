@@ -16,7 +16,14 @@ from spherekit.escaping import html_text
 from spherekit.markup import html_list, html_table
 from spherekit.runs.analysis_faults import failed, failed_rows
 from spherekit.runs.run_cost import TABLES
-from spherekit.runs.run_folder import BYTES, MADE, SUMMARY, RunFolder, StoredParts, signed
+from spherekit.runs.run_folder import (
+    FILE_BYTES,
+    FINISHED,
+    SUMMARY,
+    RunFolder,
+    sign_summary,
+)
+from spherekit.runs.table_store import TableStore
 from spherekit.storage.atomic_write import make_folder, write_bytes
 from spherekit.tables.table import (
     COLUMNS,
@@ -267,8 +274,8 @@ class RunResult:
             stem: pieces_of(table, self._data(name, table.name))
             for stem, (name, table) in stems(declared).items()
         }
-        with RunFolder.opened(folder) as place:
-            if place.unfinished:
+        with RunFolder.open(folder) as place:
+            if place.has_unfinished_work:
                 raise OutputError(
                     f"{str(folder)!r}: there is unfinished work of a run; finish it with "
                     'unfinished="resume" first, or choose another folder'
@@ -306,7 +313,7 @@ def _units(declared: Declared, degrees: bool) -> Facts:
 
 def result_of(
     declared: Declared,
-    store: StoredParts | InMemory | None,
+    store: TableStore | None,
     place: RunFolder | None,
     summary: Facts,
     degrees: bool,
@@ -378,7 +385,7 @@ def write_results(
             '--format both (formats=["csv", "parquet"])'
         )
         summary = {**summary, "remarks": [*summary.get("remarks", ()), left_out]}
-    made = make_folder(folder.work / MADE)
+    made = make_folder(folder.work / FINISHED)
     sizes: dict[str, int] = {}
     for stem, (analysis, table) in by_stem.items():
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
@@ -395,7 +402,9 @@ def write_results(
     sizes[COLUMNS] = len(headed)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
     units = _units(declared, degrees)
-    written = signed({**summary, "units": units, "files": list(sizes), BYTES: sizes})
+    written = sign_summary(
+        {**summary, "units": units, "files": list(sizes), FILE_BYTES: sizes}
+    )
     write_bytes(
         made / SUMMARY, (json.dumps(written, indent=2, ensure_ascii=False) + "\n").encode()
     )

@@ -1,4 +1,4 @@
-"""How far a run is, what it carries from block to block, and what its summary counts."""
+"""The state that a run carries from block to block, and stores in its journal."""
 
 import hashlib
 from collections import Counter, defaultdict
@@ -15,238 +15,325 @@ from spherekit.positions.angle_unwrapping import LastAngles
 from spherekit.positions.linearisation import rank_mobility, redundancy
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.runs.batch import Batch, PoleFields, run_status
 from spherekit.runs.contract import Analyses, Findings
 from spherekit.runs.kernel_columns import LazyField, largest_errors
-from spherekit.runs.table_scenes import Batch, Fields, run_status
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.storage.json_data import as_json
 from spherekit.tables.table import Table, TableData, row_count
 from spherekit.velocities.direction_signs import SignContinuation
 
-Counts = dict[str, int]
-"""How often each status is there, by its name."""
+StatusCounts = dict[str, int]
+"""How many rows have each status, by the name of the status."""
 
-RESIDUAL = "largest_closure_residual_rad"
-OFF = "largest_configuration_error_rad"
-BOUNDS = {
+CLOSURE_RESIDUAL = "largest_closure_residual_rad"
+CONFIGURATION_ERROR = "largest_configuration_error_rad"
+POLE_ERRORS = {
     "error": "largest_direction_error_bound_rad",
     "velocity_coefficient_error": "largest_velocity_coefficient_error_bound",
     "acceleration_coefficient_error": "largest_acceleration_coefficient_error_bound",
 }
-"""What the summary calls the largest of bounds of poles."""
+"""Keys of the largest errors in the summary; for poles by the attribute of `PoleField`."""
 
 MODE = "mode"
+"""First part of the key ``MODE, mode number, status``: rows of an assembly mode."""
+
 POLES = "poles"
+"""First part of the key ``POLES, status``: pole axes, one for each row and pole."""
+
 FAILED = "failed"
+"""First part of the key ``FAILED, analysis, table, status``: rows that failed although
+their configuration did not."""
+
 ROWS = "rows"
-JUDGED = "judged"
+"""First part of the key ``ROWS, analysis, table``: rows of a table."""
+
+EVALUATED = "judged"
+"""Key of the number of rows at which poles were evaluated, for all moving inputs."""
+
 BY_EQUATIONS = "by_equations"
+"""Key of the number of these rows that needed the velocity equations."""
+
 BY_KERNEL = "by_kernel"
-"""What is counted: rows by `MODE` and status, `POLES` by status, rows of tables by
-analysis, table and status where they `FAILED`, `ROWS` of tables, and rows of fields that
-were judged, solved by the velocity equations, and given by a kernel."""
+"""Key of the number of these rows that a kernel evaluated."""
 
 
 @dataclass
 class RunState:
-    """What continues: samples done, memories, counts, largest errors, results.
+    """The state of a run after the blocks that are done.
 
-    `signs` has a memory for each input, `angles` that of the variables that go on.
-    `seconds` is what each stage took. `counts` do not grow with the samples; `rank` is the
-    mobility by rank at the first sample with a configuration, `redundant` the redundant
-    constraints there. All of it goes to a journal and comes back bit for bit.
+    It is stored in the journal after each block and restored bit for bit, so that a resumed
+    run gives the same results as one that was not stopped. Its size does not grow with the
+    number of samples.
+
+    Attributes
+    ----------
+    sign_continuations
+        For each input that moves, the last pole directions, which decide the signs of the
+        next ones.
+    last_angles
+        For each assembly mode, the last variables with their whole revolutions.
+    samples_done
+        Number of samples that are evaluated.
+    failures
+        Reason why an analysis failed, by its name.
+    findings
+        Findings of each analysis in all blocks so far, by its name.
+    stage_seconds
+        Time that each stage has taken, s.
+    counts
+        Counted rows and poles, by keys that begin with `MODE`, `POLES` and so on.
+    error_maxima
+        Largest errors so far, by their key in the summary.
+    mobility_by_rank
+        Mobility by the rank of the closure Jacobian, at the first valid configuration.
+    redundant_constraints
+        Number of redundant constraints there, and the pairs that have them.
     """
 
-    signs: list[SignContinuation]
-    angles: LastAngles = field(default_factory=dict)
-    done: int = 0
+    sign_continuations: list[SignContinuation]
+    last_angles: LastAngles = field(default_factory=dict)
+    samples_done: int = 0
     failures: dict[str, str] = field(default_factory=dict)
     findings: dict[str, Findings] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
+    stage_seconds: dict[str, float] = field(default_factory=dict)
     counts: Counter[Names] = field(default_factory=Counter)
-    largest: dict[str, float] = field(default_factory=dict)
-    rank: int | None = None
-    redundant: Facts | None = None
+    error_maxima: dict[str, float] = field(default_factory=dict)
+    mobility_by_rank: int | None = None
+    redundant_constraints: Facts | None = None
 
-    def state(self) -> Facts:
-        """Return it ready for JSON."""
-        return vars(self) | {
-            "signs": [memory.state() for memory in self.signs],
+    def to_journal(self) -> Facts:
+        """Return the state ready for JSON. The keys are those of earlier versions."""
+        return {
+            "signs": [memory.state() for memory in self.sign_continuations],
+            "angles": self.last_angles,
+            "done": self.samples_done,
+            "failures": self.failures,
             "findings": {name: asdict(item) for name, item in self.findings.items()},
+            "seconds": self.stage_seconds,
             "counts": [[*key, number] for key, number in self.counts.items()],
+            "largest": self.error_maxima,
+            "rank": self.mobility_by_rank,
+            "redundant": self.redundant_constraints,
         }
 
     @classmethod
-    def restored(cls, state: Facts) -> Self:
-        """Return the standing that `state` gave."""
-        changed = {
-            "signs": [SignContinuation.restored(memory) for memory in state["signs"]],
-            "findings": {
-                name: Findings(
-                    item["figures"], tuple(item["warnings"]), tuple(item["remarks"])
-                )
-                for name, item in state["findings"].items()
-            },
-            "counts": Counter({tuple(key): n for *key, n in state["counts"]}),
+    def from_journal(cls, entries: Facts) -> Self:
+        """Return the state that `to_journal` has stored."""
+        findings = {
+            name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
+            for name, item in entries["findings"].items()
         }
-        return cls(**state | changed)
+        return cls(
+            sign_continuations=[
+                SignContinuation.restored(memory) for memory in entries["signs"]
+            ],
+            last_angles=entries["angles"],
+            samples_done=entries["done"],
+            failures=entries["failures"],
+            findings=findings,
+            stage_seconds=entries["seconds"],
+            counts=Counter({tuple(key): number for *key, number in entries["counts"]}),
+            error_maxima=entries["largest"],
+            mobility_by_rank=entries["rank"],
+            redundant_constraints=entries["redundant"],
+        )
 
-    def add(
+    def count_block(
         self,
-        tracer: PositionAnalysis,
+        position_analysis: PositionAnalysis,
         motion: Motion,
-        fields: Fields,
+        pole_fields: PoleFields,
     ) -> None:
-        """Count a block."""
-        status = run_status(motion, fields)
-        for mode, of_mode in zip(
-            motion.assembly_modes, status.reshape(-1, motion.samples), strict=True
-        ):
-            self._count((MODE, str(mode.number)), of_mode)
-        self._note(RESIDUAL, motion.residual)
-        closed = motion.status == Status.OK
-        self._note(OFF, motion.configuration_error[closed])
-        good = closed
-        for poles in fields:
+        """Count the statuses of the rows of a block, and note its largest errors."""
+        # (modes, samples), since rows run mode after mode.
+        status = run_status(motion, pole_fields).reshape(-1, motion.samples)
+        for mode, mode_status in zip(motion.assembly_modes, status, strict=True):
+            self._count_statuses((MODE, str(mode.number)), mode_status)
+
+        is_assembled = motion.status == Status.OK
+        self._note_error(CLOSURE_RESIDUAL, motion.residual)
+        self._note_error(CONFIGURATION_ERROR, motion.configuration_error[is_assembled])
+        self._count_poles(motion, pole_fields)
+
+        if self.mobility_by_rank is None and np.any(is_assembled):
+            closure = position_analysis.solver.closure
+            first_row = motion.values[[np.argmax(is_assembled)]]
+            vectors = closure.at(first_row).vectors
+            self.mobility_by_rank = int(rank_mobility(closure.tree, vectors)[0])
+            count, pairs = redundancy(closure.tree, vectors[0])
+            pair_names = motion.mechanism.names_of(pairs)
+            self.redundant_constraints = {"count": count, "pairs": pair_names}
+
+    def _count_poles(self, motion: Motion, pole_fields: PoleFields) -> None:
+        """Count the statuses of the poles of a block, and note their error bounds."""
+        is_valid = motion.status == Status.OK
+        for poles in pole_fields:
+            # A field without rows that failed shares the statuses of the motion.
             if poles.status is not motion.status:
-                good = poles.status == Status.OK
-            for codes, often in _counted_once(poles.pole_status.values()):
-                some = codes[good]
-                if len(fields) == 1 or np.any(some != Status.NO_POLE):
-                    # Links that other inputs hold together have none.
-                    self._count((POLES,), some, often)
-            errors = (
-                poles.largest if isinstance(poles, LazyField) else largest_errors(poles)
-            )
-            for name, largest in BOUNDS.items():
-                self._note(largest, np.array([errors[name]]))
-            self.counts[JUDGED,] += len(poles.by_equations)
+                is_valid = poles.status == Status.OK
+            for codes, pole_count in _count_shared_arrays(poles.pole_status.values()):
+                valid_codes = codes[is_valid]
+                # With several inputs, a link that the others lock has no pole at any row.
+                # Such poles are not counted.
+                if len(pole_fields) == 1 or np.any(valid_codes != Status.NO_POLE):
+                    self._count_statuses((POLES,), valid_codes, pole_count)
+            if isinstance(poles, LazyField):
+                errors = poles.largest
+            else:
+                errors = largest_errors(poles)
+            for attribute, key in POLE_ERRORS.items():
+                self._note_error(key, np.array([errors[attribute]]))
+            self.counts[EVALUATED,] += len(poles.by_equations)
             self.counts[BY_EQUATIONS,] += int(np.count_nonzero(poles.by_equations))
             self.counts[BY_KERNEL,] += int(np.count_nonzero(poles.by_kernel))
-        if self.rank is None and np.any(closed):
-            closure = tracer.solver.closure
-            vectors = closure.at(motion.values[[np.argmax(closed)]]).vectors
-            self.rank = int(rank_mobility(closure.tree, vectors)[0])
-            count, pairs = redundancy(closure.tree, vectors[0])
-            self.redundant = {"count": count, "pairs": motion.mechanism.names_of(pairs)}
 
-    def _count(
+    def _count_statuses(
         self,
         key: Names,
         status: SmallIntegers,
-        often: int = 1,
-        but: Collection[Status] = (),
+        weight: int = 1,
+        ignored: Collection[Status] = (),
     ) -> None:
-        """Count how often each code is there, but for some."""
-        for code in range(np.max(status, initial=-1) + 1):
-            n = int(np.count_nonzero(status == code))
-            if n and code not in but:
-                self.counts[*key, Status(code).name] += often * n
+        """Add the number of rows with each status to the counts.
 
-    def _note(self, name: str, values: Floats) -> None:
-        """Keep the largest finite number; what is infinite counts as none."""
+        `weight` is the number of poles or rows that share the array of statuses.
+        """
+        for code in range(np.max(status, initial=-1) + 1):
+            count = int(np.count_nonzero(status == code))
+            if count and code not in ignored:
+                self.counts[*key, Status(code).name] += weight * count
+
+    def _note_error(self, key: str, values: Floats) -> None:
+        """Note the largest of finite errors; infinite bounds and NaN are passed over."""
         largest = np.max(values, initial=-np.inf)
+        # The mask is slower, and seldom needed.
         if not np.isfinite(largest):
             largest = np.max(values, initial=-np.inf, where=np.isfinite(values))
         if np.isfinite(largest):
-            self.largest[name] = float(max(self.largest.get(name, largest), largest))
+            earlier = self.error_maxima.get(key, largest)
+            self.error_maxima[key] = float(max(earlier, largest))
 
-    def add_rows(
+    def count_rows(
         self,
-        name: str,
+        analysis_name: str,
         table: Table,
         data: TableData,
         batch: Batch | None = None,
-        by_sample: bool = True,
+        has_rows_of_batch: bool = True,
     ) -> None:
-        """Count the rows of a block of a table.
+        """Count the rows of a table in a block, and those that failed.
 
-        With a `batch`, rows that failed where the configuration did not are counted too.
-        Failures of pole axes are counted with the poles. Without `by_sample` the rows are
-        not those of the samples of the batch, even if the table names samples, since the
-        analysis has read none.
+        Parameters
+        ----------
+        analysis_name, table, data
+            The rows, and where they belong.
+        batch
+            What the analysis has read. Without it failed rows are not counted.
+        has_rows_of_batch
+            Whether the rows belong to the samples of the batch. A row then counts as failed
+            only if its configuration has not failed in the same way. Failures of poles are
+            counted by `count_block`.
         """
-        self.counts[ROWS, name, table.name] += row_count(data)
+        self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
             return
         needs = batch.needs
-        passed_over = [Status.OK]
+        ignored = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
-            passed_over += [Status.NO_POLE, Status.ILL_CONDITIONED]
-        for column in (c.name for c in table.columns if c.kind == "status"):
-            given = data[column]
-            parts = given.parts if isinstance(given, Interleaved) else (given,)
-            for codes, often in _counted_once(np.asarray(part) for part in parts):
-                of_samples = by_sample and table.in_assembly_modes and len(batch) > 0
-                if of_samples and len(codes) % len(batch) == 0:
-                    of_rows = codes.reshape(len(batch), -1)
-                    codes = of_rows[of_rows != batch.status[:, None]]
-                self._count((FAILED, name, table.name), codes, often, passed_over)
+            ignored += [Status.NO_POLE, Status.ILL_CONDITIONED]
+        for column in table.columns:
+            if column.kind != "status":
+                continue
+            values = data[column.name]
+            parts = values.parts if isinstance(values, Interleaved) else (values,)
+            arrays = (np.asarray(part) for part in parts)
+            for codes, part_count in _count_shared_arrays(arrays):
+                has_sample_rows = (
+                    has_rows_of_batch and table.in_assembly_modes and len(batch) > 0
+                )
+                # Each sample of the batch has the same number of rows.
+                if has_sample_rows and len(codes) % len(batch) == 0:
+                    sample_codes = codes.reshape(len(batch), -1)
+                    codes = sample_codes[sample_codes != batch.status[:, None]]
+                key = (FAILED, analysis_name, table.name)
+                self._count_statuses(key, codes, part_count, ignored)
 
     @property
     def configurations(self) -> int:
-        """Rows counted so far."""
-        return sum(n for key, n in self.counts.items() if key[0] == MODE)
+        """Number of rows so far: samples times assembly modes."""
+        return sum(number for key, number in self.counts.items() if key[0] == MODE)
 
-    def counted(self, *key: str) -> Counts:
-        """Return how often each status is there of what a key begins with."""
-        counts: Counts = Counter()
-        for names, number in self.counts.items():
-            if names[: len(key)] == key:
-                counts[names[-1]] += number
+    def status_counts(self, *key_start: str) -> StatusCounts:
+        """Return how many counted items have each status, of all keys that begin so."""
+        counts: StatusCounts = Counter()
+        for key, number in self.counts.items():
+            if key[: len(key_start)] == key_start:
+                counts[key[-1]] += number
         return {code.name: counts[code.name] for code in Status if code.name in counts}
 
-    def failed_rows(self, name: str) -> dict[str, Counts]:
-        """Return of each table of an analysis how many rows failed by which status."""
-        return {
-            table: self.counted(FAILED, name, table)
-            for table in dict.fromkeys(k[2] for k in self.counts if k[:2] == (FAILED, name))
-        }
+    def failed_rows(self, analysis_name: str) -> dict[str, StatusCounts]:
+        """Return how many rows of each table of an analysis failed, by their status."""
+        tables = dict.fromkeys(
+            key[2] for key in self.counts if key[:2] == (FAILED, analysis_name)
+        )
+        return {table: self.status_counts(FAILED, analysis_name, table) for table in tables}
 
-    def statuses(self) -> Facts:
-        """Return the counts of samples and pole axes, and what their statuses mean."""
-        met = {key[-1] for key in self.counts if key[0] in (MODE, POLES, FAILED)}
+    def status_summary(self) -> Facts:
+        """Return the statuses of rows and poles for the summary, and their meanings."""
+        names = {key[-1] for key in self.counts if key[0] in (MODE, POLES, FAILED)}
         return {
-            "status": self.counted(MODE),
-            "pole_status": self.counted(POLES),
+            "status": self.status_counts(MODE),
+            "pole_status": self.status_counts(POLES),
             "status_meaning": {
-                code.name: STATUS_MEANING[code] for code in Status if code.name in met
+                code.name: STATUS_MEANING[code] for code in Status if code.name in names
             },
         }
 
-    def errors(self) -> dict[str, float | None]:
-        """Return the largest errors reached."""
-        every = self.counts[JUDGED,]
-        return {
-            **{name: self.largest.get(name) for name in (RESIDUAL, OFF, *BOUNDS.values())},
-            **{
-                name: self.counts[key,] / every if every else None
-                for name, key in (
-                    ("fraction_by_velocity_equations", BY_EQUATIONS),
-                    ("fraction_by_kernel", BY_KERNEL),
-                )
-            },
+    def error_summary(self) -> dict[str, float | None]:
+        """Return the largest errors for the summary, None where no row has one.
+
+        Also the fractions of rows that the velocity equations and a kernel evaluated.
+        """
+        keys = (CLOSURE_RESIDUAL, CONFIGURATION_ERROR, *POLE_ERRORS.values())
+        errors = {key: self.error_maxima.get(key) for key in keys}
+        evaluated = self.counts[EVALUATED,]
+        fractions = {
+            name: self.counts[key,] / evaluated if evaluated else None
+            for name, key in (
+                ("fraction_by_velocity_equations", BY_EQUATIONS),
+                ("fraction_by_kernel", BY_KERNEL),
+            )
         }
+        return errors | fractions
 
 
-def _counted_once(arrays: Iterable[Array]) -> Iterable[tuple[Array, int]]:
-    """Return arrays without those that are there again, and how often each is."""
-    alike: dict[tuple[int, tuple[int, ...]], list[Array]] = defaultdict(list)
+def _count_shared_arrays(arrays: Iterable[Array]) -> list[tuple[Array, int]]:
+    """Return each distinct array once, and how many times it is there.
+
+    Poles without a status of their own share one array. Counting in it once saves most of
+    the time. Arrays are the same if they start at the same address with the same strides.
+    """
+    arrays_by_memory: dict[tuple[int, tuple[int, ...]], list[Array]] = defaultdict(list)
     for array in arrays:
-        alike[array.__array_interface__["data"][0], array.strides].append(array)
-    return [(same[0], len(same)) for same in alike.values()]
+        address = array.__array_interface__["data"][0]
+        arrays_by_memory[address, array.strides].append(array)
+    return [(same[0], len(same)) for same in arrays_by_memory.values()]
 
 
-def identities_of(analyses: Analyses) -> list[list[Any]]:
-    """Return names, versions and parameters of analyses, ready for JSON."""
+def describe_analyses(analyses: Analyses) -> list[list[Any]]:
+    """Return name, version and parameters of each analysis, ready for JSON."""
     return [
         [item.name, item.version, as_json(asdict(item))]  # type: ignore[call-overload]
         for item in analyses
     ]
 
 
-def digest(values: Floats) -> str:
-    """Return the SHA-256 of an array's bits, piece by piece."""
+def hash_array(values: Floats) -> str:
+    """Return the SHA-256 of the bits of an array.
+
+    It is hashed in pieces, because the bytes of a long array would be copied as a whole.
+    """
     digest = hashlib.sha256()
     for start in range(0, len(values), 1 << 16):
         digest.update(values[start : start + (1 << 16)].tobytes())

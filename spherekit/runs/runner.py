@@ -1,55 +1,51 @@
-"""Running analyses: what they need is planned, evaluated in blocks, and handed over.
+"""Running analyses over the motion of a mechanism, block by block of samples.
 
-Work in a folder is taken up as it was left, and kept if the run is stopped.
+`run` is the public function. It turns its options into a `Study` and an `Execution` and
+calls `run_study`, which carries out the whole run. A `RunPlan` says what is evaluated;
+`checkpoints.py` saves and resumes a run.
 """
 
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 from spherekit.argument_validation import checked
-from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError, OutputError, SpherekitError
 from spherekit.files.study import Study
 from spherekit.positions.motion import Motion
 from spherekit.runs.analysis_faults import faults_of
+from spherekit.runs.batch import Batch, ContinuedAngles, PoleFields
+from spherekit.runs.checkpoints import checkpointing, resume_or_start, unfinished_identity
 from spherekit.runs.contract import AbstractAnalysis, Analyses
 from spherekit.runs.evaluation_options import ORDINARY, Setting
 from spherekit.runs.execution import Execution
 from spherekit.runs.recording_session import RecordingSession
+from spherekit.runs.resource_checks import need_disk_for_run
 from spherekit.runs.result_checks import findings_of, scenes_of
 from spherekit.runs.run_cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
-from spherekit.runs.run_folder import (
-    RunFolder,
-    StoredParts,
-    Unfinished,
-    differences,
-    need_disk_for_run,
-)
+from spherekit.runs.run_folder import RunFolder
 from spherekit.runs.run_plan import (
     RunPlan,
-    job_of,
-    left_out,
+    collect_needs,
+    describe_left_out,
+    extract_needed_part,
+    make_run_plan,
     motion_rows,
-    needed_part,
-    needs_of_each,
 )
 from spherekit.runs.run_result import MOTION, RunResult, result_of, stems
 from spherekit.runs.run_state import RunState
-from spherekit.runs.sampling import Sampling, course_of
+from spherekit.runs.sampling import Sampling, make_sampling
 from spherekit.runs.study_analyses import chosen
 from spherekit.runs.study_options import Subject, study_of, takes
-from spherekit.runs.summary import actual_cost, faults, summary_of
-from spherekit.runs.table_scenes import Angles, Fields, table_scenes
+from spherekit.runs.summary import measure_cost, summarize_run
+from spherekit.runs.table_scenes import table_scenes
+from spherekit.runs.table_store import StoredTables, TableStore
 from spherekit.runs.verification import Verifier
-from spherekit.tables.table import COLUMNS, FILE_SIZE
-from spherekit.tables.table_rows import InMemory
-from spherekit.velocities.direction_signs import SignContinuation
+from spherekit.runs.verification_text import verification_failures
+from spherekit.scenes.scene import Scene
+from spherekit.tables.table import COLUMNS, FILE_SIZE, Format, Table, TableData
 from spherekit.velocities.kernels import ENGINES
-from spherekit.wording import listing
 
 
 @takes(Execution)
@@ -61,152 +57,227 @@ def run(
 ) -> RunResult:
     """Run analyses over the motion of a mechanism.
 
-    Nothing is written unless a `folder` is given.
+    Nothing is written to disk unless you give a `folder`.
 
     Parameters
     ----------
     subject
-        A study, or a mechanism with a freedom for each of its inputs; or the path or the
-        shipped name of either.
+        A study, or a mechanism with as many degrees of freedom as inputs. Both can be given
+        as an object, as the path of a file, or as the name of a shipped example.
     analyses
-        Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects; by
-        default those of the study, or ``"poles"``. No motion is traced where none reads
-        samples, unless a `assembly_mode`, a `recorder`, times or what is to be verified ask
-        for one.
+        Names such as ``"poles"`` or ``"poles:only=31+42"``, or analysis objects. By
+        default the analyses of the study are run, or ``"poles"`` if it names none. If no
+        analysis reads samples, the motion is not computed, unless you give an
+        `assembly_mode`, a `recorder`, an `accuracy`, a `setting`, times, or a number of
+        rows to `verify`.
     options
-        `input_pair`, names of the driven pairs, and fields of
-        `spherekit.files.study.Study` (what the run goes through: samples, grid, path,
-        assembly_mode, search, laws, duration, start, torque, tolerance, crossings,
-        verify, degrees)
-        and of `spherekit.runs.execution.Execution` (how it is done: folder, unfinished,
-        formats, tables, engine, only_needed, recorder, log_every, progress, block, setting,
-        accuracy). Those that are given replace what a study says.
+        `input_pair`, the names of the driven pairs, and two groups of fields. The fields of
+        `spherekit.files.study.Study` say which motion is analysed: samples, grid, path,
+        assembly_mode, search, laws, duration, start, torque, tolerance, crossings, verify,
+        degrees. The fields of `spherekit.runs.execution.Execution` say how the run is done:
+        folder, unfinished, formats, tables, engine, only_needed, recorder, log_every,
+        progress, block, setting, accuracy. An option replaces the value in the study.
 
     Returns
     -------
     RunResult
-        An analysis that fails is in its `failures`; the others are not affected.
+        The tables of all analyses, and a summary. If an analysis fails, its error message
+        is in `failures`, and the other analyses are not affected.
 
     Raises
     ------
     AnalysisError, ModelError, PlanError, SolveError
-        Before any sample is computed, for unknown names, impossible mechanisms, times
-        that do not fit together, or a run at once that there is no memory for.
+        Before any sample is computed, if a name is unknown, the mechanism cannot be
+        assembled, the times do not fit together, or an analysis that reads all samples at
+        once needs more memory than there is.
     FileError
-        With file and line of what a study file asks for wrongly.
+        If a study file has an invalid value. The message gives the file and the line.
     OutputError
-        If the folder cannot be written, the disk is full, another run writes there, or
-        has left work that does not fit. What is done is kept, to be resumed.
+        If the folder cannot be written, the disk is full, another run writes to the folder,
+        or the folder has unfinished work that does not fit. Finished blocks are kept in the
+        folder, and the run can be resumed.
     """
     study, execution = study_of("run", subject, options, Execution)
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
-    return executed(study, chosen(study, analyses), execution)
+    return run_study(study, chosen(study, analyses), execution)
 
 
-def executed(
+def run_study(
     study: Study,
     analyses: Analyses,
     execution: Execution,
-    follow: bool = False,
-    most_poles: int | None = None,
+    computes_motion: bool = False,
+    max_poles: int | None = None,
 ) -> RunResult:
-    """Return what a run of a study finds; see `run`.
+    """Run analyses over the motion of a study.
 
-    Its motion is traced where anything asks for it, or to `follow` it. With `most_poles`
-    only so many poles are evaluated, and tables have the right size and wrong numbers.
+    The run first finds the assembly modes, or solves the simulation. It then evaluates
+    blocks of samples for all analyses, and saves a checkpoint after each block. At the end
+    it writes the summary and, if there is a folder, the files. `run` lists the errors.
+
+    Parameters
+    ----------
+    study
+        The mechanism and its motion: samples of the inputs, time laws, or a simulation.
+    analyses
+        The analyses to run. Names and parameters are already checked.
+    execution
+        How the run is done: folder, engine, recorder and so on.
+    computes_motion
+        Whether to compute the configurations even if `needs_motion` is False. They are then
+        in the table ``"motion"``.
+    max_poles
+        Number of poles to evaluate, if the run only measures the size of its tables; see
+        `RunPlan`.
     """
     if study.start is None and execution.engine != "auto":
         raise AnalysisError("run: engine does nothing without a simulation: give start")
-    ledger = Timer()
-    whole = study.mechanism
-    solving = SEARCH if study.start is None else SIMULATION
+    timer = Timer()
+    whole_mechanism = study.mechanism
     if execution.only_needed:
-        study = replace(study, mechanism=needed_part(study, analyses))
+        study = replace(study, mechanism=extract_needed_part(study, analyses))
     recorder: Any = execution.recorder
+
+    # A run without a folder has no lock, no journal and no files.
     folder = execution.folder
-    with nullcontext() if folder is None else RunFolder.opened(folder) as place:
-        asked = needs_of_each(analyses, study.mechanism)
-        began = began_with(place, execution.unfinished)
+    with nullcontext() if folder is None else RunFolder.open(folder) as run_folder:
+        declared_needs = collect_needs(analyses, study.mechanism)
+
+        # Engine "auto" and the setting for a required accuracy depend on measured times. A
+        # resumed run takes both from its journal. Otherwise its rows could differ from the
+        # rows that are already stored.
+        identity = unfinished_identity(run_folder, execution.unfinished)
         engine = execution.engine
+        if engine == "auto" and identity.get("engine") in ENGINES:
+            engine = identity["engine"]
         setting = execution.setting
-        if engine == "auto" and began.get("engine") in ENGINES:
-            engine = began["engine"]
-        if execution.accuracy is not None and "setting" in began:
-            with suppress(TypeError):  # of another version, which is refused below
-                setting = Setting(**began["setting"])
-        follow = follow or traced(study, analyses, execution)
-        begin = partial(
-            RecordingSession, [x.name for x in analyses], recorder, execution.log_every
+        if execution.accuracy is not None and "setting" in identity:
+            # The journal of another version can have other fields. `resume_or_start` then
+            # refuses it with a message.
+            with suppress(TypeError):
+                setting = Setting(**identity["setting"])
+
+        recording_session: RecordingSession | None = None
+
+        def show_simulation_progress(partial_sampling: Sampling) -> None:
+            """Show the part of a simulation that is solved so far."""
+            nonlocal recording_session
+            if recording_session is None:
+                partial_plan = make_run_plan(partial_sampling, analyses, declared_needs)
+                recording_session = _start_recording(partial_plan, execution)
+            recording_session.show_simulation_progress(partial_sampling)
+
+        # A viewer shows the links while a simulation is solved. If the folder has
+        # unfinished work, the recording starts later, because this run may be refused.
+        has_unfinished_work = run_folder is not None and run_folder.has_unfinished_work
+        shows_progress = recorder is not None and not has_unfinished_work
+        with timer.stage(SEARCH if study.start is None else SIMULATION):
+            sampling = make_sampling(
+                study,
+                engine,
+                follow=computes_motion or needs_motion(study, analyses, execution),
+                on_progress=show_simulation_progress if shows_progress else None,
+            )
+
+        run_plan = make_run_plan(
+            sampling,
+            analyses,
+            declared_needs,
+            block_size=execution.block,
+            setting=setting,
+            shows_all_links=recorder is not None or study.verify is not None,
         )
-        stage: RecordingSession | None = None
+        run_plan = replace(run_plan, max_poles=max_poles)
+        if run_folder is not None:
+            file_names = [*_table_files(run_plan, execution.formats), COLUMNS]
+            run_folder.refuse_foreign_results(file_names)
+        run_state, table_store = resume_or_start(
+            run_plan, run_folder, execution.unfinished, execution.tables
+        )
+        timer.earlier_seconds = run_state.stage_seconds
 
-        def seen(course: Sampling) -> None:
-            nonlocal stage
-            stage = stage or begin(course, job_of(course, analyses, asked).plans)
-            stage.seen(course)
-
-        looks_on = None if recorder is None or (place and place.unfinished) else seen
-        with ledger.stage(solving):
-            course = course_of(study, engine, follow, looks_on)
-        shown = recorder is not None or study.verify is not None
-        job = job_of(course, analyses, asked, execution.block, setting, shown)
-        job = replace(job, most_poles=most_poles)
-        if place is not None:
-            files = [
-                f"{stem}.{kind}"
-                for stem in stems(job.tables())
-                for kind in execution.formats or FILE_SIZE
-            ]
-            place.claim([*files, COLUMNS])
-        standing, store = taken_up(job, place, execution.unfinished, execution.tables)
-        ledger.before = standing.seconds
         if recorder is not None:
-            with ledger.stage(RECORDING):
-                stage = stage or begin(course, job.plans, standing.done)
-                stage.solved(course)
-        verifier = Verifier(job, study.verify) if study.verify else None
-        with kept(job, place, standing, store) as after_block:
-            blocks = job.source.blocks(job.block, standing.done)
+            with timer.stage(RECORDING):
+                if recording_session is None:
+                    recording_session = _start_recording(
+                        run_plan, execution, first_sample=run_state.samples_done
+                    )
+                recording_session.use_final_sampling(sampling)
+        verifier = Verifier(run_plan, study.verify) if study.verify else None
+
+        with checkpointing(run_plan, run_folder, run_state, table_store) as save_checkpoint:
+            blocks = run_plan.source.blocks(run_plan.block_size, run_state.samples_done)
             while True:
-                with ledger.stage("positions"):
+                # The iterator computes the configurations of a block when it is asked for.
+                with timer.stage("positions"):
                     motion = next(blocks, None)
                 if motion is None:
                     break
-                before = standing.done
-                fields, angles = evaluate_block(job, motion, standing, store, stage, ledger)
+                samples_before = run_state.samples_done
+                pole_fields, continued_angles = evaluate_block(
+                    run_plan,
+                    motion,
+                    run_state,
+                    table_store=table_store,
+                    recording_session=recording_session,
+                    timer=timer,
+                )
                 if verifier is not None:
-                    verifier.see(motion, fields, angles)
-                standing.seconds = ledger.closed()
-                after_block()
-                done = standing.done
-                total = len(course)
-                if isinstance(store, StoredParts) and before < job.block <= done < total:
-                    need_disk_for_run(store, done, total, execution.formats)
+                    verifier.check_block(motion, pole_fields, continued_angles)
+                run_state.stage_seconds = timer.total_seconds()
+                save_checkpoint()
+
+                # The first block shows how much space on the disk the whole run needs.
+                samples_done = run_state.samples_done
+                total = len(sampling)
+                is_first = samples_before < run_plan.block_size <= samples_done < total
+                if isinstance(table_store, StoredTables) and is_first:
+                    need_disk_for_run(table_store, samples_done, total, execution.formats)
                 if execution.progress is not None:
-                    execution.progress(done, total)
-            for table in job.motion_tables[1:]:
-                job.hand_over(MOTION, table, course.events(), standing, store)
-            summary = summary_of(job, standing)
-            if stage is not None:
-                summary["recording"] = stage.summary()
+                    execution.progress(samples_done, total)
+
+            # The first motion table has the configurations and was filled block by block. A
+            # simulation has a second one, for its events.
+            for table in run_plan.motion_tables[1:]:
+                run_plan.append_rows(
+                    MOTION, table, sampling.events(), run_state, table_store
+                )
+
+            summary = summarize_run(run_plan, run_state)
+            if recording_session is not None:
+                summary["recording"] = recording_session.summary()
             if execution.only_needed:
-                summary["part_of"] = left_out(whole, job.mechanism)
-            summary["cost"] = actual_cost(job, standing, ledger, recorder)
+                summary["part_of"] = describe_left_out(whole_mechanism, run_plan.mechanism)
+            summary["cost"] = measure_cost(run_plan, run_state, timer, recorder)
             if verifier is not None:
-                summary["verified"] = verifier.verdict(standing.failures)
-                summary["warnings"] += faults(summary["verified"])
+                verification = verifier.verify(run_state.failures)
+                summary["verified"] = verification
+                summary["warnings"] += verification_failures(verification)
             if execution.accuracy is not None:
-                summary["accuracy"] = {**execution.accuracy, "setting": str(job.setting)}
-            declared = job.tables(standing.failures)
+                summary["accuracy"] = {
+                    **execution.accuracy,
+                    "setting": str(run_plan.setting),
+                }
+
+            # The files are written before the checkpoints are removed. If that fails, for
+            # instance because the disk is full, a run with stored rows can be resumed.
             result = result_of(
-                declared, store, place, summary, study.degrees, execution.formats
+                run_plan.tables(failed=run_state.failures),
+                table_store,
+                run_folder,
+                summary,
+                study.degrees,
+                execution.formats,
             )
-            return replace(result, failures=standing.failures)
+            return replace(result, failures=run_state.failures)
 
 
-def traced(study: Study, analyses: Analyses, execution: Execution) -> bool:
-    """Return whether anything asks for the motion of a run."""
+def needs_motion(study: Study, analyses: Analyses, execution: Execution) -> bool:
+    """Return whether anything in a run reads the configurations of its samples.
+
+    If not, and the samples are not times, the run skips the search for assembly modes.
+    """
     return (
         execution.recorder is not None
         or study.verify is not None
@@ -218,144 +289,133 @@ def traced(study: Study, analyses: Analyses, execution: Execution) -> bool:
 
 
 def evaluate_block(
-    job: RunPlan,
+    run_plan: RunPlan,
     motion: Motion,
-    standing: RunState,
-    store: StoredParts | InMemory | None,
-    stage: RecordingSession | None,
-    ledger: Timer,
-) -> tuple[Fields, Angles]:
-    """Evaluate a block for all analyses, and hand over what they make of it.
+    run_state: RunState,
+    table_store: TableStore | None,
+    recording_session: RecordingSession | None,
+    timer: Timer,
+) -> tuple[PoleFields, ContinuedAngles]:
+    """Evaluate all analyses for one block of samples, and store and record their results.
 
-    Return its poles for each input, and the variables that go on. An analysis that fails
-    is noted in `standing`, and not asked again.
-    """
-    course = job.course
-    with ledger.stage(AXES):
-        fields = job.fields(motion, standing.signs)
-        angles = job.angles(motion, standing.angles)
-    if stage is not None:
-        with ledger.stage(RECORDING):
-            stage.motion(motion)
-    for analysis in job.analyses:
-        is_asked = analysis.reads_samples or standing.done == 0
-        if analysis.name in standing.failures or not is_asked:
-            continue
-        batch = job.batch(analysis, motion, fields, angles)
-        declared = job.tables_of(analysis)
-        try:
-            with ledger.stage(f"analysis {analysis.name}"):
-                tables = job.given(analysis, batch)
-                before = standing.findings.get(analysis.name)
-                findings = findings_of(analysis, batch, before)
-            if stage is not None:
-                with ledger.stage(RECORDING):
-                    scenes = scenes_of(analysis, batch) or table_scenes(
-                        declared, tables, batch
-                    )
-                    with faults_of(analysis.name, "showing its scene"):
-                        stage.scenes(scenes, motion, analysis.name)
-        except OutputError:
-            raise
-        except SpherekitError as problem:
-            standing.failures[analysis.name] = str(problem)
-            continue
-        standing.findings[analysis.name] = findings
-        for table in declared:
-            job.hand_over(analysis.name, table, tables[table.name], standing, store, batch)
-    for table in job.motion_tables[:1]:
-        job.hand_over(MOTION, table, motion_rows(course, motion, fields), standing, store)
-    standing.add(course.tracer, motion, fields)
-    standing.done += motion.samples
-    return fields, angles
+    An analysis that fails is noted in `run_state.failures` and skipped in later blocks.
 
+    Parameters
+    ----------
+    run_plan
+        The analyses with their needs, and the poles to evaluate.
+    motion
+        Configurations of the block: n rows, one assembly mode after another.
+    run_state
+        The state after the previous block. It is updated in place.
+    table_store
+        Receives the rows of the tables, if they are kept.
+    recording_session
+        Receives the scenes, if the run is recorded.
+    timer
+        Measures the time of each stage.
 
-def began_with(place: RunFolder | None, unfinished: Unfinished) -> Facts:
-    """Return the identity of an unfinished run that is gone on with, else {}."""
-    if place is None or unfinished != "resume" or not place.unfinished:
-        return {}
-    identity = place.read().get("identity")
-    return identity if isinstance(identity, dict) else {}
-
-
-def taken_up(
-    job: RunPlan, place: RunFolder | None, unfinished: Unfinished, tables: bool
-) -> tuple[RunState, StoredParts | InMemory | None]:
-    """Return where the run stands, at the start or as it was stopped, and its store.
+    Returns
+    -------
+    pole_fields
+        Poles at the n rows, one field per input that moves while the others are locked.
+    continued_angles
+        (n,) variables in rad by pair, without jumps of whole revolutions.
 
     Raises
     ------
     OutputError
-        If there is unfinished work that is not to be gone on with, is of another run, or
-        is damaged.
+        If the disk is full.
     """
-    standing = RunState(
-        [SignContinuation() for _ in job.requests], failures=dict(job.refused)
-    )
-    if place is None:
-        return standing, InMemory() if tables else None
-    if not place.unfinished or unfinished == "discard":
-        place.discard()
-        if job.is_single_block and not job.at_once:
-            return standing, InMemory()  # a block that was not whole is begun again
-        return standing, StoredParts(place.work, not job.is_single_block, ())
-    state = place.read()
-    try:
-        differs = differences(state["identity"], job.identity)
-        done = int(state["standing"]["done"])
-        if not differs and unfinished == "resume":
-            store = StoredParts(place.work, not job.is_single_block, state["store"])
-            for name, declared in job.tables().items():
-                for table in declared:
-                    deque(store.pieces(name, table), maxlen=0)
-            return RunState.restored(state["standing"]), store
-    except (SpherekitError, LookupError, TypeError, ValueError, AttributeError) as problem:
-        raise place.damaged(f"{type(problem).__name__}: {problem}") from None
-    if differs:
-        raise OutputError(
-            f"{str(place.path)!r}: unfinished work of a different run is there "
-            f"({differs}); choose another folder, or throw that work away with --restart "
-            '(unfinished="discard")'
-        )
-    raise OutputError(
-        f"{str(place.path)!r}: this run was stopped there when {done} of "
-        f"{len(job.course)} samples were done; go on with --resume "
-        '(unfinished="resume"), or begin again with --restart (unfinished="discard")'
-    )
+    with timer.stage(AXES):
+        pole_fields = run_plan.evaluate_poles(motion, run_state.sign_continuations)
+        continued_angles = run_plan.continue_angles(motion, run_state.last_angles)
+    if recording_session is not None:
+        with timer.stage(RECORDING):
+            recording_session.record_motion(motion)
 
+    is_first_block = run_state.samples_done == 0
+    for analysis in run_plan.analyses:
+        name = analysis.name
+        if name in run_state.failures:
+            continue
+        # An analysis that reads no samples has the same result in every block.
+        if not analysis.reads_samples and not is_first_block:
+            continue
+        batch = run_plan.make_batch(analysis, motion, pole_fields, continued_angles)
+        declared_tables = run_plan.tables_of(analysis)
+        try:
+            with timer.stage(f"analysis {name}"):
+                rows_by_table = run_plan.compute_tables(analysis, batch)
+                findings = findings_of(analysis, batch, run_state.findings.get(name))
+            if recording_session is not None:
+                with timer.stage(RECORDING):
+                    _record_analysis(
+                        recording_session,
+                        analysis,
+                        batch,
+                        motion,
+                        declared_tables,
+                        rows_by_table,
+                    )
+        except OutputError:
+            raise  # a full disk ends the run
+        except SpherekitError as error:
+            run_state.failures[name] = str(error)
+            continue
 
-@contextmanager
-def kept(
-    job: RunPlan,
-    place: RunFolder | None,
-    standing: RunState,
-    store: StoredParts | InMemory | None,
-) -> Iterator[Callable[[], None]]:
-    """Give what is called after each block; if the run is stopped, keep what was done."""
-    done = standing.done
-
-    def after_block() -> None:
-        nonlocal done
-        if place is not None and isinstance(store, StoredParts):
-            place.write(
-                {
-                    "identity": job.identity,
-                    "standing": standing.state(),
-                    "store": store.state(),
-                }
+        # All parts of the analysis have succeeded for this block. Store and count its rows.
+        run_state.findings[name] = findings
+        for table in declared_tables:
+            run_plan.append_rows(
+                name, table, rows_by_table[table.name], run_state, table_store, batch
             )
-            done = standing.done
 
-    try:
-        yield after_block
-    except BaseException as error:
-        if place is not None and done:
-            error.add_note(
-                f"{done} of {len(job.course)} samples are done and kept in {place.path}"
-            )
-        elif place is not None:
-            why = f", since {listing(job.at_once)} looks at all samples at once"
-            error.add_note(f"nothing was kept{why if job.at_once else ''}")
-        raise
-    if place is not None:
-        place.discard()
+    # There is no motion table if no motion is computed. The second one, the events of a
+    # simulation, is stored at the end of the run.
+    for table in run_plan.motion_tables[:1]:
+        configuration_rows = motion_rows(run_plan.sampling, motion, pole_fields)
+        run_plan.append_rows(MOTION, table, configuration_rows, run_state, table_store)
+    run_state.count_block(run_plan.sampling.position_analysis, motion, pole_fields)
+    run_state.samples_done += motion.samples
+    return pole_fields, continued_angles
+
+
+def _record_analysis(
+    recording_session: RecordingSession,
+    analysis: AbstractAnalysis,
+    batch: Batch,
+    motion: Motion,
+    declared_tables: Sequence[Table],
+    rows_by_table: Mapping[str, TableData],
+) -> None:
+    """Record the scenes of an analysis, or its table columns if it has no scenes."""
+    scenes: Sequence[Scene] = scenes_of(analysis, batch)
+    if not scenes:
+        scenes = table_scenes(declared_tables, rows_by_table, batch)
+    with faults_of(analysis.name, "showing its scene"):
+        recording_session.record_scenes(scenes, motion, analysis.name)
+
+
+def _start_recording(
+    run_plan: RunPlan, execution: Execution, first_sample: int = 0
+) -> RecordingSession:
+    """Start the recording of samples from `first_sample` on. There must be a recorder."""
+    assert execution.recorder is not None
+    return RecordingSession(
+        [analysis.name for analysis in run_plan.analyses],
+        execution.recorder,
+        execution.log_every,
+        run_plan.sampling,
+        run_plan.plans,
+        first_sample,
+    )
+
+
+def _table_files(run_plan: RunPlan, formats: Sequence[Format] | None) -> list[str]:
+    """Return the names of all table files that the run can write to its folder."""
+    return [
+        f"{file_stem}.{file_format}"
+        for file_stem in stems(run_plan.tables())
+        for file_format in formats or FILE_SIZE
+    ]

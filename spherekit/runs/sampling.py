@@ -1,6 +1,9 @@
-"""What a run goes through: the samples of its inputs, or the times of a simulation."""
+"""The samples of a run: values of its inputs, times of laws, or times of a simulation.
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+`make_sampling` finds the assembly modes, or solves the simulation, of a `Study`.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -27,8 +30,18 @@ from spherekit.status import Status
 from spherekit.tables.table import INPUTS, Column, Table, TableArrays, input_columns
 from spherekit.velocities.kernels import Engine
 
-UNIT_SPEED = 1.0
-"""An input without a law turns at this speed (rad/s), as in the source's example."""
+DEFAULT_INPUT_SPEED = 1.0
+"""The speed (rad/s) of an input without a law.
+
+Rates are proportional to it, accelerations to its square. The value is that of the source's
+example.
+"""
+
+DIRECTION_CANCELS = 1e-9
+"""Length of the mean of unit vectors below which they have no mean direction.
+
+Larger: a recording of evenly spread axes is seen from its default side more often.
+"""
 
 EVENTS = Table(
     "events",
@@ -44,20 +57,40 @@ EVENTS = Table(
 
 @dataclass(frozen=True)
 class Sampling:
-    """The samples of a run with their times.
+    """The samples of a run, and the motion at them.
 
-    `tracer` has the assembly modes; `inputs` (k, inputs) rad are those of each sample and
-    `shape` their number along each axis; `timing` (k rows) is None where nothing says how
-    the inputs move. `timed` says that
-    samples are times. The motion is that of the `simulation`, if there is one, otherwise
-    the tracer evaluates it.
+    The motion is that of the `simulation`, if there is one. Otherwise the position analysis
+    computes it from the inputs.
+
+    Attributes
+    ----------
+    position_analysis
+        The assembly modes, and the solver that computes configurations.
+    inputs
+        (k, inputs) variables of the driven pairs at the k samples, rad.
+    shape
+        Number of samples along each axis of a grid; (k,) along a path.
+    timing
+        Times, and rates and accelerations of the inputs, at the k samples. None over a grid
+        of several inputs, where no motion is stated.
+    is_over_time
+        Whether the samples are times, of time laws or of a simulation. Otherwise an input
+        moves at `DEFAULT_INPUT_SPEED`.
+    laws
+        Time law of each input, by its pair.
+    duration
+        Time of the last sample that was asked for, s.
+    simulation
+        The solved simulation, if the motion follows from loads.
+    tolerance
+        The tolerance of the simulation, rad.
     """
 
-    tracer: PositionAnalysis
+    position_analysis: PositionAnalysis
     inputs: Floats
     shape: tuple[int, ...]
     timing: Timing | None
-    timed: bool
+    is_over_time: bool
     laws: Mapping[str, Law]
     duration: float | None = None
     simulation: Simulation | None = None
@@ -69,100 +102,137 @@ class Sampling:
     @property
     def t(self) -> Floats | None:
         """(k,) times of the samples (s), if the samples are times."""
-        return self.timing.t if self.timed and self.timing is not None else None
+        return self.timing.t if self.is_over_time and self.timing is not None else None
 
     @cached_property
     def extents(self) -> list[Floats]:
-        """Least and greatest inputs and rates of all samples."""
+        """Least and greatest inputs (2, inputs) in rad, and rates (2, inputs) in rad/s."""
         return input_extents(self.inputs, self.timing)
 
     @property
-    def block(self) -> int:
-        """Samples in a block, as many as are quick together."""
-        return self.tracer.block
+    def block_size(self) -> int:
+        """Number of samples in a block for which the position analysis is fastest."""
+        return self.position_analysis.block
 
-    def blocks(self, size: int, first: int = 0) -> Iterator[Motion]:
-        """Yield the motion from sample `first` on in blocks of successive samples."""
-        for start in range(first, len(self), size):
+    def blocks(self, size: int, first_sample: int = 0) -> Iterator[Motion]:
+        """Yield the motion in blocks of `size` successive samples."""
+        for start in range(first_sample, len(self), size):
             yield self.motion_at(np.arange(start, min(start + size, len(self))))
 
-    def motion_at(self, sample: Indices) -> Motion:
-        """Return the motion at some samples (n,), by their numbers in rising order."""
-        if self.simulation is None:
-            motion = self.tracer.samples(sample)
-            timing = self.timing
-            if timing is not None:
-                timing = timing.rows(sample).repeated(len(motion.assembly_modes))
-            return replace(motion, timing=timing)
+    def motion_at(self, samples: Indices) -> Motion:
+        """Compute the motion at samples (n,), given by their numbers in rising order."""
+        if self.simulation is not None:
+            return self._simulated_motion(self.simulation, samples)
+        motion = self.position_analysis.samples(samples)
+        timing = self.timing
+        if timing is not None:
+            timing = timing.rows(samples).repeated(len(motion.assembly_modes))
+        return replace(motion, timing=timing)
+
+    def _simulated_motion(self, simulation: Simulation, samples: Indices) -> Motion:
+        """Return the motion of a simulation at samples (n,)."""
         assert self.timing is not None
-        tracer = self.tracer
-        simulation = self.simulation
-        t = np.minimum(self.timing.t[sample], simulation.end.t)
+        position_analysis = self.position_analysis
+        solver = position_analysis.solver
+
+        # A simulation can end before the last sample. It stays at its end then.
+        t = np.minimum(self.timing.t[samples], simulation.end.t)
         states = simulation.at(t)
-        solver = tracer.solver
         values = states.values
+        # A simulation counts revolutions; a motion has angles in (-pi, pi], except inputs.
         values[:, solver.angles] = wrap(values[:, solver.angles])
         values[:, list(simulation.driven)] = states.inputs
-        turns = [
+
+        # At a dead centre the input turns back while the mechanism moves on. The sign of
+        # the input's rate relative to the motion changes there.
+        reversal_times = [
             event.t
             for event in simulation.events
-            if event.kind == "dead_centre" and event.pair == tracer.inputs[0]
+            if event.kind == "dead_centre" and event.pair == position_analysis.inputs[0]
         ]
+        reversals_before = np.searchsorted(reversal_times, t)
         return Motion(
-            mechanism=tracer.mechanism,
+            mechanism=position_analysis.mechanism,
             joints=solver.joints,
-            assembly=tracer.assembly,
-            assembly_modes=tracer.assembly_modes,
+            assembly=position_analysis.assembly,
+            assembly_modes=position_analysis.assembly_modes,
             samples=len(t),
-            sample=sample,
-            assembly_mode=np.full(len(t), tracer.assembly_modes[0].number),
+            sample=samples,
+            assembly_mode=np.full(len(t), position_analysis.assembly_modes[0].number),
             inputs=states.inputs,
             values=values,
             placed=states.rotations,
             status=np.full(len(t), Status.OK, dtype=np.int8),
             residual=states.residual,
             timing=Timing(t, states.input_rates, states.input_accelerations),
-            sense=np.where(np.searchsorted(turns, t) % 2 == 1, -1.0, 1.0),
+            sense=np.where(reversals_before % 2 == 1, -1.0, 1.0),
         )
 
-    def angles(
-        self, motion: Motion, names: Collection[str], last: LastAngles
+    def continue_angles(
+        self, motion: Motion, names: Collection[str], last_angles: LastAngles
     ) -> Mapping[str, Floats]:
-        """Return the variables that go on, by pair, at the next block of a motion."""
-        solver = self.tracer.solver
-        if self.simulation is not None and set(names) - set(self.tracer.inputs):
+        """Return pair variables without jumps of whole revolutions, at the next block.
+
+        Parameters
+        ----------
+        motion
+            The block that follows the one of `last_angles`: n rows.
+        names
+            Pairs whose variables are returned.
+        last_angles
+            The variables at the end of the previous block. It is updated in place.
+
+        Returns
+        -------
+        (n,) variables in rad, by pair.
+        """
+        solver = self.position_analysis.solver
+        needs_revolutions = set(names) - set(self.position_analysis.inputs)
+        if self.simulation is not None and needs_revolutions:
             assert motion.timing is not None
-            whole = self.simulation.at(motion.timing.t).values - motion.values
+            # A simulation has counted the revolutions already.
+            difference = self.simulation.at(motion.timing.t).values - motion.values
             values = motion.values.copy()
-            values[:, solver.angles] += TURN * np.round(whole / TURN)[:, solver.angles]
+            values[:, solver.angles] += TURN * np.round(difference / TURN)[:, solver.angles]
             motion = replace(motion, values=values)
-        return continue_angles(motion, names, self.tracer.angle_unwrapping, last)
+        angle_unwrapping = self.position_analysis.angle_unwrapping
+        return continue_angles(motion, names, angle_unwrapping, last_angles)
 
     @property
-    def titles(self) -> dict[int, str]:
-        """A page title for each assembly mode; the signs of dyads if there are any."""
-        assembly_modes = self.tracer.assembly_modes
-        signed = any(set(assembly_mode.label) != {"~"} for assembly_mode in assembly_modes)
-        words = "From mode" if self.simulation is not None else "Mode"
-        return {
-            assembly_mode.number: f"{words} {assembly_mode.number}"
-            + (f" ({assembly_mode.title})" if signed or assembly_mode.name else "")
-            for assembly_mode in assembly_modes
-        }
+    def mode_titles(self) -> dict[int, str]:
+        """A page title for each assembly mode, by its number.
+
+        It has the name of the mode, and the signs of its dyads if there are any.
+        """
+        assembly_modes = self.position_analysis.assembly_modes
+        has_signs = any(set(mode.label) != {"~"} for mode in assembly_modes)
+        # A simulation can leave the mode in which it starts.
+        prefix = "From mode" if self.simulation is not None else "Mode"
+        titles = {}
+        for mode in assembly_modes:
+            titles[mode.number] = f"{prefix} {mode.number}"
+            if has_signs or mode.name:
+                titles[mode.number] += f" ({mode.title})"
+        return titles
 
     @property
-    def middle(self) -> Floats | None:
-        """The mean direction (3,) of axes and contacts of the first mode, if any."""
-        coarse = self.motion_at(np.arange(0, len(self), max(1, len(self) // 24)))
-        first_mode = ~coarse.failed & (coarse.assembly_mode == coarse.assembly_mode[0])
-        mean = np.sum(coarse.frames[first_mode, :, :, 2], axis=(0, 1))
-        size = np.linalg.norm(mean)
-        return None if size < 1e-9 else mean / size
+    def mean_axis_direction(self) -> Floats | None:
+        """Unit vector (3,) to the mean of axes and contacts in the first mode, ground axes.
+
+        About 24 samples are used. None if the axes cancel each other.
+        """
+        every_24th_part = np.arange(0, len(self), max(1, len(self) // 24))
+        motion = self.motion_at(every_24th_part)
+        is_first_mode = motion.assembly_mode == motion.assembly_mode[0]
+        axes = motion.frames[~motion.failed & is_first_mode, :, :, 2]
+        mean = np.sum(axes, axis=(0, 1))
+        length = np.linalg.norm(mean)
+        return None if length < DIRECTION_CANCELS else mean / length
 
     def events(self) -> TableArrays:
-        """Return the table of the simulation's events."""
+        """Return the rows of the table `EVENTS` of a simulation."""
         assert self.simulation is not None
-        mechanism = self.tracer.mechanism
+        mechanism = self.position_analysis.mechanism
         return EVENTS.stacked(
             mechanism,
             (
@@ -174,106 +244,232 @@ class Sampling:
 
     @property
     def warnings(self) -> Names:
-        """What is to be heeded of names of modes, and in the rows of a simulation."""
+        """Sentences about modes whose names were not found, and a missed tolerance."""
         missed = self.simulation.missed if self.simulation is not None else None
-        return self.tracer.unused_mode_names + (() if missed is None else (missed,))
+        return self.position_analysis.unused_mode_names + (
+            () if missed is None else (missed,)
+        )
 
     def summary(self) -> dict[str, Any]:
-        """Return what is to be said of time, and of a simulation's checks."""
-        if not self.timed:
+        """Return the time laws, or the checks of a simulation, ready for JSON."""
+        if not self.is_over_time:
             return {}
         facts: dict[str, Any] = {"duration_s": self.duration}
-        if self.simulation is None:
+        simulation = self.simulation
+        if simulation is None:
             facts["laws"] = {pair: repr(law) for pair, law in self.laws.items()}
             return {"time": facts}
-        done = self.simulation
+        end = simulation.end
+        checks = simulation.checks
         facts |= {
-            "end": {"kind": done.end.kind, "t": done.end.t, "reason": done.end.message},
+            "end": {"kind": end.kind, "t": end.t, "reason": end.message},
             "tolerance": self.tolerance,
-            "achieved_error_rad": done.checks.error,
-            "missed": done.missed,
-            "energy_imbalance_J": done.checks.energy,
-            "energy_scale_J": done.checks.energy_scale,
-            "power_imbalance_W": done.checks.power,
-            "closure_drift_rad": done.checks.closure,
-            "engine": {"name": done.engine.name, "steps": done.engine.steps},
-            "events": len(done.events),
+            "achieved_error_rad": checks.error,
+            "missed": simulation.missed,
+            "energy_imbalance_J": checks.energy,
+            "energy_scale_J": checks.energy_scale,
+            "power_imbalance_W": checks.power,
+            "closure_drift_rad": checks.closure,
+            "engine": {"name": simulation.engine.name, "steps": simulation.engine.steps},
+            "events": len(simulation.events),
         }
         return {"simulation": facts}
 
 
-def course_of(
+def make_sampling(
     study: Study,
     engine: Engine = "auto",
     follow: bool = True,
-    seen: Callable[[Sampling], None] | None = None,
+    on_progress: Callable[[Sampling], None] | None = None,
 ) -> Sampling:
-    """Return the course of a study, simulated and checked if loads say the motion.
+    """Find the assembly modes of a study, or solve its simulation, and return its samples.
 
-    Without `follow` samples over no time have no assembly modes: nothing is read there.
-    `seen` is given all samples with a simulation that is being solved, as far as it is.
+    Parameters
+    ----------
+    study
+        The mechanism, and the samples, laws or start of its motion.
+    engine
+        The solver of a simulation; see `simulate`.
+    follow
+        Whether assembly modes are searched if the samples are no times. Without them there
+        are no configurations.
+    on_progress
+        Called while a simulation is solved, with all samples and with the part of the
+        simulation that is solved.
 
     Raises
     ------
     AnalysisError, FileError
-        If what is said of time does not fit together.
+        If laws, duration, start and samples do not fit together.
     PlanError, SolveError, ModelError
         See `PositionAnalysis` and `simulate`.
     """
     check_time(study)
     mechanism = driven_at(study.mechanism)
-    assembly_mode = study.assembly_mode
-    samples = study.samples
-    inputs = mechanism.input_pairs
     if study.duration is None:
-        tracer = PositionAnalysis(
-            mechanism,
-            None,
-            assembly_mode,
-            study.search,
-            samples,
-            study.grid,
-            study.path,
-            follow,
-            study.crossings,
-        )
-        input_grid = tracer.input_grid
-        straight = study.path is None and input_grid.is_path
-        moves = straight or len(inputs) == 1
-        timing = _at_unit_speed(input_grid.q, straight) if moves else None
-        return Sampling(tracer, input_grid.q, input_grid.shape, timing, False, {})
-    assert isinstance(samples, int)
-    t = np.linspace(0.0, study.duration, samples)
+        return _sample_inputs(study, mechanism, follow)
+    assert isinstance(study.samples, int)
+    t = np.linspace(0.0, study.duration, study.samples)
     if study.start is not None:
-        need_allowed(mechanism, engine, study.tolerance)
-        several = study.start.each(inputs)[0][None] if len(inputs) > 1 else None
-        tracer = PositionAnalysis(
-            mechanism, None, assembly_mode or 0, samples=2, path=several
-        )
-        unknown = nans((samples, 1))
-        rows = tracer, unknown, (samples,), Timing(t, unknown, unknown), True
-        simulation = simulate(
-            tracer.mechanism,
-            study.start,
-            study.duration,
-            torque=study.driving_torque,
-            assembly_mode=tracer.assembly_modes[0].number,
-            tolerance=study.tolerance,
-            crossings=study.crossings,
-            check=True,
-            engine=engine,
-            seen=seen and (lambda so_far: seen(Sampling(*rows, {}, simulation=so_far))),
-        )
-        return simulated_course(tracer, simulation, t, study.tolerance)
-    laws = study.laws
-    if not laws:  # through its range
-        driven = mechanism.inputs[0]
-        laws = {driven.pair: ConstantSpeed(driven.sense * UNIT_SPEED, driven.start)}
-    q, timing = evaluate_time_laws(inputs, laws, t)
-    tracer = PositionAnalysis(
-        mechanism, None, assembly_mode, study.search, path=q, crossings=study.crossings
+        return _simulate_study(study, mechanism, t, engine, on_progress)
+    return _sample_laws(study, mechanism, t)
+
+
+def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling:
+    """Return samples over ranges or a path of the inputs."""
+    position_analysis = PositionAnalysis(
+        mechanism,
+        input_pair=None,
+        assembly_mode=study.assembly_mode,
+        search=study.search,
+        samples=study.samples,
+        grid=study.grid,
+        path=study.path,
+        follow=follow,
+        crossings=study.crossings,
     )
-    return Sampling(tracer, q, (len(q),), timing, True, laws, study.duration)
+    input_grid = position_analysis.input_grid
+    is_straight = study.path is None and input_grid.is_path
+    timing = None
+    if is_straight or len(mechanism.input_pairs) == 1:
+        timing = _default_timing(input_grid.q, is_straight)
+    return Sampling(
+        position_analysis=position_analysis,
+        inputs=input_grid.q,
+        shape=input_grid.shape,
+        timing=timing,
+        is_over_time=False,
+        laws={},
+    )
+
+
+def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
+    """Return samples at times t (n,) s of the time laws of the inputs."""
+    laws = study.laws
+    if not laws:
+        # The single input moves from the start of its range at the default speed.
+        driven = mechanism.inputs[0]
+        law = ConstantSpeed(driven.sense * DEFAULT_INPUT_SPEED, driven.start)
+        laws = {driven.pair: law}
+    q, timing = evaluate_time_laws(mechanism.input_pairs, laws, t)
+    position_analysis = PositionAnalysis(
+        mechanism,
+        input_pair=None,
+        assembly_mode=study.assembly_mode,
+        search=study.search,
+        path=q,
+        crossings=study.crossings,
+    )
+    return Sampling(
+        position_analysis=position_analysis,
+        inputs=q,
+        shape=(len(q),),
+        timing=timing,
+        is_over_time=True,
+        laws=laws,
+        duration=study.duration,
+    )
+
+
+def _simulate_study(
+    study: Study,
+    mechanism: Mechanism,
+    t: Floats,
+    engine: Engine,
+    on_progress: Callable[[Sampling], None] | None,
+) -> Sampling:
+    """Solve and check the simulation of a study, and return it at times t (n,) s."""
+    assert study.start is not None and study.duration is not None
+    need_allowed(mechanism, engine, study.tolerance)
+    # The position analysis only finds the assembly modes at the start. A single input has
+    # the two ends of its range as samples, several inputs have the start.
+    start_inputs = None
+    if len(mechanism.input_pairs) > 1:
+        start_inputs = study.start.each(mechanism.input_pairs)[0][None]
+    position_analysis = PositionAnalysis(
+        mechanism,
+        input_pair=None,
+        assembly_mode=study.assembly_mode or 0,
+        samples=2,
+        path=start_inputs,
+    )
+
+    def show_progress(partial_simulation: Simulation) -> None:
+        # The inputs of samples that are not simulated yet are unknown.
+        unknown = nans((len(t), 1))
+        assert on_progress is not None
+        on_progress(
+            Sampling(
+                position_analysis=position_analysis,
+                inputs=unknown,
+                shape=(len(t),),
+                timing=Timing(t, unknown, unknown),
+                is_over_time=True,
+                laws={},
+                simulation=partial_simulation,
+            )
+        )
+
+    simulation = simulate(
+        position_analysis.mechanism,
+        study.start,
+        study.duration,
+        torque=study.driving_torque,
+        assembly_mode=position_analysis.assembly_modes[0].number,
+        tolerance=study.tolerance,
+        crossings=study.crossings,
+        check=True,
+        engine=engine,
+        seen=None if on_progress is None else show_progress,
+    )
+    return sample_simulation(position_analysis, simulation, t, study.tolerance)
+
+
+def sample_simulation(
+    position_analysis: PositionAnalysis,
+    simulation: Simulation,
+    t: Floats,
+    tolerance: float,
+) -> Sampling:
+    """Return the samples of a solved simulation.
+
+    Parameters
+    ----------
+    position_analysis
+        The assembly mode in which the simulation starts.
+    simulation
+        The solved simulation.
+    t
+        (n,) times of the samples, s. If the simulation ends earlier, its end is the last
+        sample, and later times are left out.
+    tolerance
+        The tolerance of the simulation, rad.
+    """
+    duration = float(t[-1])
+    end_time = simulation.end.t
+    if end_time < duration:
+        t = np.append(t[t < end_time], end_time)
+    # Evaluated in blocks, because a state has the rotation of every link.
+    inputs = []
+    rates = []
+    accelerations = []
+    for start in range(0, len(t), BLOCK_ROWS):
+        states = simulation.at(t[start : start + BLOCK_ROWS])
+        inputs.append(states.inputs)
+        rates.append(states.input_rates)
+        accelerations.append(states.input_accelerations)
+    q = np.concatenate(inputs)
+    return Sampling(
+        position_analysis=position_analysis,
+        inputs=q,
+        shape=(len(q),),
+        timing=Timing(t, np.concatenate(rates), np.concatenate(accelerations)),
+        is_over_time=True,
+        laws={},
+        duration=duration,
+        simulation=simulation,
+        tolerance=tolerance,
+    )
 
 
 def check_time(study: Study) -> None:
@@ -289,21 +485,25 @@ def check_time(study: Study) -> None:
 
 
 def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, str]]:
-    """Yield what is wrong with how time is given, by the keys of a study that say it."""
+    """Yield faults of laws, duration and start: keys of the study, and a sentence."""
     inputs = mechanism.input_pairs
-    start, duration, torque = study.start, study.duration, study.driving_torque
+    start = study.start
+    duration = study.duration
+    torque = study.driving_torque
+
     for pair in study.laws:
-        law = ("inputs", pair, "law")
+        law_key = ("inputs", pair, "law")
         if pair not in inputs:
-            yield law, f"pair {pair} is not an input; inputs: {', '.join(inputs)}"
+            yield law_key, f"pair {pair} is not an input; inputs: {', '.join(inputs)}"
         if start is not None:
             yield (
-                law,
+                law_key,
                 "excluded by the start: there the motion follows from the loads; give a "
                 "law or a start",
             )
         if duration is None:
-            yield law, "a time law needs a duration in s, --duration T or duration = T"
+            yield law_key, "a time law needs a duration in s, --duration T or duration = T"
+
     if start is not None:
         if duration is None:
             yield ("start",), "a start needs a duration in s, --duration T or duration = T"
@@ -314,26 +514,28 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
     elif torque is not None:
         yield ("start",), "a driving torque needs a start"
     if torque is not None:
-        given = (
-            study.torque.values() if isinstance(study.torque, Mapping) else [study.torque]
-        )
-        for size in given:
-            if isinstance(size, int | float) and not np.isfinite(size):
-                yield ("start", "torque"), f"{size} is not finite"
+        torques: Iterable[Any] = [study.torque]
+        if isinstance(study.torque, Mapping):
+            torques = study.torque.values()
+        for value in torques:
+            if isinstance(value, int | float) and not np.isfinite(value):
+                yield ("start", "torque"), f"{value} is not finite"
         try:
             mechanism.with_loads(*make_input_torques(mechanism, torque))
         except (ModelError, SolveError) as problem:
             yield ("start", "torque"), str(problem)
+
+    # All further faults are about samples at times.
     if duration is None:
         return
     if not 0.0 < duration < np.inf:
         yield ("duration",), f"found {duration:g} s, needs a finite time above 0"
-    lacking = [name for name in inputs if name not in study.laws]
-    if start is None and lacking and len(inputs) > 1:
+    inputs_without_law = [name for name in inputs if name not in study.laws]
+    if start is None and inputs_without_law and len(inputs) > 1:
         yield (
             ("inputs",),
-            f"input {lacking[0]} has no law; give one for every input, such as "
-            f"--law {lacking[0]}=constant_speed:speed=1",
+            f"input {inputs_without_law[0]} has no law; give one for every input, such as "
+            f"--law {inputs_without_law[0]}=constant_speed:speed=1",
         )
     if study.path is not None:
         yield (
@@ -347,35 +549,28 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
         )
 
 
-def simulated_course(
-    tracer: PositionAnalysis, simulation: Simulation, t: Floats, tolerance: float
-) -> Sampling:
-    """Return a simulation at times t (n,) s, as far as it went, as a course.
+def _default_timing(q: Floats, is_straight: bool) -> Timing:
+    """Return the timing of inputs without laws.
 
-    Where it ended before the last of them, its end is the last row.
+    Parameters
+    ----------
+    q
+        (k, inputs) values of the inputs, rad.
+    is_straight
+        Whether the inputs move on a straight path from the first to the last row. The
+        fastest input then moves at `DEFAULT_INPUT_SPEED`. Otherwise there is a single
+        input, which moves at this speed from its least to its greatest value.
     """
-    duration = float(t[-1])
-    last = simulation.end.t
-    if last < duration:
-        t = np.append(t[t < last], last)
-    states = (simulation.at(t[k : k + BLOCK_ROWS]) for k in range(0, len(t), BLOCK_ROWS))
-    parts = ((x.inputs, x.input_rates, x.input_accelerations) for x in states)
-    q, dq, ddq = map(np.concatenate, zip(*parts, strict=True))
-    return Sampling(
-        tracer, q, (len(q),), Timing(t, dq, ddq), True, {}, duration, simulation, tolerance
-    )
-
-
-def _at_unit_speed(q: Floats, straight: bool) -> Timing:
-    """Return the timing of inputs (k, inputs) on a straight path, the fastest at 1 rad/s.
-
-    A single input on another path turns from its least value at 1 rad/s.
-    """
-    ends = q[[0, -1]] if straight else input_extents(q)[0]
-    way = ends[1] - ends[0]
-    fastest = np.argmax(np.abs(way))
-    t = np.abs(q[:, fastest] - ends[0, fastest]) / UNIT_SPEED
-    share = way / np.abs(way[fastest]) if way[fastest] else np.ones_like(way)
+    ends = q[[0, -1]] if is_straight else input_extents(q)[0]
+    displacement = ends[1] - ends[0]
+    fastest = np.argmax(np.abs(displacement))
+    t = np.abs(q[:, fastest] - ends[0, fastest]) / DEFAULT_INPUT_SPEED
+    if displacement[fastest]:
+        relative_speed = displacement / np.abs(displacement[fastest])
+    else:
+        relative_speed = np.ones_like(displacement)
     return Timing(
-        t, np.broadcast_to(UNIT_SPEED * share, q.shape), np.broadcast_to(0.0, q.shape)
+        t,
+        dq=np.broadcast_to(DEFAULT_INPUT_SPEED * relative_speed, q.shape),
+        ddq=np.broadcast_to(0.0, q.shape),
     )

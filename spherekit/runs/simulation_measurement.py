@@ -18,14 +18,19 @@ from spherekit.positions.timing import Timing
 from spherekit.progress import ProgressReporter
 from spherekit.proof.ball_frames import exactly
 from spherekit.proof.balls import FEWEST, floats, pi
+from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.declaration_checks import declared
 from spherekit.runs.evaluation_options import ORDINARY, Integrator, Setting
-from spherekit.runs.run_plan import RunPlan, job_of
-from spherekit.runs.sampling import Sampling, simulated_course
+from spherekit.runs.run_plan import DeclaredNeeds, RunPlan, make_run_plan
+from spherekit.runs.sampling import Sampling, sample_simulation
 from spherekit.runs.table_deviation import Deviation, worst
-from spherekit.runs.table_scenes import Batch
-from spherekit.runs.trade_measurement import _toward, deviations_of, reference_at
+from spherekit.runs.trade_measurement import (
+    ReferenceTables,
+    align_directions,
+    compute_reference_tables,
+    measure_deviations,
+)
 from spherekit.runs.trade_record import Measured
 from spherekit.tables.table import Tables
 from spherekit.tolerances import EPS
@@ -79,37 +84,38 @@ its times do."""
 
 
 def plan_of(
-    course: Sampling, analysis: AbstractAnalysis, setting: Setting = ORDINARY
+    sampling: Sampling, analysis: AbstractAnalysis, setting: Setting = ORDINARY
 ) -> RunPlan:
     """Return the run of one analysis; `AnalysisError` for bad parameters."""
-    needs = declared(analysis, course.tracer.mechanism)
-    return job_of(course, [analysis], ((needs,), {}), setting=setting)
+    needs = declared(analysis, sampling.position_analysis.mechanism)
+    return make_run_plan(sampling, [analysis], DeclaredNeeds((needs,), {}), setting=setting)
 
 
 def tables_by(
-    course: Sampling,
+    sampling: Sampling,
     analysis: AbstractAnalysis,
     setting: Setting,
     toward: Sequence[PoleField] = (),
 ) -> Timed:
-    """Return the tables of an analysis over a course by a setting.
+    """Return the tables of an analysis over a sampling by a setting.
 
     The signs of directions follow from the samples, not from a setting. To compare
     errors they are turned `toward` those of a reference.
     """
     started = time.process_time()
-    plan = plan_of(course, analysis, setting)
+    plan = plan_of(sampling, analysis, setting)
     first = time.process_time() - started
 
     def batches() -> Iterator[Batch]:
-        for motion, fields, angles in plan.read(plan.source.blocks(plan.block)):
+        blocks = plan.source.blocks(plan.block_size)
+        for motion, fields, angles in plan.evaluate_blocks(blocks):
             if toward:
-                modes = np.arange(len(motion.assembly_modes)) * len(course)
+                modes = np.arange(len(motion.assembly_modes)) * len(sampling)
                 rows = motion.sample + np.repeat(modes, motion.samples)
-                fields = _toward(fields, toward, rows)
-            yield plan.batch(analysis, motion, fields, angles)
+                fields = align_directions(fields, toward, rows)
+            yield plan.make_batch(analysis, motion, fields, angles)
 
-    tables = plan.collected(analysis, batches())
+    tables = plan.join_tables(analysis, batches())
     return tables, first, time.process_time() - started
 
 
@@ -172,7 +178,7 @@ def timing_loop(
 def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
     """Return integrators and tolerances with their times and errors.
 
-    `plan` has the course of the study's simulation. The reference is a simulation in
+    `plan` has the sampling of the study's simulation. The reference is a simulation in
     more digits than float64; where none can be made, the tightest float64 one, and the
     words say why.
     """
@@ -182,16 +188,18 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
         for tolerance in TOLERANCES
         if tolerance >= LEAST[integrator]
     ]
-    best, course, compiling = _tightest(plan, study)
+    best, sampling, compiling = _tightest(plan, study)
     try:
-        tables, poles, without = _in_many_digits(plan, study, course)
-        words = f"a simulation in {FEWEST} digits{without}"
+        reference = _in_many_digits(plan, study, sampling)
+        tables = reference.tables
+        poles = reference.pole_fields
+        words = f"a simulation in {FEWEST} digits{reference.lacking}"
         near = []
     except EngineError as reason:
         poles = ()
         tables, *_ = _simulated_tables(plan, study, best)
         other = replace(best, tolerance=10.0 * LEAST[best.integrator])
-        near = deviations_of(plan, _simulated_tables(plan, study, other)[0], tables)
+        near = measure_deviations(plan, _simulated_tables(plan, study, other)[0], tables)
         words = (
             f"simulation {best}, known to {_largest(near):.1e} from {other} "
             f"({reason.fault})"
@@ -206,11 +214,11 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
     def judge(given: Tables) -> list[Deviation]:
         return [
             replace(item, error=max(item.error, floors.get(item.column, EPS)))
-            for item in deviations_of(plan, given, tables)
+            for item in measure_deviations(plan, given, tables)
         ]
 
     ways = [(str(setting), setting, partial(way, setting)) for setting in settings]
-    results = timing_loop(ways, judge, study.count / len(plan.course), effort)
+    results = timing_loop(ways, judge, study.count / len(plan.sampling), effort)
     results = [
         replace(result, compile_seconds=compiling)
         if result.setting and result.setting.integrator == "compiled" and not result.reason
@@ -222,20 +230,20 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
 
 def _solved(plan: RunPlan, study: Study, setting: Setting) -> Sampling:
     """Return the simulation of a study by a setting, over the times of a run."""
-    course = plan.course
+    sampling = plan.sampling
     assert study.start is not None and setting.tolerance is not None
-    assert course.duration is not None
+    assert sampling.duration is not None
     simulation = simulate(
         plan.mechanism,
         study.start,
-        course.duration,
+        sampling.duration,
         torque=study.driving_torque,
-        assembly_mode=course.tracer.assembly_modes[0].number,
+        assembly_mode=sampling.position_analysis.assembly_modes[0].number,
         tolerance=setting.tolerance,
         engine=setting.integrator,
     )
-    t = np.linspace(0.0, course.duration, len(course))
-    return simulated_course(course.tracer, simulation, t, setting.tolerance)
+    t = np.linspace(0.0, sampling.duration, len(sampling))
+    return sample_simulation(sampling.position_analysis, simulation, t, setting.tolerance)
 
 
 def _simulated_tables(
@@ -243,11 +251,11 @@ def _simulated_tables(
 ) -> Timed:
     """Return the tables of a simulation by a setting, see `tables_by`."""
     started = time.process_time()
-    course = _solved(plan, study, setting)
+    sampling = _solved(plan, study, setting)
     solving = time.process_time() - started
-    if toward and len(course) != len(toward[0].status):
+    if toward and len(sampling) != len(toward[0].status):
         toward = ()
-    tables, _, seconds = tables_by(course, plan.analyses[0], ORDINARY, toward)
+    tables, _, seconds = tables_by(sampling, plan.analyses[0], ORDINARY, toward)
     return tables, solving, solving + seconds
 
 
@@ -258,15 +266,13 @@ def _tightest(plan: RunPlan, study: Study) -> tuple[Setting, Sampling, float]:
         for integrator in INTEGRATORS
     )
     with suppress(EngineError):
-        course = _solved(plan, study, compiled)
-        assert course.simulation is not None
-        return compiled, course, course.simulation.engine.compile_seconds
+        sampling = _solved(plan, study, compiled)
+        assert sampling.simulation is not None
+        return compiled, sampling, sampling.simulation.engine.compile_seconds
     return setting, _solved(plan, study, setting), 0.0
 
 
-def _in_many_digits(
-    plan: RunPlan, study: Study, course: Sampling
-) -> tuple[Tables, tuple[PoleField, ...], str]:
+def _in_many_digits(plan: RunPlan, study: Study, sampling: Sampling) -> ReferenceTables:
     """Return the tables at the times of a simulation from one in more digits.
 
     Raises
@@ -274,13 +280,13 @@ def _in_many_digits(
     EngineError
         If there is none; see `spherekit.dynamics.reference_simulation.refined`.
     """
-    simulation = course.simulation
-    end = plan.course.duration
+    simulation = sampling.simulation
+    end = plan.sampling.duration
     assert simulation is not None and study.start is not None and end is not None
-    assert course.t is not None
+    assert sampling.t is not None
     exact = refined(simulation, study.start, end)
-    (motion,) = course.blocks(len(course))
-    (states, *derived), (driven,) = exact.at(course.t), simulation.driven
+    (motion,) = sampling.blocks(len(sampling))
+    (states, *derived), (driven,) = exact.at(sampling.t), simulation.driven
     turns = np.round((floats(states) - motion.values) / TURN)
     with exact.arithmetic.within():
         values = floats(states - exactly(turns) * (2 * pi()))
@@ -289,12 +295,13 @@ def _in_many_digits(
     rates = [floats(x[:, [driven]]) for x in derived]
     if exact.kind == "sticking":
         # Dry friction jumps here, so nothing that depends on it is compared.
-        stuck = course.t >= min(float(exact.end), simulation.end.t)
+        stuck = sampling.t >= min(float(exact.end), simulation.end.t)
         for rate in rates:
             rate[stuck] = np.nan
-    timing = Timing(np.minimum(course.t, float(exact.end)), *rates)
+    timing = Timing(np.minimum(sampling.t, float(exact.end)), *rates)
     motion = replace(motion, values=values, inputs=floats(inputs), timing=timing)
-    return reference_at(plan_of(course, plan.analyses[0]), motion, inputs)
+    run_plan = plan_of(sampling, plan.analyses[0])
+    return compute_reference_tables(run_plan, motion, inputs)
 
 
 def _largest(near: Sequence[Deviation]) -> float:

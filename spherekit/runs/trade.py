@@ -1,6 +1,6 @@
 """Measuring the trade of speed for accuracy of one analysis of one mechanism.
 
-The samples of a course at which errors are measured.
+The samples of a sampling at which errors are measured.
 """
 
 import time
@@ -25,7 +25,7 @@ from spherekit.runs.evaluation_options import ENGINES, ORDINARY, Setting
 from spherekit.runs.registry import create
 from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.runner import run
-from spherekit.runs.sampling import Sampling, course_of
+from spherekit.runs.sampling import Sampling, make_sampling
 from spherekit.runs.simulation_measurement import (
     Effort,
     Found,
@@ -38,7 +38,11 @@ from spherekit.runs.simulation_measurement import (
 from spherekit.runs.study_options import Subject, study_of, takes
 from spherekit.runs.table_deviation import Deviation, scale_words
 from spherekit.runs.trade_files import run_of
-from spherekit.runs.trade_measurement import deviations_of, reads_poles, reference_at
+from spherekit.runs.trade_measurement import (
+    compute_reference_tables,
+    measure_deviations,
+    reads_poles,
+)
 from spherekit.runs.trade_record import Measured, Trade
 from spherekit.tables.table import TableArrays, Tables, arrays
 from spherekit.tolerances import EPS
@@ -49,21 +53,21 @@ PEAKS = 8
 """Places of worst conditioning around which more samples are taken, in every step."""
 
 
-def places(course: Sampling, most: int, wanted: Request) -> Indices:
+def places(sampling: Sampling, most: int, wanted: Request) -> Indices:
     """Return numbers of samples: `most` evenly, and more where axes are least certain.
 
     There errors of rounding and of functions read from nodes are largest. Between the
     samples beside each peak of the error bounds the middle ones are added, until
     neighbours are reached.
     """
-    q = course.inputs[:, 0]
+    q = sampling.inputs[:, 0]
     spread = np.linspace(0, len(q) - 1, most).astype(np.intp)
     rows = np.unique([*spread, np.argmin(q), np.argmax(q)])
-    if course.inputs.shape[1] > 1 or not wanted.poles:
+    if sampling.inputs.shape[1] > 1 or not wanted.poles:
         return rows
     more = rows
     while len(more):
-        motion = course.motion_at(rows)
+        motion = sampling.motion_at(rows)
         field = evaluate(motion, wanted, route="conditioned")
         bound = np.fmax.reduce([np.zeros(len(motion)), *field.error.values()])
         sides = np.pad(bound.reshape(-1, len(rows)), ((0, 0), (1, 1)), constant_values=-1.0)
@@ -76,16 +80,25 @@ def places(course: Sampling, most: int, wanted: Request) -> Indices:
     return rows
 
 
-def at_places(course: Sampling, rows: Indices, search: bool) -> Sampling:
-    """Return the course that runs through some samples of another only."""
-    tracer = course.tracer
-    only = tracer.assembly_modes[0].number if len(tracer.assembly_modes) == 1 else None
-    q = course.inputs[rows]
-    timing = course.timing
+def at_places(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
+    """Return the sampling that runs through some samples of another only."""
+    position_analysis = sampling.position_analysis
+    only = (
+        position_analysis.assembly_modes[0].number
+        if len(position_analysis.assembly_modes) == 1
+        else None
+    )
+    q = sampling.inputs[rows]
+    timing = sampling.timing
     return replace(
-        course,
-        tracer=PositionAnalysis(
-            tracer.mechanism, None, only, search, path=q, crossings=tracer.crossings
+        sampling,
+        position_analysis=PositionAnalysis(
+            position_analysis.mechanism,
+            None,
+            only,
+            search,
+            path=q,
+            crossings=position_analysis.crossings,
         ),
         inputs=q,
         shape=(len(q),),
@@ -139,7 +152,7 @@ def trade(
     few = study
     if study.start is not None:
         few = replace(study, samples=min(study.count, effort.checked or CHECKED))
-    plan = plan_of(course_of(few), chosen)
+    plan = plan_of(make_sampling(few), chosen)
     if not reads_poles(plan):
         raise AnalysisError(
             f"{chosen.name}: reads no poles, rates or positions of the samples and "
@@ -157,26 +170,31 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
     The ordinary one is timed at successive samples, so many that a kernel gives their rows
     where it gives those of the run that is wanted. Errors are measured at fewer.
     """
-    (analysis,), whole = plan.analyses, plan.course
+    (analysis,), whole = plan.analyses, plan.sampling
     total = len(whole)
-    modes = len(whole.tracer.assembly_modes)
+    modes = len(whole.position_analysis.assembly_modes)
     most = min(CHECKED, effort.checked or max(FEWEST, CHECKED_ROWS // modes))
     long = None
-    if whole.shape == (total,) and total * modes >= batch_runner.FEWEST:
+    if whole.shape == (total,) and total * modes >= batch_runner.MIN_KERNEL_ROWS:
         long = at_places(
-            whole, np.arange(min(total, 4 * batch_runner.FEWEST // modes)), study.search
+            whole,
+            np.arange(min(total, 4 * batch_runner.MIN_KERNEL_ROWS // modes)),
+            study.search,
         )
-    course = whole
+    sampling = whole
     axes = len(whole.shape)
     if total > most and axes > 1:
         side = max(2, int(most ** (1.0 / axes)))
-        course = course_of(
+        sampling = make_sampling(
             replace(study, samples=tuple(min(count, side) for count in whole.shape))
         )
     elif total > most:
-        course = at_places(whole, places(whole, most, plan.requests[0]), study.search)
-    plan = plan_of(course, analysis)
-    right, poles, without = reference_at(plan, course.motion_at(np.arange(len(course))))
+        sampling = at_places(whole, places(whole, most, plan.requests[0]), study.search)
+    plan = plan_of(sampling, analysis)
+    motion = sampling.motion_at(np.arange(len(sampling)))
+    reference = compute_reference_tables(plan, motion)
+    right = reference.tables
+    poles = reference.pole_fields
     every = effort.settings or [
         *(Setting(route=route) for route in ROUTES),
         *(Setting(engine=engine) for engine in ENGINES if engine != "numpy"),
@@ -184,27 +202,32 @@ def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
 
     def way(setting: Setting, judged: bool) -> Timed:
         if judged or long is None or setting != ORDINARY:
-            return tables_by(course, analysis, setting, poles if judged else ())
+            return tables_by(sampling, analysis, setting, poles if judged else ())
         tables, first, seconds = tables_by(long, analysis, setting)
-        return tables, first, first + (seconds - first) * len(course) / len(long)
+        return tables, first, first + (seconds - first) * len(sampling) / len(long)
 
     results = timing_loop(
         [(str(setting), setting, partial(way, setting)) for setting in every],
-        lambda tables: deviations_of(plan, tables, right),
-        study.count / len(course),
+        lambda tables: measure_deviations(plan, tables, right),
+        study.count / len(sampling),
         effort,
     )
     return _trade(
         plan,
         study,
-        (f"the closure equations in {DIGITS} digits{without}", EPS, right, results),
+        (
+            f"the closure equations in {DIGITS} digits{reference.lacking}",
+            EPS,
+            right,
+            results,
+        ),
     )
 
 
 def _trade(plan: RunPlan, study: Study, result: Found) -> Trade:
     words, floor, reference, measures = result
-    (analysis,), course = plan.analyses, plan.course
-    scales = {x.column: x.scale for x in deviations_of(plan, reference, reference)}
+    (analysis,), sampling = plan.analyses, plan.sampling
+    scales = {x.column: x.scale for x in measure_deviations(plan, reference, reference)}
     columns = [
         (name, scale_words(column), scales[name])
         for table in plan.tables_of(analysis)
@@ -215,8 +238,8 @@ def _trade(plan: RunPlan, study: Study, result: Found) -> Trade:
         plan.mechanism.name,
         analysis.name,
         study.count,
-        len(course),
-        len(course) * len(course.tracer.assembly_modes),
+        len(sampling),
+        len(sampling) * len(sampling.position_analysis.assembly_modes),
         words,
         floor,
         int(plan.needs[0].derivatives),

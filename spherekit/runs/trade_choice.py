@@ -11,13 +11,13 @@ from spherekit.errors import AnalysisError, PluginError
 from spherekit.files.study import Study
 from spherekit.runs.contract import Analyses
 from spherekit.runs.evaluation_options import ORDINARY, Setting
-from spherekit.runs.run_folder import differences
-from spherekit.runs.sampling import course_of
+from spherekit.runs.run_identity import differences
+from spherekit.runs.sampling import make_sampling
 from spherekit.runs.simulation_measurement import plan_of
 from spherekit.runs.table_deviation import Deviation, worst
 from spherekit.runs.trade import trade
 from spherekit.runs.trade_files import read_trade, run_of
-from spherekit.runs.trade_measurement import checked_rows, reads_poles
+from spherekit.runs.trade_measurement import measure_run, reads_poles
 from spherekit.runs.trade_record import MARGIN, Trade, check_tolerance, recommended
 from spherekit.storage.json_data import finite
 from spherekit.wording import listing
@@ -60,10 +60,10 @@ def choose(
     trades = list(stored)
     plans = []
     if study.start is None:
-        course = course_of(study)
+        sampling = make_sampling(study)
         for analysis in analyses:
             with suppress(AnalysisError, PluginError):  # the run says what fails
-                plan = plan_of(course, analysis)
+                plan = plan_of(sampling, analysis)
                 if not analysis.trades and reads_poles(plan):
                     plans.append(plan)
     if not stored and study.count >= WORTH:
@@ -80,7 +80,9 @@ def choose(
     rows = 0
     for plan in plans:
         with suppress(AnalysisError, PluginError):
-            deviations, rows = checked_rows(plan_of(plan.course, plan.analyses[0], setting))
+            deviations, rows = measure_run(
+                plan_of(plan.sampling, plan.analyses[0], setting)
+            )
             collected += deviations
     largest = worst(collected)
     achieved = np.nan if largest is None else largest.error

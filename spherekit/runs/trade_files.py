@@ -13,7 +13,7 @@ from spherekit.files.study import Study
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.evaluation_options import Setting
-from spherekit.runs.run_state import digest, identities_of
+from spherekit.runs.run_state import describe_analyses, hash_array
 from spherekit.runs.trade_record import COLUMN, STORED, Measured, Trade
 from spherekit.version import __version__
 
@@ -24,7 +24,7 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> Facts:
     """Return what a trade for a study's run depends on, ready for JSON."""
     mechanism = driven_at(study.mechanism)
     path = study.path
-    ((_, version, given),) = identities_of([analysis])
+    ((_, version, given),) = describe_analyses([analysis])
     return {
         "spherekit": __version__,
         "mechanism": mechanism.name,
@@ -34,7 +34,7 @@ def run_of(study: Study, analysis: AbstractAnalysis) -> Facts:
         "parameters": given,
         "inputs": mechanism.input_pairs,
         "samples": "x".join(map(str, study.shape)),
-        "input_values": None if path is None else digest(path),
+        "input_values": None if path is None else hash_array(path),
         "assembly_mode": study.assembly_mode
         if study.start is None
         else study.assembly_mode or 0,

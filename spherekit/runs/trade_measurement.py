@@ -1,85 +1,135 @@
-"""Running settings against each other in one process, and against the reference."""
+"""The errors of a run against reference values in many digits, column by column."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spherekit.arrays import Array, Indices
 from spherekit.positions.motion import Motion
+from spherekit.runs.batch import PoleFields
 from spherekit.runs.run_plan import RunPlan, links_of
 from spherekit.runs.table_deviation import Deviation, deviations
-from spherekit.runs.table_scenes import Fields
-from spherekit.runs.verification import GOLDEN, in_many_digits
+from spherekit.runs.verification import GOLDEN, compute_reference
 from spherekit.status import Status
 from spherekit.tables.table import Tables
 from spherekit.velocities.direction_signs import turn_round
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_field import PoleField
 
+CHECKED_SAMPLES = 61
+"""Number of samples of a run at which its errors are measured.
 
-def reads_poles(plan: RunPlan) -> bool:
-    """Return whether anything of what is read depends on settings of the samples."""
-    return bool(links_of(plan.mechanism, replace(plan.needs[0], links=frozenset())))
-
-
-CHECK_ROWS = 61
-"""Samples at which what was reached is measured, spread over the run's own."""
+Larger: the measurement takes longer; smaller: rows with large errors are missed.
+"""
 
 
-def checked_rows(plan: RunPlan) -> tuple[list[Deviation], int]:
-    """Return how far a run is off at some samples, and their number of rows.
+def reads_poles(run_plan: RunPlan) -> bool:
+    """Return whether the analysis reads anything that depends on settings of the run."""
+    needs = replace(run_plan.needs[0], links=frozenset())
+    return bool(links_of(run_plan.mechanism, needs))
 
-    The samples are spread over the course: at most `CHECK_ROWS`, chosen apart from any
-    regular pattern.
+
+def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
+    """Measure the errors of a run with one analysis at some of its samples.
+
+    At most `CHECKED_SAMPLES` samples are spread over the run, without a regular pattern
+    that samples could share.
+
+    Returns
+    -------
+    The deviations of the columns, and the number of rows that are measured.
     """
-    total = len(plan.course)
-    rows = np.arange(total)
-    if total > CHECK_ROWS:
-        shares = (rows[:CHECK_ROWS] + rows[:CHECK_ROWS] * GOLDEN % 1.0) / CHECK_ROWS
-        rows = np.unique((shares * total).astype(np.intp))
-    right, poles, _ = reference_at(plan, plan.course.motion_at(rows))
-    ((motion, fields, angles),) = plan.read([plan.source.motion_at(rows)])
-    fields = _toward(fields, poles, np.arange(len(motion)))
-    (analysis,) = plan.analyses
-    given = plan.given(analysis, plan.batch(analysis, motion, fields, angles))
-    return deviations_of(plan, given, right), len(motion)
-
-
-def reference_at(
-    plan: RunPlan, motion: Motion, inputs: Array | None = None
-) -> tuple[Tables, tuple[PoleField, ...], str]:
-    """Return the tables at the rows of a motion.
-
-    With the poles behind them, and words on rows that have none. They hold the float64
-    numbers nearest to configurations and rates that the closure equations give in 20
-    digits; see `spherekit.proof`. The motion's inputs are taken as exact, or else `inputs`
-    (n, inputs), which they are rounded from.
-    """
-    (analysis,) = plan.analyses
-    wanted = [item for item in plan.requests if item.poles]
-    exact, better, fields = in_many_digits(
-        motion, wanted, [evaluate(motion, item) for item in wanted], inputs=inputs
+    total = len(run_plan.sampling)
+    samples = np.arange(total)
+    if total > CHECKED_SAMPLES:
+        index = samples[:CHECKED_SAMPLES]
+        fractions = (index + index * GOLDEN % 1.0) / CHECKED_SAMPLES
+        samples = np.unique((fractions * total).astype(np.intp))
+    reference = compute_reference_tables(run_plan, run_plan.sampling.motion_at(samples))
+    block = run_plan.source.motion_at(samples)
+    ((motion, pole_fields, continued_angles),) = run_plan.evaluate_blocks([block])
+    pole_fields = align_directions(
+        pole_fields, reference.pole_fields, np.arange(len(motion))
     )
-    better = replace(better, samples=motion.samples)
-    lacking = np.sum((motion.status == Status.OK) & (exact[0].status != Status.OK))
-    batch = plan.batch(analysis, better, fields, plan.angles(better, {}))
-    tables = plan.given(analysis, batch)
-    return tables, fields, f", {lacking} rows without" if lacking else ""
+    (analysis,) = run_plan.analyses
+    batch = run_plan.make_batch(analysis, motion, pole_fields, continued_angles)
+    tables = run_plan.compute_tables(analysis, batch)
+    return measure_deviations(run_plan, tables, reference.tables), len(motion)
 
 
-def deviations_of(plan: RunPlan, given: Tables, reference: Tables) -> list[Deviation]:
-    """Return how far tables of a run are off, column by column."""
-    return deviations(plan.tables_of(plan.analyses[0]), given, reference)
+@dataclass(frozen=True)
+class ReferenceTables:
+    """The tables of an analysis from configurations and rates in many digits.
+
+    Attributes
+    ----------
+    tables
+        The tables, by name.
+    pole_fields
+        The poles from which they are computed, for each input that moves.
+    lacking
+        Words about rows without reference values; empty if there are none.
+    """
+
+    tables: Tables
+    pole_fields: tuple[PoleField, ...]
+    lacking: str
 
 
-def _toward(
-    fields: Fields, reference: Sequence[PoleField], rows: Indices
+def compute_reference_tables(
+    run_plan: RunPlan, motion: Motion, inputs: Array | None = None
+) -> ReferenceTables:
+    """Compute the tables of the analysis of a run from reference values.
+
+    These are the float64 numbers nearest to the solution of the closure equations in 20
+    digits; see `spherekit.proof`.
+
+    Parameters
+    ----------
+    run_plan
+        A run with one analysis.
+    motion
+        The rows (n,) for which tables are computed.
+    inputs
+        (n, inputs) exact inputs. By default those of the motion are taken as exact.
+    """
+    (analysis,) = run_plan.analyses
+    requests = [request for request in run_plan.requests if request.poles]
+    pole_fields = [evaluate(motion, request) for request in requests]
+    reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
+    reference_motion = replace(reference.motion, samples=motion.samples)
+    is_lacking = (motion.status == Status.OK) & (reference.exact[0].status != Status.OK)
+    lacking_count = np.sum(is_lacking)
+    continued_angles = run_plan.continue_angles(reference_motion, {})
+    batch = run_plan.make_batch(
+        analysis, reference_motion, reference.pole_fields, continued_angles
+    )
+    return ReferenceTables(
+        tables=run_plan.compute_tables(analysis, batch),
+        pole_fields=reference.pole_fields,
+        lacking=f", {lacking_count} rows without" if lacking_count else "",
+    )
+
+
+def measure_deviations(
+    run_plan: RunPlan, tables: Tables, reference: Tables
+) -> list[Deviation]:
+    """Return the deviation of each column of the tables of a run from a reference."""
+    return deviations(run_plan.tables_of(run_plan.analyses[0]), tables, reference)
+
+
+def align_directions(
+    pole_fields: PoleFields, reference: Sequence[PoleField], rows: Indices
 ) -> tuple[PoleField, ...]:
-    """Return fields with directions on the side of a reference's at these rows of it."""
-    made = tuple(field.made for field in fields)
-    for field, other in zip(made, reference, strict=True):
-        for pole, u in field.direction.items():
-            along = np.vecdot(u, other.direction[pole][rows])
-            turn_round(field, pole, np.where(along < 0.0, -1.0, 1.0))
-    return made
+    """Return pole fields whose directions point to the same side as those of a reference.
+
+    `rows` are the rows of the reference that belong to the rows of the fields. The two
+    senses of a pole axis are equally right, so they must not count as a deviation.
+    """
+    computed_fields = tuple(field.made for field in pole_fields)
+    for field, reference_field in zip(computed_fields, reference, strict=True):
+        for pole, direction in field.direction.items():
+            cosine = np.vecdot(direction, reference_field.direction[pole][rows])
+            turn_round(field, pole, np.where(cosine < 0.0, -1.0, 1.0))
+    return computed_fields

@@ -1,15 +1,15 @@
-"""Some rows of a run computed once more in many digits, and how far the run was off.
+"""Verification of a run: some of its rows are computed again in many digits.
 
-Rows are chosen while the run goes on: those with the largest closure residual, the largest
-error bound of a pole direction and the worst conditioning, the others spread evenly over
-assembly modes and samples. Their configurations, rates and derivatives come from
-`spherekit.proof`, which shares no solver with the run, and every analysis that reads them
-is computed from both: where its rows do not stand alone, from the whole motion with these
-rows replaced.
+While the run goes on, rows are chosen: those with the largest closure residual, the
+largest error bound of a pole direction and the worst conditioning, and others that are
+spread evenly over assembly modes and samples. `spherekit.proof`, which shares no solver
+with the run, computes their configurations, rates and derivatives. Each analysis is then
+computed from these reference rows, and its tables are compared. If an analysis reads all
+samples at once, the reference rows replace those of the whole motion.
 """
 
 import time
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.geometry.rotation import nans
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.array_rows import ArrayRows
+from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.proof.balls import DIGITS, Digits, floats
 from spherekit.proof.decimal_mechanism import Written
@@ -31,12 +32,12 @@ from spherekit.proof.reference_rows import (
     exact_motion,
     exact_rows_by_input,
 )
+from spherekit.runs.batch import ContinuedAngles, PoleFields, run_status
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.needs import Needs
 from spherekit.runs.run_plan import RunPlan, motion_rows, motion_table
 from spherekit.runs.run_result import MOTION
-from spherekit.runs.summary import BOUNDED
-from spherekit.runs.table_scenes import Angles, Fields, run_status
+from spherekit.runs.verification_text import BOUNDED_QUANTITIES
 from spherekit.status import Status
 from spherekit.storage.json_data import finite
 from spherekit.tables.table import ASSEMBLY_MODE, RESIDUAL, SAMPLE, Table, TableData, arrays
@@ -45,148 +46,231 @@ from spherekit.velocities.pole_field import PoleField
 from spherekit.velocities.pole_request import Request
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-"""Multiples of it, without their whole parts, are spread evenly over 0 to 1."""
+"""The golden ratio less 1. The fractional parts of its multiples are spread evenly in
+(0, 1), without any regular pattern that samples could share."""
 
+MAX_ROUNDINGS = 1e4
+"""Deviation of a number above which it is reported, in roundings times the conditioning.
 
-BEYOND = 1e4
-"""A deviation above this many roundings times the conditioning is a fault."""
+Larger: faults of more digits pass; smaller: long chains of correct operations are reported.
+"""
 
-OPEN = 100.0
-"""Rows of a simulation may be off by this times their residual and conditioning too."""
+MAX_RESIDUAL_RATIO = 100.0
+"""The same for rows of a simulation, in closure residuals times the conditioning.
+
+Such rows close no better than the tolerance of the simulation, which is no fault.
+"""
 
 
 @dataclass(frozen=True)
-class _Read(ArrayRows):
-    """Rows of what a batch reads: a motion, its poles, and variables that go on."""
+class _BlockRows(ArrayRows):
+    """Rows that analyses read: configurations, their poles, and continued angles."""
 
     motion: Motion
-    fields: tuple[PoleField, ...]
-    angles: Angles
+    pole_fields: tuple[PoleField, ...]
+    continued_angles: ContinuedAngles
 
-    def chosen(self, count: int, samples: int) -> "_Read":
-        """Return the worst rows, and as many others as fit, spread, by mode and sample.
+    def select_for_check(self, count: int, sample_count: int) -> "_BlockRows":
+        """Return the worst rows and others spread evenly, at most `count` rows in all.
 
-        The worst have the largest residual, bound of a direction, and condition.
+        Rows are sorted by assembly mode and sample. `sample_count` is the number of samples
+        of the run.
         """
         motion = self.motion
-        bound = nans(len(motion))
-        for field in self.fields:
-            for errors in field.error.values():
-                bound = np.fmax(bound, errors)
-        worst = [
+        direction_bound = nans(len(motion))
+        for pole_field in self.pole_fields:
+            for errors in pole_field.error.values():
+                direction_bound = np.fmax(direction_bound, errors)
+        worst_rows = [
             np.argmax(np.nan_to_num(score, nan=-1.0))
-            for score in (motion.residual, bound, motion.conditioning)
+            for score in (motion.residual, direction_bound, motion.conditioning)
         ]
-        number = motion.assembly_mode * samples + motion.sample
-        spread = np.argsort((number + 1) * GOLDEN % 1.0)
-        wanted = list(dict.fromkeys([*worst, *spread]))[:count]
-        return self.rows(np.array(wanted)[np.argsort(number[wanted])])
+        # The order depends only on mode and sample, so rows of different blocks compete
+        # fairly.
+        row_number = motion.assembly_mode * sample_count + motion.sample
+        spread_rows = np.argsort((row_number + 1) * GOLDEN % 1.0)
+        selected = list(dict.fromkeys([*worst_rows, *spread_rows]))[:count]
+        return self.rows(np.array(selected)[np.argsort(row_number[selected])])
 
 
-def in_many_digits(
+@dataclass(frozen=True)
+class ReferenceRows:
+    """Reference values of the rows of a motion.
+
+    Attributes
+    ----------
+    exact
+        Values in many digits, for each input that moves.
+    motion
+        The motion with the float64 numbers nearest to these values.
+    pole_fields
+        Likewise the poles of each input.
+    """
+
+    exact: tuple[ExactRows, ...]
+    motion: Motion
+    pole_fields: tuple[PoleField, ...]
+
+
+def compute_reference(
     motion: Motion,
-    wanted: Sequence[Request],
-    fields: Sequence[PoleField],
+    requests: Sequence[Request],
+    pole_fields: Sequence[PoleField],
     arithmetic: Digits | None = None,
     inputs: Array | None = None,
-) -> tuple[tuple[ExactRows, ...], Motion, tuple[PoleField, ...]]:
-    """Return reference values of a motion, and it and its fields with the nearest numbers.
+) -> ReferenceRows:
+    """Compute the rows of a motion in many digits.
 
-    By each input that a request for poles moves, or by the first. See `exact_rows` for
-    `arithmetic` and `inputs`, and for errors. All reference values are those of the decimal
-    sizes of the file where some rows are.
+    Parameters
+    ----------
+    motion
+        The motion to check: n rows.
+    requests, pole_fields
+        For each input that moves, the poles that are evaluated, and their values. Without
+        requests the first input moves.
+    arithmetic
+        The number of digits; see `exact_rows_by_input`, which also lists the errors.
+    inputs
+        (n, inputs) inputs in more digits than those of the motion.
     """
-    every = np.ones(len(motion), dtype=bool)
-    driven = [item.plan.input for item in wanted] or motion.assembly.inputs[:1]
+    every_row = np.ones(len(motion), dtype=bool)
+    input_pairs = [item.plan.input for item in requests] or motion.assembly.inputs[:1]
+    # Some rows of the run were computed from the decimal numbers of the file. The reference
+    # then uses these too, instead of their nearest float64 numbers.
     frames = None
-    if any(np.any(field.by_decimals) for field in fields):
+    if any(np.any(pole_field.by_decimals) for pole_field in pole_fields):
         arithmetic = arithmetic or Digits()
         with arithmetic.within():
             frames = Written.of(motion.mechanism).r_frames()
     exact = exact_rows_by_input(
-        motion, every, driven, arithmetic, inputs=inputs, frames=frames
+        motion, every_row, input_pairs, arithmetic, inputs=inputs, frames=frames
     )
-    nearest = tuple(map(exact_field, exact, wanted, fields))
-    return exact, exact_motion(motion, every, exact[0]), nearest
+    return ReferenceRows(
+        exact=exact,
+        motion=exact_motion(motion, every_row, exact[0]),
+        pole_fields=tuple(map(exact_field, exact, requests, pole_fields)),
+    )
+
+
+@dataclass(frozen=True)
+class _TablePair:
+    """Rows of a table of an analysis as the run gives them, and from reference rows."""
+
+    analysis_name: str
+    table: Table
+    rows: TableData
+    reference: TableData
 
 
 class Verifier:
-    """Chooses rows of a run as they come, and verifies them in the end.
+    """Chooses rows of a run while it goes on, and verifies them at the end.
 
     Parameters
     ----------
-    job
+    run_plan
         What the run evaluates.
     count
-        How many rows to verify.
+        Number of rows to verify.
     """
 
-    def __init__(self, job: RunPlan, count: int) -> None:
-        self._job = job
-        self._course = job.course
-        self._wanted = [item for item in job.requests if item.poles]
+    def __init__(self, run_plan: RunPlan, count: int) -> None:
+        self._run_plan = run_plan
+        self._sampling = run_plan.sampling
+        self._requests = [item for item in run_plan.requests if item.poles]
         self._count = count
-        self._kept: list[_Read] = []
-        self._whole: _Read | None = None
+        self._selected: _BlockRows | None = None
+        # All rows of the run, if an analysis reads them at once.
+        self._whole: _BlockRows | None = None
 
-    def see(
+    def check_block(
         self,
         motion: Motion,
-        poles: Fields,
-        angles: Angles,
+        pole_fields: PoleFields,
+        continued_angles: ContinuedAngles,
     ) -> None:
-        """Take a block of the run, and keep the rows of it that may be verified.
+        """Select rows of a block that may be verified.
 
-        The whole motion is kept where an analysis had it, as a single block.
+        The selection so far competes with the rows of the block, so that no more than the
+        wanted number of rows is kept in memory.
         """
-        read = _Read(motion, tuple(field.made for field in poles), angles)
-        if self._job.at_once:
-            self._whole = read
-        good = run_status(motion, read.fields) == Status.OK
-        if np.any(good):
-            count = self._count, len(self._course)
-            new = read.rows(good).chosen(*count)
-            self._kept = [_Read.joined([*self._kept, new]).chosen(*count)]
+        block_rows = _BlockRows(
+            motion, tuple(field.made for field in pole_fields), continued_angles
+        )
+        if self._run_plan.whole_analyses:
+            self._whole = block_rows
+        is_valid = run_status(motion, block_rows.pole_fields) == Status.OK
+        if not np.any(is_valid):
+            return
+        sample_count = len(self._sampling)
+        selected = block_rows.rows(is_valid).select_for_check(self._count, sample_count)
+        earlier = [] if self._selected is None else [self._selected]
+        self._selected = _BlockRows.joined([*earlier, selected]).select_for_check(
+            self._count, sample_count
+        )
 
-    def verdict(self, failed: Collection[str] = ()) -> Facts:
-        """Return what is to be said of the rows, ready for JSON.
+    def verify(self, failed: Collection[str] = ()) -> Facts:
+        """Compute the selected rows in many digits, and compare the tables of all analyses.
 
-        Analyses that `failed` in the run, or now, are not verified.
+        Parameters
+        ----------
+        failed
+            Names of analyses that failed in the run. They are not verified.
 
-        `columns` has the largest deviation of each table column from its value in many
-        digits, wrapped into one turn for angles, and where that is; `in_roundings` is the
-        largest deviation over the rounding of the value (of 1, where that is smaller)
-        times the conditioning of the row, at the place `worst`. `beyond` lists the columns
-        where that is too much to be rounding.
+        Returns
+        -------
+        dict
+            The result, ready for JSON. ``columns`` has the largest deviation of each table
+            column and its row; angles are compared within one revolution.
+            ``in_roundings`` is the largest ratio of a deviation to the rounding of the
+            value (at least of 1) times the conditioning of the row; ``worst`` has the row
+            of this ratio. ``beyond`` lists the columns with deviations that rounding does
+            not explain. If the reference cannot be computed, ``problem`` says why.
         """
-        started = time.perf_counter()
-        verdict: Facts = {"digits": DIGITS, "rows": 0, "not_verified": []}
-        if not self._kept:
-            return verdict
-        (kept,) = self._kept
-        motion = kept.motion
+        start_time = time.perf_counter()
+        verification: Facts = {"digits": DIGITS, "rows": 0, "not_verified": []}
+        selected = self._selected
+        if selected is None:
+            return verification
+        motion = selected.motion
         try:
-            exact, better, nearest = in_many_digits(
-                motion, self._wanted, kept.fields, Digits(DIGITS)
+            reference = compute_reference(
+                motion, self._requests, selected.pole_fields, Digits(DIGITS)
             )
-        except SpherekitError as problem:
-            return verdict | {"problem": str(problem)}
-        status = np.max([reference.status for reference in exact], axis=0)
+        except SpherekitError as error:
+            return verification | {"problem": str(error)}
+        exact = reference.exact
+        # A row has a reference if it has one for every input that moves.
+        status = np.max([rows.status for rows in exact], axis=0)
         self._motion = motion
         self._condition = exact[0].condition
         self._has_reference = status == Status.OK
-        alone = kept, _Read(better, nearest, _as_far(better, kept.angles))
-        motions = [motion_rows(self._course, read.motion, read.fields) for read in alone]
-        pairs: list[_Pair] = [(MOTION, motion_table(self._course), motions[0], motions[1])]
-        for analysis, needs in zip(self._job.analyses, self._job.needs, strict=True):
+        reference_rows = _BlockRows(
+            reference.motion,
+            reference.pole_fields,
+            _add_revolutions(reference.motion, selected.continued_angles),
+        )
+
+        pairs = [
+            _TablePair(
+                MOTION,
+                motion_table(self._sampling),
+                motion_rows(self._sampling, motion, selected.pole_fields),
+                motion_rows(self._sampling, reference.motion, reference.pole_fields),
+            )
+        ]
+        run_plan = self._run_plan
+        for analysis, needs in zip(run_plan.analyses, run_plan.needs, strict=True):
+            # It computes configurations of its own, which have no reference.
+            reads_no_rows = needs.tracer or needs == Needs(time=needs.time)
             try:
-                rowless = needs.tracer or needs == Needs(time=needs.time)
-                if analysis.name in failed or rowless:
+                if analysis.name in failed or reads_no_rows:
                     raise AnalysisError("it failed, or reads other rows")
-                pairs += self._pairs(analysis, alone)
+                pairs += self._table_pairs(analysis, selected, reference_rows)
             except SpherekitError:
-                verdict["not_verified"].append(analysis.name)
-        return verdict | {
+                verification["not_verified"].append(analysis.name)
+
+        compared_columns = [facts for pair in pairs for facts in self._compare_table(pair)]
+        return verification | {
             "rows": len(motion),
             "without_reference": [
                 {
@@ -199,180 +283,231 @@ class Verifier:
             ],
             "largest_condition": _largest(exact[0].condition),
             "largest_distance_rad": _largest(exact[0].distance),
-            **_of_columns([item for pair in pairs for item in self._compared(*pair)]),
-            **self._within_bounds(
-                zip(exact, self._wanted, kept.fields, nearest, strict=False)
-            ),
-            "seconds": time.perf_counter() - started,
+            **_summarize_columns(compared_columns),
+            **self._count_within_bounds(selected.pole_fields, reference),
+            "seconds": time.perf_counter() - start_time,
         }
 
-    def _pairs(
-        self, analysis: AbstractAnalysis, both: tuple[_Read, _Read]
-    ) -> list["_Pair"]:
-        """Return the tables of an analysis by what was read, and by what is right."""
+    def _table_pairs(
+        self,
+        analysis: AbstractAnalysis,
+        selected: _BlockRows,
+        reference_rows: _BlockRows,
+    ) -> list[_TablePair]:
+        """Compute the tables of an analysis from both the run and the reference."""
         if analysis.at_once and self._whole is not None:
-            both = self._whole, self._replaced(self._whole, both[1])
-        job = self._job
-        first, second = (
-            job.given(analysis, job.batch(analysis, x.motion, x.fields, x.angles))
-            for x in both
-        )
+            reference_rows = self._put_into_whole(self._whole, reference_rows)
+            selected = self._whole
+        tables = self._compute_tables(analysis, selected)
+        reference_tables = self._compute_tables(analysis, reference_rows)
         return [
-            (analysis.name, table, first[table.name], second[table.name])
-            for table in job.tables_of(analysis)
+            _TablePair(
+                analysis.name, table, tables[table.name], reference_tables[table.name]
+            )
+            for table in self._run_plan.tables_of(analysis)
         ]
 
-    def _rows_of(self, data: Mapping[str, Any]) -> Indices:
-        """Return the row that each row of a table belongs to, -1 if none."""
-        places, wanted = (
-            x[ASSEMBLY_MODE.name] + 1j * x[SAMPLE.name] for x in (vars(self._motion), data)
+    def _compute_tables(
+        self, analysis: AbstractAnalysis, rows: _BlockRows
+    ) -> dict[str, TableData]:
+        batch = self._run_plan.make_batch(
+            analysis, rows.motion, rows.pole_fields, rows.continued_angles
         )
-        row = np.minimum(np.searchsorted(places, wanted), len(places) - 1)
-        return np.where(places[row] == wanted, row, -1)
+        return self._run_plan.compute_tables(analysis, batch)
 
-    def _replaced(self, whole: _Read, better: _Read) -> _Read:
-        """Return what is read of a whole motion, with rows that have a reference put in."""
+    def _find_rows(self, data: Mapping[str, Any]) -> Indices:
+        """Return the verified row to which each row of a table or motion belongs, else -1.
+
+        Rows belong together if they have the same assembly mode and sample.
+        """
+        # Complex numbers sort by the mode first and by the sample next. Verified rows are
+        # sorted in this way.
+        verified = self._motion.assembly_mode + 1j * self._motion.sample
+        keys = data[ASSEMBLY_MODE.name] + 1j * data[SAMPLE.name]
+        row = np.minimum(np.searchsorted(verified, keys), len(verified) - 1)
+        return np.where(verified[row] == keys, row, -1)
+
+    def _put_into_whole(self, whole: _BlockRows, reference_rows: _BlockRows) -> _BlockRows:
+        """Return all rows of the run, with those replaced that have a reference."""
+        # Rotations are computed on request from the values; joined rows need them stored.
         motion = replace(whole.motion, placed=whole.motion.rotations)
-        row = self._rows_of(vars(motion))
+        row = self._find_rows(vars(motion))
         order = np.arange(len(motion))
-        at = np.flatnonzero((row >= 0) & self._has_reference[row])
-        order[at] = len(motion) + row[at]
-        made = _Read.joined([replace(whole, motion=motion), better]).rows(order)
-        return replace(made, motion=replace(made.motion, samples=motion.samples))
+        replaced = np.flatnonzero((row >= 0) & self._has_reference[row])
+        order[replaced] = len(motion) + row[replaced]
+        joined = _BlockRows.joined([replace(whole, motion=motion), reference_rows])
+        rows = joined.rows(order)
+        return replace(rows, motion=replace(rows.motion, samples=motion.samples))
 
-    def _compared(
-        self, analysis: str, table: Table, given: TableData, reference: TableData
-    ) -> Iterator[Facts]:
-        """Yield for each column of numbers the place where it deviates most."""
+    def _compare_table(self, pair: _TablePair) -> Iterator[Facts]:
+        """Yield the largest deviation of each column of numbers of a table."""
+        table = pair.table
         if not table.in_assembly_modes:
             return
-        row = self._rows_of(arrays(given))
-        if not np.any(row >= 0):
+        rows = arrays(pair.rows)
+        row = self._find_rows(rows)
+        is_verified = row >= 0
+        if not np.any(is_verified):
             return
-        first, second = (
-            {name: values[row >= 0] for name, values in arrays(data).items()}
-            for data in (given, reference)
-        )
-        row = row[row >= 0]
-        # Rows of a simulation close no better than its tolerance; those are no faults.
+        row = row[is_verified]
+        values_by_column = {name: values[is_verified] for name, values in rows.items()}
+        reference_by_column = {
+            name: values[is_verified] for name, values in arrays(pair.reference).items()
+        }
         residual = self._motion.residual
-        allowed = BEYOND + np.where(
-            residual > CLOSURE_TOLERANCE, OPEN * residual / EPS, 0.0
+        allowed = MAX_ROUNDINGS + np.where(
+            residual > CLOSURE_TOLERANCE, MAX_RESIDUAL_RATIO * residual / EPS, 0.0
         )
-        subjects = [c.name for c in table.columns if c.kind == "text"]
+        text_columns = [c.name for c in table.columns if c.kind == "text"]
+        has_reference = self._has_reference[row]
+
         for column in table.columns:
+            # The reference has another residual, that of its rounding.
             if column.kind != "number" or column == RESIDUAL:
                 continue
-            one, other = (
-                np.where(self._has_reference[row], data[column.name], np.nan)
-                for data in (first, second)
-            )
-            off = np.abs(one - other)
+            values = np.where(has_reference, values_by_column[column.name], np.nan)
+            reference = np.where(has_reference, reference_by_column[column.name], np.nan)
+            deviation = np.abs(values - reference)
             if column.unit == "rad":
-                off = np.abs(wrap(off))
-            share = off / (EPS * np.maximum(1.0, np.abs(other)) * self._condition[row])
-            compared = bool(np.any(np.isfinite(off)))
-            apart, rough = (
-                {
-                    **{name: int(first[name][at]) for name in ("sample", "assembly_mode")},
-                    "subject": {name: str(first[name][at]) for name in subjects},
-                    "value": finite(one[at]),
-                    "reference": finite(other[at]),
+                deviation = np.abs(wrap(deviation))
+            rounding = EPS * np.maximum(1.0, np.abs(reference))
+            roundings = deviation / (rounding * self._condition[row])
+            is_compared = bool(np.any(np.isfinite(deviation)))
+
+            def describe(
+                index: Any, values: Floats = values, reference: Floats = reference
+            ) -> Facts:
+                return {
+                    "sample": int(values_by_column["sample"][index]),
+                    "assembly_mode": int(values_by_column["assembly_mode"][index]),
+                    "subject": {
+                        name: str(values_by_column[name][index]) for name in text_columns
+                    },
+                    "value": finite(values[index]),
+                    "reference": finite(reference[index]),
                 }
-                for at in (np.nanargmax(x) if compared else 0 for x in (off, share))
-            )
+
             yield {
-                "analysis": analysis,
+                "analysis": pair.analysis_name,
                 "table": table.name,
                 "column": column.name,
                 "unit": column.unit,
-                "compared": compared or not np.any(np.isfinite(one)),
-                "deviation": _largest(off),
-                **apart,
-                "in_roundings": _largest(share),
-                "beyond": bool(np.any(share > allowed[row])),
-                "worst": rough,
-                "given_by_one_alone": int(np.sum(np.isnan(one) != np.isnan(other))),
+                # A column that is NaN at all rows in the run counts as compared.
+                "compared": is_compared or not np.any(np.isfinite(values)),
+                "deviation": _largest(deviation),
+                **describe(np.nanargmax(deviation) if is_compared else 0),
+                "in_roundings": _largest(roundings),
+                "beyond": bool(np.any(roundings > allowed[row])),
+                "worst": describe(np.nanargmax(roundings) if is_compared else 0),
+                "given_by_one_alone": int(np.sum(np.isnan(values) != np.isnan(reference))),
             }
 
-    def _within_bounds(
-        self, compared: Iterable[tuple[ExactRows, Request, PoleField, PoleField]]
+    def _count_within_bounds(
+        self, pole_fields: Sequence[PoleField], reference: ReferenceRows
     ) -> dict[str, Facts]:
-        """Return how many numbers of each kind in `BOUNDED` lie within their bounds.
+        """Count the numbers of each quantity with an error bound, and those within it.
 
-        The worst number of each kind is there too.
+        The number that comes nearest to its bound, or exceeds it most, is described too.
         """
-        told: dict[str, Facts] = {name: {"count": 0, "within_bound": 0} for name in BOUNDED}
+        facts_by_quantity: dict[str, Facts] = {
+            name: {"count": 0, "within_bound": 0} for name in BOUNDED_QUANTITIES
+        }
         motion = self._motion
         links = motion.mechanism.links
-        for exact, wanted, field, nearest in compared:
+        for exact, request, pole_field, reference_field in zip(
+            reference.exact,
+            self._requests,
+            pole_fields,
+            reference.pole_fields,
+            strict=False,  # without poles there are exact rows, and no requests
+        ):
             moving = motion.mechanism.pairs[exact.driven].name
-            for pole in wanted.poles:
-                low, high = (links[k] for k in pole)
-                with exact.arithmetic.within():
-                    given = field.direction[pole]
-                    apart = floats(exact_direction(exact, pole, given) - given)
-                rate, change = (
-                    np.abs(getattr(field, name)[pole] - getattr(nearest, name)[pole])
-                    for name in ("velocity_coefficient", "acceleration_coefficient")
-                )
-                turned = field.direction_dq[pole] - nearest.direction_dq[pole]
-                errors = {
-                    "directions": np.linalg.norm(apart, axis=1),
-                    "rates": rate,
-                    "rate_derivatives": change,
-                    "direction_derivatives": np.linalg.norm(turned, axis=1),
-                }
-                for name, error in errors.items():
-                    facts, bound = told[name], getattr(field, BOUNDED[name].bound)[pole]
-                    judged = self._has_reference & np.isfinite(error) & np.isfinite(bound)
-                    over = np.where(judged, error / np.maximum(bound, EPS**2), -1.0)
-                    facts["count"] += int(np.sum(judged))
-                    facts["within_bound"] += int(np.sum(judged & (over <= 1.0)))
-                    row = np.argmax(over)
-                    if over[row] > facts.get("over_bound", -1.0):
+            for pole in request.poles:
+                errors_by_quantity = _pole_errors(exact, pole_field, reference_field, pole)
+                for name, error in errors_by_quantity.items():
+                    facts = facts_by_quantity[name]
+                    bound = getattr(pole_field, BOUNDED_QUANTITIES[name].bound)[pole]
+                    is_checked = (
+                        self._has_reference & np.isfinite(error) & np.isfinite(bound)
+                    )
+                    # A bound of 0 belongs to an error of 0.
+                    ratio = error / np.maximum(bound, EPS**2)
+                    ratio = np.where(is_checked, ratio, -1.0)
+                    facts["count"] += int(np.sum(is_checked))
+                    facts["within_bound"] += int(np.sum(is_checked & (ratio <= 1.0)))
+                    row = np.argmax(ratio)
+                    if ratio[row] > facts.get("over_bound", -1.0):
                         facts |= {
-                            "over_bound": float(over[row]),
+                            "over_bound": float(ratio[row]),
                             "error": float(error[row]),
                             "bound": float(bound[row]),
                             "sample": int(motion.sample[row]),
                             "assembly_mode": int(motion.assembly_mode[row]),
-                            "subject": {"link": high, "relative_to": low, "moving": moving},
+                            "subject": {
+                                "link": links[pole[1]],
+                                "relative_to": links[pole[0]],
+                                "moving": moving,
+                            },
                         }
-        return told
+        return facts_by_quantity
 
 
-_Pair = tuple[str, Table, TableData, TableData]
-"""An analysis, a table of it, its rows, and those that are right."""
+def _pole_errors(
+    exact: ExactRows, pole_field: PoleField, reference_field: PoleField, pole: Pole
+) -> dict[str, Floats]:
+    """Return the errors (n,) of each quantity of a pole with an error bound.
+
+    Vectors are compared by the length of their difference.
+    """
+    # Float64 has not enough digits for the difference of directions.
+    with exact.arithmetic.within():
+        direction = pole_field.direction[pole]
+        direction_error = floats(exact_direction(exact, pole, direction) - direction)
+    rate_error = (
+        pole_field.velocity_coefficient[pole] - reference_field.velocity_coefficient[pole]
+    )
+    rate_derivative_error = (
+        pole_field.acceleration_coefficient[pole]
+        - reference_field.acceleration_coefficient[pole]
+    )
+    direction_derivative_error = (
+        pole_field.direction_dq[pole] - reference_field.direction_dq[pole]
+    )
+    return {
+        "directions": np.linalg.norm(direction_error, axis=1),
+        "rates": np.abs(rate_error),
+        "rate_derivatives": np.abs(rate_derivative_error),
+        "direction_derivatives": np.linalg.norm(direction_derivative_error, axis=1),
+    }
 
 
-def _as_far(better: Motion, angles: Angles) -> Angles:
-    """Return the variables of better rows, after as many turns as continued ones made."""
-    turned = {}
-    for name, angle in angles.items():
-        (number,) = better.mechanism.variables_of(better.mechanism.pair_number[name])
-        value = better.values[:, number]
-        turned[name] = value + TURN * np.round((angle - value) / TURN)
-    return turned
+def _add_revolutions(motion: Motion, continued_angles: ContinuedAngles) -> ContinuedAngles:
+    """Return the variables of a motion with the whole revolutions of continued angles."""
+    result = {}
+    for name, angle in continued_angles.items():
+        (number,) = motion.mechanism.variables_of(motion.mechanism.pair_number[name])
+        value = motion.values[:, number]
+        result[name] = value + TURN * np.round((angle - value) / TURN)
+    return result
 
 
-def _of_columns(columns: Sequence[Facts]) -> Facts:
-    """Return what is to be said of columns that were compared, and of the others."""
-    told = [item for item in columns if item["compared"]]
-    worst = max(told, key=lambda item: item["in_roundings"])
+def _summarize_columns(columns: Sequence[Facts]) -> Facts:
+    """Return the compared columns, the names of the others, and the worst row."""
+    compared = [item for item in columns if item["compared"]]
+    worst = max(compared, key=lambda item: item["in_roundings"])
 
     def name(item: Facts) -> str:
         return f"{item['table']}.{item['column']}"
 
     return {
-        "columns": told,
+        "columns": compared,
         "not_recomputed": [name(item) for item in columns if not item["compared"]],
         "worst": {
             "column": name(worst),
             "in_roundings": worst["in_roundings"],
             **worst["worst"],
         },
-        "beyond": [name(item) for item in told if item["beyond"]],
+        "beyond": [name(item) for item in compared if item["beyond"]],
     }
 
 

@@ -35,7 +35,7 @@ from spherekit.runs.execution import Execution
 from spherekit.runs.needs import Needs
 from spherekit.runs.registry import create, load, origin_of
 from spherekit.runs.result_checks import findings_of, scenes_of
-from spherekit.runs.runner import executed
+from spherekit.runs.runner import run_study
 from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays, row_count
 from spherekit.wording import counted, listing
 
@@ -149,7 +149,7 @@ class ConformanceSuite:
             self._trials.append(ConformanceCase(self._analysis, mechanism, self._samples))
         if repr(self._analysis) != before:
             raise PluginError("needs changes the parameters of the analysis")
-        needs = self._able()[0].job.needs[0]
+        needs = self._able()[0].run_plan.needs[0]
         return listing(x for x in NEEDS if getattr(needs, x)) or "nothing of the samples"
 
     def _runs(self) -> str:
@@ -194,13 +194,13 @@ def _reads(trial: ConformanceCase) -> str:
     for method, fault in trial.faults.items():
         if isinstance(fault, UndeclaredNeed):
             raise PluginError(f"{method}: {fault}") from fault
-    if trial.job.needs[0].tracer:
+    if trial.run_plan.needs[0].tracer:
         return "all configurations, by the tracer"
     try:
         expected, _ = trial.whole
     except SpherekitError:
         return ""
-    tables, _ = trial.given(len(trial.course), shown=trial.only_declared)
+    tables, _ = trial.given(len(trial.sampling), shown=trial.only_declared)
     _same(trial, expected, tables, "where what was not declared is NaN")
     return ""
 
@@ -218,9 +218,9 @@ def _inputs(trial: ConformanceCase) -> str:
 
 def _tables(trial: ConformanceCase) -> str:
     """Tables have the columns, types and rows that were declared."""
-    (batch,) = trial.batches(len(trial.course))
-    given = trial.job.given(trial.analysis, batch)
-    for table in trial.job.tables_of(trial.analysis):
+    (batch,) = trial.batches(len(trial.sampling))
+    given = trial.run_plan.compute_tables(trial.analysis, batch)
+    for table in trial.run_plan.tables_of(trial.analysis):
         if not (table.in_assembly_modes and trial.analysis.reads_samples):
             continue
         data = arrays(given[table.name])
@@ -231,7 +231,7 @@ def _tables(trial: ConformanceCase) -> str:
                 f"table {table.name} has not the same number of rows for every sample of "
                 "every assembly mode; a row that fails is kept, with NaN"
             )
-    main = trial.job.tables_of(trial.analysis)[0]
+    main = trial.run_plan.tables_of(trial.analysis)[0]
     if row_count(given[main.name]) == 0:
         raise NotAppliesError(
             f"the main table {main.name} was empty, so that its rows are not checked; try "
@@ -242,7 +242,7 @@ def _tables(trial: ConformanceCase) -> str:
 
 def _findings(trial: ConformanceCase) -> str:
     """What is found is ready for JSON."""
-    (batch,) = trial.batches(len(trial.course))
+    (batch,) = trial.batches(len(trial.sampling))
     findings_of(trial.analysis, batch, None)
     return ""
 
@@ -279,11 +279,11 @@ def _failed_rows(trial: ConformanceCase) -> str:
     """A row without a configuration says so, and no other row changes."""
     if not trial.analysis.reads_samples:
         raise NotAppliesError("it reads no samples")
-    count = len(trial.course)
+    count = len(trial.sampling)
     row = count // 2
     tables, _ = trial.given(count, failed_at(row))
     (batch,) = trial.batches(count)
-    sampled = [x for x in trial.job.tables_of(trial.analysis) if x.in_assembly_modes]
+    sampled = [x for x in trial.run_plan.tables_of(trial.analysis) if x.in_assembly_modes]
     for table in sampled:
         data = dict(trial.whole[0][table.name])
         given = tables[table.name]
@@ -320,7 +320,7 @@ def _names(trial: ConformanceCase) -> str:
             with_names(trial.analysis, names), renamed(mechanism, names), trial.samples
         )
         back = {new: old for old, new in names.items()}
-        for table in trial.job.tables_of(trial.analysis):
+        for table in trial.run_plan.tables_of(trial.analysis):
             restored = in_words(other.whole[0][table.name], back)
             both = matched(table, trial.whole[0][table.name], restored, names)
             fault = both if isinstance(both, str) else difference(table, *both, VARIANTS)
@@ -350,13 +350,13 @@ def _scene(trial: ConformanceCase) -> str:
 
     mechanism = trial.mechanism
     study = Study(mechanism.name, mechanism, samples=trial.samples)
-    (batch,) = trial.batches(len(trial.course))
+    (batch,) = trial.batches(len(trial.sampling))
     count = len(scenes_of(trial.analysis, batch))
     with (
         tempfile.TemporaryDirectory() as folder,
         RerunRecorder(mechanism.name, path=Path(folder) / "scene.rrd") as recorder,
     ):
-        result = executed(study, [trial.analysis], Execution(recorder=recorder))
+        result = run_study(study, [trial.analysis], Execution(recorder=recorder))
     for fault in result.failures.values():
         raise PluginError(fault)
     return counted(count, "page")
@@ -370,7 +370,7 @@ def _same(
     rotation: Floats | None = None,
 ) -> None:
     """Raise `PluginError` where tables differ."""
-    for table in trial.job.tables_of(trial.analysis):
+    for table in trial.run_plan.tables_of(trial.analysis):
         tables = expected[table.name], given[table.name]
         within = BLOCKS if rotation is None else VARIANTS
         if fault := difference(table, *tables, within, rotation):

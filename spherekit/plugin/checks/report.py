@@ -15,11 +15,11 @@ from spherekit.files.study import Study
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.motion import Motion
 from spherekit.runs.analysis_faults import faults_of
+from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis, Findings
 from spherekit.runs.result_checks import findings_of
-from spherekit.runs.run_plan import RunPlan, job_of, needs_of_each
-from spherekit.runs.sampling import Sampling, course_of
-from spherekit.runs.table_scenes import Batch
+from spherekit.runs.run_plan import RunPlan, collect_needs, make_run_plan
+from spherekit.runs.sampling import Sampling, make_sampling
 from spherekit.status import Status
 from spherekit.tables.table import TableArrays
 
@@ -77,12 +77,14 @@ class ConformanceCase:
     samples: int
 
     @cached_property
-    def course(self) -> Sampling:
+    def sampling(self) -> Sampling:
         """The samples, with the assembly modes."""
-        return course_of(Study(self.mechanism.name, self.mechanism, samples=self.samples))
+        return make_sampling(
+            Study(self.mechanism.name, self.mechanism, samples=self.samples)
+        )
 
     @cached_property
-    def job(self) -> RunPlan:
+    def run_plan(self) -> RunPlan:
         """The run made ready.
 
         Raises
@@ -90,11 +92,13 @@ class ConformanceCase:
         PluginError
             If the analysis breaks the contract.
         """
-        asked = needs_of_each([self.analysis], self.course.tracer.mechanism)
-        job = job_of(self.course, [self.analysis], asked)
-        for fault in job.refused.values():
+        declared_needs = collect_needs(
+            [self.analysis], self.sampling.position_analysis.mechanism
+        )
+        run_plan = make_run_plan(self.sampling, [self.analysis], declared_needs)
+        for fault in run_plan.refused.values():
             raise PluginError(fault)
-        return job
+        return run_plan
 
     @cached_property
     def faults(self) -> dict[str, SpherekitError]:
@@ -102,7 +106,7 @@ class ConformanceCase:
         made: dict[str, SpherekitError] = {}
         for method in ("compute", "findings", "scene"):
             try:
-                (batch,) = self.batches(len(self.course))
+                (batch,) = self.batches(len(self.sampling))
                 with faults_of(self.analysis.name, method):
                     getattr(self.analysis, method)(batch)
             except SpherekitError as fault:
@@ -112,7 +116,7 @@ class ConformanceCase:
     @cached_property
     def whole(self) -> tuple[Tables, Findings]:
         """What the analysis gives for all samples at once."""
-        return self.given(len(self.course))
+        return self.given(len(self.sampling))
 
     def batches(
         self, size: int, change: Change = _kept, shown: Change = _kept
@@ -122,10 +126,12 @@ class ConformanceCase:
         `change` changes the motion that poles and angles follow from, `shown` what the
         analysis then sees of it.
         """
-        job = self.job
+        run_plan = self.run_plan
         made = [
-            job.batch(self.analysis, shown(motion), fields, angles)
-            for motion, fields, angles in job.read(map(change, job.source.blocks(size)))
+            run_plan.make_batch(self.analysis, shown(motion), fields, angles)
+            for motion, fields, angles in run_plan.evaluate_blocks(
+                map(change, run_plan.source.blocks(size))
+            )
         ]
         return made if self.analysis.reads_samples else made[:1]
 
@@ -141,7 +147,7 @@ class ConformanceCase:
         """
         findings = None
         batches = self.batches(size, change, shown)
-        tables = self.job.collected(self.analysis, batches)
+        tables = self.run_plan.join_tables(self.analysis, batches)
         for batch in batches:
             findings = findings_of(self.analysis, batch, findings)
         assert findings is not None
@@ -152,7 +158,7 @@ class ConformanceCase:
 
         For orientations of links, and variables of pairs.
         """
-        needs = self.job.needs[0]
+        needs = self.run_plan.needs[0]
         mechanism = motion.mechanism
         links = [mechanism.link_number[name] for name in needs.rotations]
         pairs = [mechanism.pair_number[name] for name in needs.pair_values]

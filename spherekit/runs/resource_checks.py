@@ -1,0 +1,106 @@
+"""Checks that a run fits into memory and onto the disk, before it takes long."""
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from spherekit.errors import AnalysisError, OutputError
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.resources import usable_memory
+from spherekit.runs.table_store import StoredTables
+from spherekit.tables.table import FILE_SIZE, Format, formats_of
+from spherekit.wording import listing, size_text
+
+FRAMES_IN_MEMORY = 8
+"""Copies of the frame of each link and pair that are in memory at once, for each row.
+
+Measured: 5 to 7.6. Larger: runs that would fit are refused; smaller: runs start that end
+without memory.
+"""
+
+FRAME_BYTES = 72
+"""Bytes of a (3, 3) rotation matrix."""
+
+
+def evaluation_memory(mechanism: Mechanism, row_count: int) -> int:
+    """Estimate the memory in bytes for evaluating rows at once.
+
+    The rotation matrices of links and pairs need most of it.
+    """
+    frame_count = len(mechanism.links) + len(mechanism.pairs)
+    return row_count * FRAMES_IN_MEMORY * FRAME_BYTES * frame_count
+
+
+def need_memory(
+    mechanism: Mechanism, row_count: int, whole_analyses: Sequence[str]
+) -> None:
+    """Raise `AnalysisError` if evaluating all rows of a run at once needs too much memory.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism of the run.
+    row_count
+        Number of samples times number of assembly modes.
+    whole_analyses
+        Names of the analyses that read all samples at once.
+    """
+    needed = evaluation_memory(mechanism, row_count)
+    usable = usable_memory()
+    if usable is not None and needed > usable:
+        raise AnalysisError(
+            f"{listing(whole_analyses)} looks at all samples at once: that takes about "
+            f"{size_text(needed)} of memory for {row_count} rows, and this process may use "
+            f"{size_text(usable)}; ask for {max(1, int(row_count * usable / needed / 2))} "
+            "rows (samples of all assembly modes) or fewer, or for one assembly mode"
+        )
+
+
+def need_disk(
+    folder: Path, written_bytes: float, total_bytes: float, subject: str, advice: str
+) -> None:
+    """Raise `OutputError` if the disk has no room for files that are partly written.
+
+    Parameters
+    ----------
+    folder
+        A folder on the disk.
+    written_bytes, total_bytes
+        Size of the files that are already there, and of all files in the end.
+    subject, advice
+        Words of the message: what takes the space, and what the user can do.
+    """
+    free = shutil.disk_usage(folder).free
+    if total_bytes - written_bytes > free:
+        raise OutputError(
+            f"{str(folder)!r}: {subject} will take about {size_text(total_bytes)}, and the "
+            f"disk has {size_text(free)} left; {advice}"
+        )
+
+
+def need_disk_for_run(
+    store: StoredTables,
+    samples_done: int,
+    sample_count: int,
+    formats: Sequence[Format] | None,
+) -> None:
+    """Raise `OutputError` if the disk has no room for the stored rows and files of a run.
+
+    The size is extrapolated from the rows that are stored after `samples_done` of
+    `sample_count` samples. Stored rows remain until all files are written.
+    """
+    written_bytes = store.size
+    stored_bytes = written_bytes * sample_count / samples_done
+    formats = formats_of(formats, FILE_SIZE["csv"] * stored_bytes)
+    total_bytes = stored_bytes * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
+    hint = ""
+    if "csv" in formats:
+        parquet_bytes = size_text(stored_bytes * (1.0 + FILE_SIZE["parquet"]))
+        hint = f"; Parquet alone (--format parquet) takes {parquet_bytes}"
+    need_disk(
+        store.folder.parent,
+        written_bytes,
+        total_bytes,
+        subject="the run, work and files together,",
+        advice=f"choose another folder or fewer samples{hint}",
+    )

@@ -1,0 +1,55 @@
+"""The identity of software and machine on which stored results depend."""
+
+import json
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+
+from spherekit.version import __version__
+from spherekit.wording import listing
+
+MAX_VALUE_LENGTH = 60
+"""Characters of a value in a message about different runs. Longer values are cut."""
+
+
+def code_identity() -> dict[str, str]:
+    """Return the versions of the software, and the kind of machine.
+
+    Runs with the same options and the same code identity have the same results, bit for
+    bit.
+    """
+    try:
+        heyoka_version = version("heyoka")
+    except PackageNotFoundError:
+        heyoka_version = "none"
+    return {
+        "spherekit": __version__,
+        "numpy": np.__version__,
+        "scipy": version("scipy"),
+        "heyoka": heyoka_version,
+        "texts_in_parts": "strings",
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def differences(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
+    """Return the differences of two identities in words; empty if there are none."""
+    changes = []
+    for key in {**stored, **current}:
+        old = stored.get(key)
+        new = current.get(key)
+        # JSON has made lists of tuples in the stored one.
+        if json.dumps(old) != json.dumps(new):
+            title = key.replace("_", " ")
+            changes.append(f"{title}: {_shortened(old)} there, {_shortened(new)} now")
+    return listing(changes, 4)
+
+
+def _shortened(value: object) -> str:
+    text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    if len(text) <= MAX_VALUE_LENGTH:
+        return text
+    return text[: MAX_VALUE_LENGTH - 3] + "..."

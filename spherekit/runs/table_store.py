@@ -1,0 +1,108 @@
+"""Storage of the rows of a run in its folder, block by block, until the run is complete."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from spherekit.tables.table import CHUNK, Table, TableData, arrays
+from spherekit.tables.table_rows import InMemory, in_modes, typed
+
+MODES = "modes"
+"""Key in a block file of the assembly modes of its groups of rows."""
+
+
+class StoredTables:
+    """The tables of an unfinished run: one Parquet file for each block of each table.
+
+    Memory does not grow with the number of rows. A file is complete or absent, and has
+    checksums. The journal of the run has the number of files of each table (`to_journal`).
+    A file above that number belongs to a block that was not finished. It is ignored, and
+    overwritten when the run is resumed.
+
+    Parameters
+    ----------
+    folder
+        Folder of the files.
+    has_several_blocks
+        Whether more than one block is stored. The rows of a file are then grouped by
+        assembly mode, since tables are read mode after mode.
+    file_counts
+        Number of files of each table, from the journal: analysis, table, number.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        has_several_blocks: bool,
+        file_counts: Iterable[tuple[str, str, int]],
+    ) -> None:
+        self.folder = folder
+        self._has_several_blocks = has_several_blocks
+        self._file_counts = Counter(
+            {(analysis, table): count for analysis, table, count in file_counts}
+        )
+
+    def to_journal(self) -> list[Any]:
+        """Return the number of files of each table, ready for JSON."""
+        return [[*key, count] for key, count in self._file_counts.items()]
+
+    def add(self, analysis: str, table: Table, data: TableData) -> None:
+        """Write the rows of one block of a table of an analysis.
+
+        Raises
+        ------
+        OutputError
+            If the disk is full.
+        """
+        from spherekit.tables.table_files import write_columns
+
+        by_mode = self._has_several_blocks and table.in_assembly_modes
+        columns, mode_rows = in_modes(typed(table, arrays(data)), by_mode)
+        group_modes = []
+        group_rows = []
+        for mode, rows in mode_rows:
+            for start in range(rows.start, rows.stop, CHUNK):
+                group_modes.append(mode)
+                group_rows.append(slice(start, min(start + CHUNK, rows.stop)))
+        key = (analysis, table.name)
+        write_columns(
+            self._path(key, self._file_counts[key]),
+            columns,
+            {MODES: group_modes},
+            group_rows,
+            "none",
+        )
+        self._file_counts[key] += 1
+
+    def pieces(self, analysis: str, table: Table) -> Iterator[Mapping[str, Any]]:
+        """Yield the columns of all rows in pieces, one assembly mode after another.
+
+        Raises
+        ------
+        FileError
+            If a file is missing or damaged.
+        """
+        from spherekit.tables.table_files import notes_of, pieces_in
+
+        key = (analysis, table.name)
+        paths = [self._path(key, block) for block in range(self._file_counts[key])]
+        # Sorted by mode, then by block, then by the group in the file of the block.
+        groups = sorted(
+            (mode, block, group)
+            for block, path in enumerate(paths)
+            for group, mode in enumerate(notes_of(path)[MODES])
+        )
+        return pieces_in((paths[block], group) for _, block, group in groups)
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return sum(path.stat().st_size for path in self.folder.glob("*.parquet"))
+
+    def _path(self, key: tuple[str, str], block: int) -> Path:
+        return self.folder / f"{'.'.join(key)}.{block:06d}.parquet"
+
+
+TableStore = StoredTables | InMemory
+"""Receives the rows of each block, in a folder or in memory."""

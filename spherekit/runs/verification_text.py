@@ -1,0 +1,120 @@
+"""The result of a verification in words: what was compared, and what is wrong."""
+
+from dataclasses import dataclass
+
+from spherekit.conventions import Facts
+from spherekit.runs.run_result import MOTION
+from spherekit.wording import listing
+
+
+@dataclass(frozen=True)
+class BoundedQuantity:
+    """A quantity of poles whose error bound is checked.
+
+    Attributes
+    ----------
+    title
+        Its name in sentences, in the plural.
+    bound
+        Attribute of `PoleField` that has the error bound.
+    """
+
+    title: str
+    bound: str
+
+
+BOUNDED_QUANTITIES = {
+    "directions": BoundedQuantity("pole directions", "error"),
+    "rates": BoundedQuantity("rates", "velocity_coefficient_error"),
+    "rate_derivatives": BoundedQuantity(
+        "derivatives of rates", "acceleration_coefficient_error"
+    ),
+    "direction_derivatives": BoundedQuantity(
+        "derivatives of pole directions", "direction_dq_error"
+    ),
+}
+"""Quantities with an error bound, by their key in a verification."""
+
+
+def format_verification(verification: Facts) -> list[str]:
+    """Return the lines that tell a user the result of `Verifier.verify`."""
+    if "problem" in verification:
+        return [f"not verified: {verification['problem']}"]
+    if not verification["rows"]:
+        return ["verified: no row has a configuration and finite rates"]
+    lines = [
+        f"verified {verification['rows']} rows in {verification['digits']} digits "
+        f"({verification['seconds']:.1f} s): configurations within "
+        f"{verification['largest_distance_rad']:.1e} rad, conditioning up to "
+        f"{verification['largest_condition']:.1e}"
+    ]
+    lines += [
+        f"  {item['table']}.{item['column']}: off by {item['deviation']:.1e}"
+        f"{' ' * bool(item['unit'])}{item['unit']} at {_describe_row(item)} "
+        f"({item['in_roundings']:.2g} roundings)"
+        for item in _columns_to_show(verification["columns"])
+        if item["deviation"]
+    ]
+    for name, quantity in BOUNDED_QUANTITIES.items():
+        facts = verification[name]
+        if facts["count"]:
+            lines.append(
+                f"  {facts['within_bound']} of {facts['count']} {quantity.title} "
+                f"lie within their error bound; nearest to it {facts['error']:.1e}, "
+                f"{facts['over_bound']:.2g} of the bound, at {_describe_row(facts)}"
+            )
+    lines += [
+        f"  no reference at {_describe_row(row)}: {row['status']}"
+        for row in verification["without_reference"]
+    ]
+    worst = verification["worst"]
+    lines.append(
+        f"  worst row: {_describe_row(worst)}: {worst['column']} = {worst['value']!r}, "
+        f"in {verification['digits']} digits {worst['reference']!r}"
+    )
+    if verification["not_verified"]:
+        lines.append(
+            "  not verified, as they failed or find configurations of their own: "
+            + ", ".join(verification["not_verified"])
+        )
+    return lines
+
+
+def _columns_to_show(columns: list[Facts]) -> list[Facts]:
+    """Return all compared columns, but of the pair variables only the worst."""
+    variables = [item for item in columns if item["table"] == MOTION]
+    others = [item for item in columns if item["table"] != MOTION]
+    worst_variable = sorted(variables, key=lambda item: item["deviation"])[-1:]
+    return worst_variable + others
+
+
+def verification_failures(verification: Facts) -> list[str]:
+    """Return a sentence for each deviation that rounding does not explain."""
+    sentences = []
+    if "problem" in verification:
+        sentences.append(f"verify: no row was verified: {verification['problem']}")
+    if verification.get("beyond"):
+        sentences.append(
+            f"verify: {listing(verification['beyond'])} deviate by more than rounding from "
+            f"their values in {verification['digits']} digits"
+        )
+    for name, quantity in BOUNDED_QUANTITIES.items():
+        facts = verification.get(name)
+        if facts and facts["within_bound"] < facts["count"]:
+            sentences.append(
+                f"verify: {facts['count'] - facts['within_bound']} of {facts['count']} "
+                f"{quantity.title} are off by more than their error bound"
+            )
+    if verification.get("without_reference"):
+        rows = listing(
+            f"{_describe_row(row)} ({row['status']})"
+            for row in verification["without_reference"]
+        )
+        sentences.append(f"verify: no solution in many digits belongs to {rows}")
+    return sentences
+
+
+def _describe_row(item: Facts) -> str:
+    """Return sample, assembly mode and subject of a row in words."""
+    subject = "".join(f", {key} {name}" for key, name in item.get("subject", {}).items())
+    return f"sample {item['sample']}, assembly mode {item['assembly_mode']}{subject}"
