@@ -7,7 +7,7 @@ from independent import multi_start
 
 import spherekit as sk
 from spherekit.completeness import Guarantee
-from spherekit.numerics.sign_changes import crossings
+from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.driving_pair import easiest_drive
@@ -36,24 +36,26 @@ def turning_inputs(solver, curve):
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-4, 1e-5])
 def test_two_near_zeros_are_parted_or_doubtful_but_never_lost(gap):
-    places, _ = crossings(
+    places, _ = find_sign_changes(
         lambda x: (np.cos(x - 1.2345) - np.cos(gap)) * np.exp(np.cos(2.0 * x)), 0.0, TURN
     )
     assert np.max(np.abs(places - 1.2345 - [-gap, gap])) < 1e-9
-    places, ((start, stop),) = crossings(lambda x: 1.0 - np.cos(x - 1.2345), 0.0, TURN)
+    places, ((start, stop),) = find_sign_changes(
+        lambda x: 1.0 - np.cos(x - 1.2345), 0.0, TURN
+    )
     assert not len(places) and start < 1.2345 < stop and stop - start < 1e-5
-    _, at_seam = crossings(lambda x: 1.0 - np.cos(x), 0.0, TURN)
+    _, at_seam = find_sign_changes(lambda x: 1.0 - np.cos(x), 0.0, TURN)
     assert np.allclose(at_seam, [[0.0], [TURN]], rtol=0, atol=1e-6)
 
 
 def test_what_is_no_smooth_function_is_doubtful():
-    _, ((start, stop),) = crossings(
+    _, ((start, stop),) = find_sign_changes(
         lambda x: np.where(np.abs(x - 1.0) < 0.1, np.nan, 1.0), 0.0, 4.0
     )
     assert start <= 0.9 < 1.1 <= stop < 1.3
-    _, doubtful = crossings(np.zeros_like, 0.0, 4.0, most=40)
+    _, doubtful = find_sign_changes(np.zeros_like, 0.0, 4.0, max_cells=40)
     assert doubtful.tolist() == [[0.0, 4.0]]
-    places, _ = crossings(lambda x: np.abs(x - 1.0) - 0.5, 0.0, 4.0)
+    places, _ = find_sign_changes(lambda x: np.abs(x - 1.0) - 0.5, 0.0, 4.0)
     assert np.allclose(places, [0.5, 1.5], rtol=0, atol=1e-12)
 
 

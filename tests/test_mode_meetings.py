@@ -22,7 +22,7 @@ from spherekit.errors import SpherekitError
 from spherekit.files.mechanism_reader import read
 from spherekit.files.toml_document import parse
 from spherekit.numerics.angles import wrap
-from spherekit.numerics.sign_changes import crossings
+from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.positions.angle_unwrapping import continue_angles
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.input_turning_points import input_turning_points
@@ -129,7 +129,7 @@ def test_zero_of_even_order_is_never_taken_for_none(shift, power):
             rough = np.sin(1e7 * x + 17.0) * 2.2e-16 * noise
             return scale * np.sin(x - shift) ** power * (2.0 + np.cos(x)) + rough
 
-        zeros, parts = crossings(function, shift - 1.3, shift + 1.3)
+        zeros, parts = find_sign_changes(function, shift - 1.3, shift + 1.3)
         assert not len(zeros)
         assert np.any((parts[:, 0] <= shift) & (shift <= parts[:, 1]))
         assert np.all(parts[:, 1] - parts[:, 0] < (1e-5 if power == 2 else 5e-3))

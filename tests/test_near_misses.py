@@ -9,7 +9,7 @@ from singular_examples import findings_of
 
 import spherekit as sk
 from spherekit.mechanism.elements import Input
-from spherekit.numerics.minima import minima
+from spherekit.numerics.minima import find_local_minima
 from spherekit.plugin.motion import PositionAnalysis
 
 NAME = "singularities"
@@ -149,10 +149,12 @@ def test_minima_of_values_alone():
         away = (x[:, None] - places) / widths
         return 1e-4 + np.prod(1.0 - np.array([0.99, 0.999]) / (1.0 + away**2), axis=1)
 
-    x, y = minima(function, np.linspace(0.0, 1.0, 6))
+    x, y = find_local_minima(function, np.linspace(0.0, 1.0, 6))
     assert len(x) == 2 and np.allclose(y, function(x))
     assert np.all(function(x - 1e-6) > y) and np.all(function(x + 1e-6) > y)
-    assert not len(minima(lambda x: np.full(len(x), 0.3), np.linspace(0.0, 1.0, 6))[0])
+    assert not len(
+        find_local_minima(lambda x: np.full(len(x), 0.3), np.linspace(0.0, 1.0, 6))[0]
+    )
 
 
 @pytest.mark.parametrize("follower", [78.0, 79.0, 79.6, 79.65, 79.7, 79.8, 79.9])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
-from spherekit.numerics.least_squares import descent
-from spherekit.numerics.tensor_chebyshev import local_polynomials
-from spherekit.numerics.zeros import zeros
+from spherekit.numerics.least_squares import minimize_squares
+from spherekit.numerics.local_polynomials import make_local_polynomials
+from spherekit.numerics.zeros import find_zeros
 
 
 def bumps(s):
@@ -27,15 +27,15 @@ def test_piecewise_chebyshev_reaches_what_it_says():
     fitted = PiecewiseChebyshev.fit(bumps, -1.0, 4.0)
     assert fitted.error < 1e-13
     s = np.random.default_rng(6).uniform(-1.0, 4.0, 10_000)
-    assert np.max(np.abs(fitted.at(s) - bumps(s))) < 1e-12
-    assert np.max(np.abs(fitted.derivative.at(s) - bump_rates(s))) < 1e-9
-    kink = PiecewiseChebyshev.fit(lambda s: np.abs(s - 0.3)[:, None], 0.0, 1.0, most=8)
+    assert np.max(np.abs(fitted.evaluate(s) - bumps(s))) < 1e-12
+    assert np.max(np.abs(fitted.derivative.evaluate(s) - bump_rates(s))) < 1e-9
+    kink = PiecewiseChebyshev.fit(lambda s: np.abs(s - 0.3)[:, None], 0.0, 1.0, max_cells=8)
     assert kink.error > 1e-6
     edges = np.array([0.0, 0.3, 0.31, 1.0])
-    parted = PiecewiseChebyshev.fit(bumps, 0.0, 1.0, cells=edges)
-    assert set(edges) <= set(parted.edges) <= set(parted.grid(4))
+    parted = PiecewiseChebyshev.fit(bumps, 0.0, 1.0, first_cells=edges)
+    assert set(edges) <= set(parted.edges) <= set(parted.spread_positions(4))
     s = np.random.default_rng(1).uniform(0.0, 1.0, 400)
-    assert np.max(np.abs(parted.at(s).T - parted.scattered(s))) < 1e-13
+    assert np.max(np.abs(parted.evaluate(s).T - parted.evaluate_pointwise(s))) < 1e-13
 
 
 def test_local_polynomials_give_functions_at_single_places():
@@ -43,13 +43,15 @@ def test_local_polynomials_give_functions_at_single_places():
         return np.column_stack([bumps(s), 1e-3 * np.tanh(40.0 * (s - 1.0)), 0.0 * s])
 
     size = np.array([4.0, 5.0, 1e-3, 1.0])
-    series = PiecewiseChebyshev.fit(functions, -1.0, 4.0, size=size, rounding=1e-10)
-    local = local_polynomials(series, size)
+    series = PiecewiseChebyshev.fit(
+        functions, -1.0, 4.0, scales=size, rounding_tolerance=1e-10
+    )
+    local = make_local_polynomials(series, size)
     places = np.random.default_rng(4).uniform(-1.0, 4.0, 2000)
     places[:3] = -1.0, 4.0, series.edges[5]
     found = np.array([local(float(s)) for s in places])
     assert np.max(np.abs(found - functions(places)) / size) < 4e-13
-    assert np.max(np.abs(found - series.at(places)) / size) < 3e-14
+    assert np.max(np.abs(found - series.evaluate(places)) / size) < 3e-14
 
 
 def polynomial(roots):
@@ -60,22 +62,22 @@ def polynomial(roots):
 
 def test_zeros_of_polynomials_simple_double_and_close():
     roots = np.array([0.1, 0.25, 0.2501, 0.6, 0.6, 0.9])
-    found = zeros(polynomial(roots), np.linspace(0.0, 1.0, 8))
+    found = find_zeros(polynomial(roots), np.linspace(0.0, 1.0, 8))
     assert np.allclose(found.places, [0.1, 0.25, 0.2501, 0.6, 0.9], rtol=0, atol=1e-9)
     assert found.double.tolist() == [False, False, False, True, False]
 
 
 def test_zeros_on_the_grid_and_at_its_ends_are_found_once():
-    found = zeros(lambda s: (np.sin(s), np.cos(s)), np.linspace(0.0, 4 * np.pi, 17))
+    found = find_zeros(lambda s: (np.sin(s), np.cos(s)), np.linspace(0.0, 4 * np.pi, 17))
     assert np.allclose(found.places, np.arange(5) * np.pi, rtol=0, atol=1e-14)
     assert not np.any(found.double)
-    none = zeros(lambda s: (2.0 + np.sin(s), np.cos(s)), np.linspace(0.0, 6.0, 9))
+    none = find_zeros(lambda s: (2.0 + np.sin(s), np.cos(s)), np.linspace(0.0, 6.0, 9))
     assert len(none.places) == 0
 
 
 def test_a_zero_that_touches_at_an_end_is_double_and_a_triple_one_is_found_soon():
     for slope in (1e-9, -1e-9, 0.0):
-        found = zeros(
+        found = find_zeros(
             lambda s, a=slope: (s * s + a * s, 2.0 * s + a), np.linspace(0.0, 1.0, 8)
         )
         assert found.places.tolist() == [0.0] and found.double.tolist() == [True]
@@ -85,7 +87,7 @@ def test_a_zero_that_touches_at_an_end_is_double_and_a_triple_one_is_found_soon(
         asked.append(len(s))
         return (s - 0.3) ** 3 * np.exp(s), (s - 0.3) ** 2 * (s + 2.7) * np.exp(s)
 
-    found = zeros(triple, np.linspace(0.0, 1.0, 8))
+    found = find_zeros(triple, np.linspace(0.0, 1.0, 8))
     assert len(found.places) == 1 and abs(found.places[0] - 0.3) < 1e-5
     assert len(asked) < 40
 
@@ -106,7 +108,7 @@ def test_random_trigonometric_polynomials_lose_no_zero():
             e = np.exp(1j * np.outer(s, orders)) * a
             return np.sum(e, 1).real, np.sum(1j * orders * e, 1).real
 
-        found = zeros(function, np.linspace(0.0, 2 * np.pi, 13))
+        found = find_zeros(function, np.linspace(0.0, 2 * np.pi, 13))
         assert len(found.places) == len(expected)
         assert np.max(np.abs(found.places - expected), initial=0.0) < 1e-9
 
@@ -122,7 +124,7 @@ def test_zeros_of_many_functions_within_brackets():
     low, high = np.zeros(50), np.full(50, 3.0)
     every = np.arange(50)
     ends = function(low, every), function(high, every)
-    zero, outside = bracketed_zeros(function, low, high, *ends)
+    zero, outside = find_bracketed_zeros(function, low, high, *ends)
     assert np.abs(zero - np.arccos(levels)).max() < 1e-15
     assert sum(counted) < 50 * 14
     assert np.all(function(outside, every) <= 0.0)
@@ -135,9 +137,9 @@ def test_jumps_within_brackets():
         return np.where(x < places[which], 1e9, -1.0)
 
     ends = np.full(3, 1e9), np.full(3, -1.0)
-    zero, outside = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends)
+    zero, outside = find_bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends)
     assert np.abs(zero - places).max() < 1e-14 and np.all(outside >= places)
-    rough, _ = bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends, 1e-3)
+    rough, _ = find_bracketed_zeros(function, np.zeros(3), np.full(3, 2.0), *ends, 1e-3)
     assert 1e-9 < np.abs(rough - places).max() < 1e-3
 
 
@@ -146,8 +148,8 @@ def test_jumps_within_brackets():
 def test_a_zero_at_the_seam_of_a_lap_is_there_once(sense, off):
     """Rounding puts it behind the start, before the end, or on both."""
     grid = np.linspace(0.0, 2.0 * np.pi, 12)
-    found = zeros(lambda s: (sense * np.sin(s) + off, sense * np.cos(s)), grid)
-    once = found.once(2.0 * np.pi).places
+    found = find_zeros(lambda s: (sense * np.sin(s) + off, sense * np.cos(s)), grid)
+    once = found.merge_seam(2.0 * np.pi).places
     assert once == pytest.approx([0.0, np.pi], abs=1e-13)
 
 
@@ -161,6 +163,6 @@ def test_least_squares_keep_to_limits_and_leave_them_for_less():
 
     for high, wanted in ((1.0, (1.0, 0.5)), (9.0, (2.5, 0.5))):
         start = np.array([[high, 0.0], [-4.0, 7.0]])
-        values, squares = descent(residuals, start, high=np.array([high, np.inf]))
+        values, squares = minimize_squares(residuals, start, high=np.array([high, np.inf]))
         assert values == pytest.approx(np.tile(wanted, (2, 1)), abs=1e-7)
         assert squares == pytest.approx(np.full(2, 2.0 * (2.5 - wanted[0]) ** 2), abs=1e-9)

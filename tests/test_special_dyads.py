@@ -10,7 +10,7 @@ from example_mechanisms import four_bar
 from scipy.optimize import brentq
 
 import spherekit as sk
-from spherekit.numerics.sign_changes import crossings
+from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.positions import mode_search
 from spherekit.positions.linearisation import LoopTree
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -90,11 +90,11 @@ def test_a_function_of_rounding_only_is_given_up_early():
         asked.append(len(q))
         return np.sin(1e9 * q)
 
-    _, doubtful = crossings(noise, 0.0, 2.0 * np.pi, smooth=0.5 * np.pi)
+    _, doubtful = find_sign_changes(noise, 0.0, 2.0 * np.pi, smooth_width=0.5 * np.pi)
     assert sum(asked) < 39 * 64
     assert np.allclose(doubtful, [[0.0, 2.0 * np.pi]])
     # a smooth function of many periods is not
-    places, doubtful = crossings(np.sin, 0.5, 200.0, smooth=0.5 * np.pi)
+    places, doubtful = find_sign_changes(np.sin, 0.5, 200.0, smooth_width=0.5 * np.pi)
     assert not len(doubtful)
     assert np.allclose(places, np.pi * np.arange(1, 64), rtol=0.0, atol=1e-12)
     roots = np.array([-1.5, -0.75, 0.0, 1.5, 2.25])  # round places, each of them once
@@ -102,7 +102,7 @@ def test_a_function_of_rounding_only_is_given_up_early():
     def product(x):
         return np.prod(np.sin(0.5 * (x[:, None] - roots)), axis=1)
 
-    places, doubtful = crossings(product, -3.0, 3.0)
+    places, doubtful = find_sign_changes(product, -3.0, 3.0)
     assert places == pytest.approx(roots, abs=1e-12) and not len(doubtful)
 
 

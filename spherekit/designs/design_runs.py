@@ -16,7 +16,7 @@ from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.study import Study
 from spherekit.files.toml_document import Document
 from spherekit.geometry.rotation import max_abs, nans
-from spherekit.numerics.angles import return_by_turns
+from spherekit.numerics.angles import return_after_revolutions
 from spherekit.runs.contract import Analyses
 from spherekit.runs.execution import Execution
 from spherekit.runs.figure_of_merit import FigureOfMerit
@@ -245,7 +245,7 @@ class DesignRuns:
             )
         place = f"q_{merit.place}"
         chosen = present.index(place) if place in present else 0
-        returns = len(q) > 0 and return_by_turns(q[0], q[-1])
+        returns = len(q) > 0 and return_after_revolutions(q[0], q[-1])
         here = np.ones(len(q), bool)
         if merit.point:
             here = max_abs(q - merit.point, axis=1) < 1e-9

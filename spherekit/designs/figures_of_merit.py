@@ -25,7 +25,7 @@ from spherekit.files.time_law import ConstantSpeed
 from spherekit.geometry.rotation import all_finite, nans
 from spherekit.mechanism.joint import Track
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.numerics.angles import SAME_ANGLE, return_by_turns, wrap
+from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions, wrap
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.input_grid import InputGrid, sampled
@@ -121,7 +121,7 @@ class DesignSamples:
     def returns(self) -> bool:
         """Whether a path ends at the inputs of its start, after whole turns."""
         first, last = self.rows[[0, -1], : len(self.inputs)]
-        return len(self.shape) == 1 and return_by_turns(first, last)
+        return len(self.shape) == 1 and return_after_revolutions(first, last)
 
     @property
     def lattice(self) -> InputGrid:
@@ -355,7 +355,7 @@ def widest_swings(angles: Floats, returns: bool) -> tuple[Floats, Indices, Indic
     NaN parts pieces; where the way `returns`, the last goes on with the first if they meet.
     """
     # Once more round leads from the last piece into the first, where there are several.
-    meets = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE
+    meets = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
     again = np.where(meets & np.any(np.isnan(angles), axis=0), angles, np.nan)
     every = np.concatenate([angles, again]) if returns else angles
     steps = wrap(np.diff(every, axis=0, prepend=np.nan)).T

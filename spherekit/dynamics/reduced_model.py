@@ -31,12 +31,9 @@ from spherekit.geometry.rotation import all_finite
 from spherekit.mechanism.load_expression import load_names, parse
 from spherekit.mechanism.load_kinds import DRIVE
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
-from spherekit.numerics.tensor_chebyshev import (
-    TensorCells,
-    TensorChebyshev,
-    local_polynomials,
-)
-from spherekit.numerics.zeros import zeros
+from spherekit.numerics.local_polynomials import make_local_polynomials
+from spherekit.numerics.tensor_chebyshev import CellSums, TensorChebyshev
+from spherekit.numerics.zeros import find_zeros
 from spherekit.status import Status
 from spherekit.symbolic.expression_graph import (
     ExpressionNode,
@@ -238,13 +235,13 @@ class StoredModel:
         turns = variable in {f"theta_{pair}" for pair in heading.angles}
 
         def gap(x: Floats) -> tuple[Floats, Floats]:
-            reached, rate = series.at(x)[:, columns].T
+            reached, rate = series.evaluate(x)[:, columns].T
             half = 0.5 * (reached - value)
             if turns:
                 return np.sin(half), 0.5 * np.cos(half) * rate
             return half, 0.5 * rate
 
-        return zeros(gap, series.grid(8)).places
+        return find_zeros(gap, series.spread_positions(8)).places
 
     def with_torque(self, torque: str | Mapping[str, str]) -> "StoredModel":
         """Return the model with torques (N m) at inputs as more loads.
@@ -367,7 +364,7 @@ class StoredModel:
         """Return the functions of a group (n, F) at places (n, m)."""
         heading, series = self.heading, self.groups[group]
         if isinstance(series, TensorChebyshev):
-            return series.at(q)
+            return series.evaluate(q)
         x, (low,), (high,) = q[:, 0], heading.low, heading.high
         lap, laps = high - low, np.zeros(len(q))
         good = np.isfinite(x)
@@ -377,7 +374,7 @@ class StoredModel:
             good &= (x >= low - SLACK * lap) & (x <= high + SLACK * lap)
         if not np.all(good):
             heading.within(float(x[~good][0]))
-        values = series.at(x - laps * lap)
+        values = series.evaluate(x - laps * lap)
         if group == 0:
             values[:, : len(heading.rise)] += laps[:, None] * np.array(heading.rise)
         return values
@@ -386,11 +383,11 @@ class StoredModel:
         """Return sums of the functions of a group by factors (F, K) at one place."""
         heading, series = self.heading, self.groups[group]
         if isinstance(series, TensorChebyshev):
-            cells, cell = TensorCells(series, factors), self._cell
-            return lambda q: cells.at(cell(q), q).tolist()  # type: ignore[no-any-return]
+            cells, cell = CellSums(series, factors), self._cell
+            return lambda q: cells.evaluate(cell(q), q).tolist()  # type: ignore[no-any-return]
         size = np.array([function.largest for function in heading.groups[group]])
         mixed = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
-        inside = local_polynomials(mixed, size @ np.abs(factors))
+        inside = make_local_polynomials(mixed, size @ np.abs(factors))
         rise = heading.rise if group == 0 else ()
         growths = np.array(rise) @ factors[: len(rise)]
         rises = [(k, x) for k, x in enumerate(growths.tolist()) if x]
@@ -418,7 +415,7 @@ class StoredModel:
             if not low <= value <= high:
                 break
         else:
-            cell = series.cell(q)
+            cell = series.find_cell(q)
             if cell >= 0:
                 return cell
         ranges = zip(heading.by, q, heading.low, heading.high, strict=True)

@@ -26,7 +26,7 @@ from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.mechanism.friction import need_no_rubbing
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.numerics.chebyshev import ROUNDING, PiecewiseChebyshev
+from spherekit.numerics.chebyshev import LOSSY_TOLERANCE, PiecewiseChebyshev
 from spherekit.numerics.tensor_chebyshev import TensorChebyshev
 from spherekit.planning.pole_plan import all_poles, parse_pole
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -145,7 +145,7 @@ def _fit_curve_group(
         tolerance,
         scales,
         MIN_CELLS,
-        rounding=ROUNDING,
+        rounding_tolerance=LOSSY_TOLERANCE,
     )
 
 
@@ -157,7 +157,7 @@ def _measure_curve_errors(
     # of the series nor the places at which the fit checked itself.
     fractions = np.arange(1, 4)[:, None] * (0.5 * (np.sqrt(5.0) - 1.0)) % 1.0
     x = np.sort((series.edges[:-1] + fractions * np.diff(series.edges)).ravel())
-    return max_abs(series.at(x) - sampler.evaluate_groups([group], x), axis=0)
+    return max_abs(series.evaluate(x) - sampler.evaluate_groups([group], x), axis=0)
 
 
 @checked(SolveError)
@@ -217,7 +217,9 @@ def reduced_grid_model(
         )
     errors = _measure_box_errors(series, evaluate)
     groups = (_describe_functions(labels, scales, errors),)
-    return StoredModel(replace(heading, covered=series.covered, groups=groups), (series,))
+    return StoredModel(
+        replace(heading, covered=series.covered_fraction, groups=groups), (series,)
+    )
 
 
 def _measure_box_errors(
@@ -227,8 +229,8 @@ def _measure_box_errors(
     # The seed is fixed, so that a model made again reports the same errors.
     random = np.random.default_rng(1).random((ERROR_SAMPLES, len(series.low)))
     inputs = series.low + (series.high - series.low) * random
-    inputs = inputs[series.cells(inputs) >= 0]
-    errors = np.abs(series.at(inputs) - evaluate(inputs))
+    inputs = inputs[series.find_cells(inputs) >= 0]
+    errors = np.abs(series.evaluate(inputs) - evaluate(inputs))
     return np.max(errors[all_finite(errors, 1)], axis=0, initial=0.0)
 
 

@@ -23,7 +23,7 @@ from spherekit.dynamics.simulation_start import variable_of
 from spherekit.dynamics.taylor_integration import CROSSING_RATIO, Segment, TaylorRun
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
-from spherekit.numerics.zeros import Function, zeros
+from spherekit.numerics.zeros import DifferentiableFunction, find_zeros
 from spherekit.positions.loop_closure import Closure
 
 NODES = 24
@@ -104,7 +104,7 @@ class Step:
         series[0] += self.state[number] - level
         return series
 
-    def _function(self, series: Floats) -> Function:
+    def _function(self, series: Floats) -> DifferentiableFunction:
         """Return what a Legendre series (k,) over the step says, with its slope."""
         slope = legendre.legder(series) * 2.0 / self.length
         both = np.stack([series, np.append(slope, 0.0)], axis=1)
@@ -112,7 +112,7 @@ class Step:
 
     def passed(self, series: Floats) -> list[float]:
         """Return the times after the start at which a series (k,) changes its sign."""
-        crossed = zeros(self._function(series), self.times)
+        crossed = find_zeros(self._function(series), self.times)
         return crossed.places[(crossed.places > self.start) & ~crossed.double].tolist()
 
     def stopped(self, mechanism: Mechanism, whole: Floats) -> Iterator[tuple[float, str]]:
@@ -124,7 +124,7 @@ class Step:
             number = variable_of(mechanism, stop.pair)
             for limit, sense in ((stop.low, -1.0), (stop.high, 1.0)):
                 beyond = self._function(self.column(number, limit - whole[number]))
-                t = zeros(beyond, self.times).places
+                t = find_zeros(beyond, self.times).places
                 outward = t[sense * beyond(t)[1] > 0.0]
                 if len(outward) or sense * beyond(self.times[-1:])[0][0] > 0.0:
                     yield float([*outward, self.start][0]), stop.pair

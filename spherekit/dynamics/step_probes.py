@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 
 EVEN_PROBES = 17
 """Evenly spaced probes of a step, both ends included.
@@ -141,7 +141,7 @@ def _find_zeros(
         rows = evaluate(steps[numbers], places)
         return rows[np.arange(len(places)), functions[numbers]]
 
-    zeros, _ = bracketed_zeros(
+    zeros, _ = find_bracketed_zeros(
         evaluate_bracketed,
         low[brackets],
         high[brackets],

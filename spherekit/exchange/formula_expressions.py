@@ -215,7 +215,7 @@ class SeriesTable(NamedTuple):
         if self.closed:
             position = edges[0] + np.mod(position - edges[0], self.length)
         # (n, terms): a row for each value of the variable
-        series_rows = self.series.at(position)
+        series_rows = self.series.evaluate(position)
         # Written as "not inside", so that a position that is NaN gives NaN too.
         series_rows[~((position >= edges[0]) & (position <= edges[-1]))] = np.nan
         return np.asarray(series_rows.T)

@@ -10,7 +10,7 @@ from numpy.polynomial.legendre import leggauss, legint, legval, legvander
 from spherekit.arrays import Floats, Indices
 from spherekit.geometry.parametric_curve import FourierPath, SplinePath
 from spherekit.geometry.rotation import max_abs
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 from spherekit.tolerances import EPS
 
@@ -58,7 +58,7 @@ class ArcLength:
 
     def invert(self, s: Floats) -> Floats:
         """Return u (n,) at arc lengths s (n,)."""
-        return s * self._pace + self._inverse.scattered(s)[0]
+        return s * self._pace + self._inverse.evaluate_pointwise(s)[0]
 
     @property
     def _pace(self) -> float:
@@ -77,13 +77,13 @@ class ArcLength:
                 return self.within(panel[rows], x) - target[rows]
 
             one, left = np.ones_like(s), np.diff(self.starts)[panel] - target
-            x, _ = bracketed_zeros(gap, -one, one, -target, left, EPS)
+            x, _ = find_bracketed_zeros(gap, -one, one, -target, left, EPS)
             u = self.edges[panel] + 0.5 * np.diff(self.edges)[panel] * (1.0 + x)
             return (u - s * self._pace)[:, None]
 
         size, cells = self.edges[-1:], self.starts
         return PiecewiseChebyshev.fit(
-            more, 0.0, self.length, _EXACT, size, cells, rounding=_ROUNDING
+            more, 0.0, self.length, _EXACT, size, cells, rounding_tolerance=_ROUNDING
         )
 
     def at(self, u: Floats) -> Floats:

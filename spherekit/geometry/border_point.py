@@ -11,8 +11,8 @@ from spherekit.geometry.region_margins import (
 )
 from spherekit.geometry.rotation import cross, max_abs, unit_rows
 from spherekit.geometry.triangle import arc
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
-from spherekit.numerics.least_squares import descent
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
+from spherekit.numerics.least_squares import minimize_squares
 from spherekit.tolerances import EPS
 
 DIFFERENCE_STEP = 1e-6
@@ -75,7 +75,7 @@ def find_crossings(
         return evaluate(points_on_arcs(inside[arcs], outside[arcs], angle))
 
     all_arcs = np.arange(len(length))
-    crossing_angle, angle_outside = bracketed_zeros(
+    crossing_angle, angle_outside = find_bracketed_zeros(
         lambda angle, arcs: smallest_margins(evaluate_on_arcs(angle, arcs)),
         np.zeros(len(length)),
         length,
@@ -139,7 +139,7 @@ def find_corners(
         slope = (pair[:, 1:] - pair[:, :1]) / DIFFERENCE_STEP
         return pair[:, 0], np.swapaxes(slope, 1, 2)
 
-    x, squares = descent(
+    x, squares = minimize_squares(
         residuals, np.zeros((len(start), 2)), -MAX_CORNER_DISTANCE, MAX_CORNER_DISTANCE
     )
     tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)

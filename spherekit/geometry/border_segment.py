@@ -23,8 +23,8 @@ from spherekit.geometry.region_margins import (
 from spherekit.geometry.rotation import cross, nans
 from spherekit.geometry.triangle import arc
 from spherekit.numerics.array_rows import ArrayRows
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
-from spherekit.numerics.chebyshev import real_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
+from spherekit.numerics.chebyshev import find_real_zeros
 from spherekit.tolerances import EPS
 
 ORDERS = (1, 4, 8, 16)
@@ -291,7 +291,7 @@ class BorderSegments(ArrayRows):
         is_sound = (right < 0.0) & (left >= 0.0)
         bracketed = np.flatnonzero(is_sound)
         fraction = np.zeros(len(u))
-        fraction[bracketed], _ = bracketed_zeros(
+        fraction[bracketed], _ = find_bracketed_zeros(
             lambda fraction, items: zero_margin(fraction, bracketed[items]),
             -np.ones(len(bracketed)),
             np.ones(len(bracketed)),
@@ -404,7 +404,7 @@ def find_nearest_point(
     for segment in np.flatnonzero(nearby.is_sound)[:, None]:
         points, _ = nearby.node_points(segment)
         cosine = np.vecdot(points, direction)
-        u = real_zeros(chebyshev.chebder(coefficient_matrix(ORDERS[-1]) @ cosine))
+        u = find_real_zeros(chebyshev.chebder(coefficient_matrix(ORDERS[-1]) @ cosine))
         height = nearby.height[segment] @ interpolation_matrix(ORDERS[-1], u).T
         candidates.append(nearby._points_at(segment, u, height)[0])
     points = np.concatenate(candidates)

@@ -8,7 +8,7 @@ from spherekit.arrays import Floats
 from spherekit.geometry.mirror import rotation_vector
 from spherekit.geometry.profile_curve import Curve
 from spherekit.geometry.rotation import transpose
-from spherekit.numerics.least_squares import descent
+from spherekit.numerics.least_squares import minimize_squares
 
 FRAME_STEP_RAD = 0.03
 """Angle by which the frame of a curve rotates from one sample to the next. Smaller: more
@@ -69,12 +69,12 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     is_closed = np.array([curve.closed for curve in curves])
     low = np.where(is_closed, -np.inf, 0.0)
     high = np.where(is_closed, np.inf, lengths)
-    arc_lengths, squares = descent(
+    arc_lengths, squares = minimize_squares(
         lambda s, _: _frame_differences(curves, s),
         _find_starts(curves),
         low,
         high,
-        longest=MAX_ARC_STEP_RAD,
+        longest_step=MAX_ARC_STEP_RAD,
     )
     angles = np.sqrt(squares)
     arc_lengths = np.where(is_closed, np.mod(arc_lengths, lengths), arc_lengths)

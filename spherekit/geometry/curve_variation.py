@@ -24,7 +24,7 @@ from spherekit.geometry.parametric_curve import (
 )
 from spherekit.geometry.profile_curve import azimuth_panels, spline_fits
 from spherekit.geometry.rotation import cross
-from spherekit.numerics.complex_step import slope_of, stepped
+from spherekit.numerics.complex_step import add_complex_step, extract_derivative
 
 _DERIVATIVES = np.array([[perm(power, k) for power in range(6)] for k in range(6)], float)
 """The derivatives of each order of the powers of a number, at 1."""
@@ -81,18 +81,22 @@ def varied_spline(
     points, change
         (m, 3) unit vectors, and their derivatives by what moves them.
     """
-    moved = stepped(points, change)
+    moved = add_complex_step(points, change)
     moved = moved / np.sqrt(dot(moved, moved))[:, None]
     if closed:
         moved = np.concatenate([moved, moved[:1]])
     steps = _chords(moved)
     fits = list(spline_fits(points, closed))
     for path, _ in fits:
-        knots = stepped(path.knots, np.append(0.0, np.cumsum(steps)))
+        knots = add_complex_step(path.knots, np.append(0.0, np.cumsum(steps)))
         varied = SplinePath(quintic_panels(knots, moved, closed), path.knots, closed)
-        stretch = integrated(lambda u: slope_of(varied.speed(stepped(u, 0.0))), path.knots)  # noqa: B023
+
+        def stretch_rate(u: Floats, path_varied: SplinePath = varied) -> Floats:
+            return extract_derivative(path_varied.speed(add_complex_step(u, 0.0)))
+
+        stretch = integrated(stretch_rate, path.knots)
         steps = np.diff(
-            stretch.at_edge(path.knots) + path.speed(path.knots) * slope_of(knots)
+            stretch.at_edge(path.knots) + path.speed(path.knots) * extract_derivative(knots)
         )
     return varied, fits[-1][1], stretch, float(np.sum(steps))
 
@@ -101,7 +105,9 @@ def _chords(points: Floats) -> Floats:
     """Return how the angles between successive points change (m - 1,)."""
     across = cross(points[:-1], points[1:])
     sine, cosine = np.sqrt(dot(across, across)), dot(points[:-1], points[1:])
-    return np.real(cosine) * slope_of(sine) - np.real(sine) * slope_of(cosine)
+    return np.real(cosine) * extract_derivative(sine) - np.real(sine) * extract_derivative(
+        cosine
+    )
 
 
 Varied = Callable[[Floats], Floats]
@@ -130,8 +136,10 @@ def _varied(
             laps = -np.floor(forward / table.length)
         forward, moved = forward + laps * table.length, laps * longer
         u = table.invert(forward)
-        moved = (moved - stretch.at(u)) / np.real(path.speed(stepped(u, 0.0)))
-        frame, curvature, rate = (slope_of(x) for x in path.frame(stepped(u, moved)))
+        moved = (moved - stretch.at(u)) / np.real(path.speed(add_complex_step(u, 0.0)))
+        frame, curvature, rate = (
+            extract_derivative(x) for x in path.frame(add_complex_step(u, moved))
+        )
         rows = [sense * frame[:, :, 0].T, frame[:, :, 2].T, sense * curvature[None]]
         return np.concatenate([*rows, rate[None]])
 
@@ -153,11 +161,13 @@ def varied_round(
     for row, both in enumerate((cosines, sines)):
         for k, given in enumerate(both):
             series[k, row, : np.size(given)] = given
-    even, odd = stepped(*series)
-    path = FourierPath(axes_about(stepped(*centre)), even, odd)
+    even, odd = add_complex_step(*series)
+    path = FourierPath(axes_about(add_complex_step(*centre)), even, odd)
     still = FourierPath(axes_about(np.asarray(centre[0], dtype=float)), *series[0])
     edges = azimuth_panels(size)
-    stretch = integrated(lambda u: slope_of(path.speed(stepped(u, 0.0))), edges)
+    stretch = integrated(
+        lambda u: extract_derivative(path.speed(add_complex_step(u, 0.0))), edges
+    )
     longer = stretch.length
     return _varied(path, measure(still, edges), stretch, longer, True, backwards)
 

@@ -25,7 +25,7 @@ from spherekit.geometry.region_margins import (
 )
 from spherekit.geometry.rotation import max_abs, unit_rows
 from spherekit.geometry.triangle_class import VALUE_SAFETY_FACTOR
-from spherekit.numerics.chebyshev import tensor
+from spherekit.numerics.chebyshev import grid_points
 from spherekit.progress import ProgressReporter
 
 ALL_ORIENTATIONS = 8.0 * np.pi**2
@@ -57,7 +57,7 @@ VALUES_PER_CHUNK = 2**13
 
 def _cubic_grid(axis: Array) -> Array:
     """Return the points (n**3, 3) of a grid with n coordinates per axis, last fastest."""
-    return tensor(3 * [axis])
+    return grid_points(3 * [axis])
 
 
 _TWO_GRID = _cubic_grid(np.arange(2))

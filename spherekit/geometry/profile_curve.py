@@ -23,7 +23,7 @@ from spherekit.geometry.parametric_curve import (
 from spherekit.geometry.profile_checks import check_colatitude, check_simple, checked_points
 from spherekit.geometry.rotation import all_finite
 from spherekit.geometry.triangle import arc
-from spherekit.numerics.complex_step import slope_of, stepped
+from spherekit.numerics.complex_step import add_complex_step, extract_derivative
 from spherekit.tolerances import EPS
 
 _REFITS = 4
@@ -93,8 +93,8 @@ class Curve:
     def curvature_second(self, s: ArrayLike) -> Floats:
         """Return the second derivative (n,) of the curvature by the arc length."""
         u, _ = self._parameter(s)
-        _, _, rate = self.path.frame(stepped(u, 1.0 / self.path.speed(u)))
-        return -slope_of(rate) if self.backwards else slope_of(rate)
+        _, _, rate = self.path.frame(add_complex_step(u, 1.0 / self.path.speed(u)))
+        return -extract_derivative(rate) if self.backwards else extract_derivative(rate)
 
     def reversed(self) -> "Curve":
         """Return the same curve run backwards."""

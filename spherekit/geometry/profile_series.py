@@ -46,21 +46,25 @@ class ProfileSeries:
             MOST,
             ROUNDING,
         )
-        slopes = np.abs(fitted.derivative.at(fitted.grid(BETWEEN - 1))[:, 7])
+        slopes = np.abs(
+            fitted.derivative.evaluate(fitted.spread_positions(BETWEEN - 1))[:, 7]
+        )
         return ProfileSeries(
             fitted, curve.length, curve.closed, 1.5 * float(np.max(slopes))
         )
 
     def at(self, s: Floats) -> Floats:
         """Return (8, n) at arc lengths s (n,); NaN beyond the ends of an open curve."""
-        values = self.series.at(np.mod(s, self.length) if self.closed else s)
+        values = self.series.evaluate(np.mod(s, self.length) if self.closed else s)
         if not self.closed:
             values[~((s >= 0.0) & (s <= self.length))] = np.nan
         return np.ascontiguousarray(values.T)
 
     def slopes(self, s: Floats) -> Floats:
         """Return the derivatives (8, n) of `at` by the arc length."""
-        return self.series.derivative.at(np.mod(s, self.length) if self.closed else s).T
+        return self.series.derivative.evaluate(
+            np.mod(s, self.length) if self.closed else s
+        ).T
 
 
 def _columns(curve: Curve, s: Floats) -> Floats:

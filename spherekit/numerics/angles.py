@@ -6,18 +6,32 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 
-SAME_ANGLE = 1e-9
-"""Angles (rad) that differ by less are one."""
+SAME_ANGLE_RAD = 1e-9
+"""Angles (rad) that differ by less are the same angle."""
 
 
 def wrap(angles: ArrayLike) -> Floats:
-    """Return angles (rad) less whole turns, in (-pi, pi]; those within it as they are."""
-    given = np.asarray(angles, dtype=float)
-    turned = given - TURN * np.round(given / TURN)
-    return np.where(turned <= -np.pi, np.pi, turned)
+    """Return angles (rad) reduced by whole revolutions to (-pi, pi].
+
+    Angles that are already in this interval are returned unchanged.
+    """
+    angles = np.asarray(angles, dtype=float)
+    reduced = angles - TURN * np.round(angles / TURN)
+    return np.where(reduced <= -np.pi, np.pi, reduced)
 
 
-def return_by_turns(first: ArrayLike, last: ArrayLike) -> bool:
-    """Return whether angles (n,) rad come back to where they were, after whole turns."""
-    away = np.asarray(last, dtype=float) - np.asarray(first, dtype=float)
-    return bool(np.any(away != 0.0) and np.all(np.abs(wrap(away)) < SAME_ANGLE))
+def return_after_revolutions(first: ArrayLike, last: ArrayLike) -> bool:
+    """Return whether angles move from `first` to `last` by whole revolutions.
+
+    Parameters
+    ----------
+    first, last
+        (n,) angles (rad) at the start and at the end of a motion.
+
+    Returns
+    -------
+    True if every angle ends where it started, after any number of revolutions, and at least
+    one of them moved.
+    """
+    change = np.asarray(last, dtype=float) - np.asarray(first, dtype=float)
+    return bool(np.any(change != 0.0) and np.all(np.abs(wrap(change)) < SAME_ANGLE_RAD))

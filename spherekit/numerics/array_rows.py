@@ -1,4 +1,4 @@
-"""Records of arrays with one row for each item: selecting rows, joining records."""
+"""Dataclasses of arrays that share their rows: select, replace and join rows."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
@@ -10,51 +10,88 @@ from spherekit.arrays import Array, Indices
 
 
 class ArrayRows:
-    """A dataclass whose arrays have their rows along the first axis.
+    """Base class of dataclasses whose arrays have one row per item along their first axis.
 
-    So have those of its records of this kind, dictionaries and tuples; the rest is kept.
+    A field may be an array, another `ArrayRows`, or a dictionary or tuple of these. Fields
+    of other types belong to all rows; they are passed on unchanged.
     """
 
     def rows(self, chosen: slice | Array) -> Self:
-        """Return some rows, chosen by a mask, a slice or numbers."""
-        made = _mapped([_parts(self)], lambda x: x[0][chosen], lambda x: x[0].rows(chosen))
-        return type(self)(**made)
+        """Return a record with some of the rows, chosen by a mask, a slice or indices."""
+        selected = _transform_fields(
+            [_field_values(self)],
+            combine_arrays=lambda arrays: arrays[0][chosen],
+            combine_records=lambda records: records[0].rows(chosen),
+        )
+        return type(self)(**selected)
 
     def put(self, rows: Indices, new: Self) -> None:
-        """Replace some rows of all arrays."""
-        others = _parts(new)
-        for name, part in _parts(self).items():
-            if isinstance(part, np.ndarray):
-                part[rows] = others[name]
-            elif isinstance(part, ArrayRows):
-                part.put(rows, others[name])
-            elif isinstance(part, Mapping):
-                for key, values in part.items():
-                    values[rows] = others[name][key]
+        """Replace some rows in place by the rows of another record.
+
+        Tuples of arrays are not replaced.
+        """
+        new_values = _field_values(new)
+        for name, value in _field_values(self).items():
+            if isinstance(value, np.ndarray):
+                value[rows] = new_values[name]
+            elif isinstance(value, ArrayRows):
+                value.put(rows, new_values[name])
+            elif isinstance(value, Mapping):
+                for key, array in value.items():
+                    array[rows] = new_values[name][key]
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Return the rows of all parts in order, with the rest of the first."""
-        every = [_parts(part) for part in parts]
-        return cls(**_mapped(every, np.concatenate, lambda x: type(x[0]).joined(x)))
+        """Return a record with the rows of all parts in their order.
+
+        Fields that are not arrays are those of the first part.
+        """
+        joined = _transform_fields(
+            [_field_values(part) for part in parts],
+            combine_arrays=np.concatenate,
+            combine_records=lambda records: type(records[0]).joined(records),
+        )
+        return cls(**joined)
 
 
-def _parts(record: Any) -> dict[str, Any]:
+def _field_values(record: Any) -> dict[str, Any]:
+    """Return the values of the fields of a dataclass by name, without copying them."""
     return {item.name: getattr(record, item.name) for item in fields(record)}
 
 
-def _mapped(
-    parts: Sequence[Any], arrays: Callable[[Any], Any], records: Callable[[Any], Any]
+def _transform_fields(
+    values: Sequence[Any],
+    combine_arrays: Callable[[Any], Any],
+    combine_records: Callable[[Any], Any],
 ) -> Any:
-    """Return what alike parts of records become, arrays and records in them each by one."""
-    first = parts[0]
+    """Return the combination of the values that one field has in several records.
+
+    Dictionaries and tuples are combined entry by entry.
+
+    Parameters
+    ----------
+    values
+        The value of the field in each record, all of one structure.
+    combine_arrays
+        Returns one array for the arrays of all records.
+    combine_records
+        Returns one record for the nested records of all records.
+    """
+    first = values[0]
     if isinstance(first, np.ndarray):
-        return arrays(parts)
+        return combine_arrays(values)
     if isinstance(first, ArrayRows):
-        return records(parts)
+        return combine_records(values)
     if isinstance(first, Mapping):
-        items = {key: [part[key] for part in parts] for key in first}
-        return {key: _mapped(held, arrays, records) for key, held in items.items()}
+        return {
+            key: _transform_fields(
+                [value[key] for value in values], combine_arrays, combine_records
+            )
+            for key in first
+        }
     if type(first) is tuple:
-        return tuple(_mapped(held, arrays, records) for held in zip(*parts, strict=True))
+        return tuple(
+            _transform_fields(entries, combine_arrays, combine_records)
+            for entries in zip(*values, strict=True)
+        )
     return first

@@ -1,4 +1,4 @@
-"""Zeros of many functions of one variable at once, each within its own bracket."""
+"""Zeros of many functions of one variable at once, each in its own bracket."""
 
 from collections.abc import Callable
 
@@ -8,72 +8,102 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats, Indices
 from spherekit.tolerances import EPS
 
-Indexed = Callable[[Floats, Indices], Floats]
-"""Values (m,) of the functions with numbers (m,) at places (m,)."""
+IndexedFunction = Callable[[Floats, Indices], Floats]
+"""Returns the values (m,) of some functions at positions (m,), one position for each.
+
+The second argument is the indices (m,) of these functions.
+"""
+
+MAX_ITERATIONS = 80
+"""Function values per bracket at most.
+
+Halving alone takes about 53 to reach the rounding error of a bracket that does not contain
+0. Smaller: brackets of discontinuous functions may not become narrow.
+"""
+
+MIN_BRACKET_WIDTH = 1e-300
+"""Width that is narrow enough for a zero at 0, where rounding errors set no limit."""
 
 
-MOST_STEPS = 80
-
-
-TINY = 1e-300
-
-
-def bracketed_zeros(
-    function: Indexed,
+def find_bracketed_zeros(
+    function: IndexedFunction,
     low: Floats,
     high: Floats,
-    at_low: Floats,
-    at_high: Floats,
+    values_at_low: Floats,
+    values_at_high: Floats,
     tolerance: ArrayLike = 0.0,
 ) -> tuple[Floats, Floats]:
-    """Return where functions change their sign, between two ends of opposite signs.
+    """Return where n functions change their sign between the two ends of their brackets.
+
+    All brackets are narrowed together. A bracket that is narrow enough is left out of the
+    next function call.
 
     Parameters
     ----------
     function
-        Values of the functions asked for; they need not be continuous.
-    low, high, at_low, at_high
-        Ends (n,) of the brackets; values there, one not negative, the other negative.
+        Values of some of the functions. They need not be continuous.
+    low, high
+        (n,) ends of the brackets.
+    values_at_low, values_at_high
+        (n,) values there. One of the two is negative, and the other one is not.
     tolerance
-        Width (n,) of a bracket that is narrow enough, besides rounding.
+        Width, or (n,) widths, at which a bracket is narrow enough. A bracket is also narrow
+        enough if its width is the rounding error of its ends.
 
     Returns
     -------
-    zero, outside
-        (n,) the end of the last bracket with the smaller value, exactly 0 or as near the
-        other end as asked for, and the end where the value is negative.
+    zero
+        (n,) the end of the last bracket with the smaller absolute value.
+    negative_side
+        (n,) the end of the last bracket where the function is negative.
 
-    Notes
-    -----
-    Inverse quadratic interpolation where it is safe, else halving (T. R. Chandrupatla,
-    Advances in Engineering Software 28, 1997, 145-149).
+    References
+    ----------
+    T. R. Chandrupatla, A new hybrid quadratic/bisection algorithm for finding the zero of a
+    nonlinear function without using derivatives, Advances in Engineering Software 28, 1997,
+    145-149.
     """
-    a, b, c = points = np.array([[high, at_high], [low, at_low], [low, at_low]])
-    room = np.broadcast_to(tolerance, low.shape)
-    going = np.flatnonzero((at_high != 0.0) & (at_low != 0.0))
-    share = np.array(0.5)
-    for _ in range(MOST_STEPS):
-        if not len(going):
+    # Each array is (2, n): positions, then values. The newest point is a, and b is the
+    # other end of the bracket. The point c is the end that was replaced last.
+    points = np.array([[high, values_at_high], [low, values_at_low], [low, values_at_low]])
+    a, b, c = points
+    tolerance = np.broadcast_to(tolerance, low.shape)
+    active = np.flatnonzero((values_at_high != 0.0) & (values_at_low != 0.0))
+    fraction = np.array(0.5)  # of the way from a to b
+    for _ in range(MAX_ITERATIONS):
+        if not len(active):
             break
-        one, other = a[:, going], b[:, going]
-        x = one[0] + share * (other[0] - one[0])
-        value = function(x, going)
-        same = (value >= 0.0) == (one[1] >= 0.0)
-        across = np.where(same, other, one)
-        c[:, going] = np.where(same, one, other)
-        a[:, going], b[:, going] = (x, value), across
-        best = np.where(np.abs(value) < np.abs(across[1]), x, across[0])
-        least = 2.0 * EPS * np.abs(best) + 0.5 * room[going] + TINY
-        gap = np.abs(across[0] - x)
-        left = (value != 0.0) & ~(gap <= 2.0 * least)
-        going, gap, least = going[left], gap[left], least[left]
-        (x, fx), (y, fy), (z, fz) = points[..., going]
+        old_a = a[:, active]
+        old_b = b[:, active]
+        x = old_a[0] + fraction * (old_b[0] - old_a[0])
+        value = function(x, active)
+        has_sign_of_a = (value >= 0.0) == (old_a[1] >= 0.0)
+        new_b = np.where(has_sign_of_a, old_b, old_a)
+        c[:, active] = np.where(has_sign_of_a, old_a, old_b)
+        a[:, active] = (x, value)
+        b[:, active] = new_b
+
+        best = np.where(np.abs(value) < np.abs(new_b[1]), x, new_b[0])
+        resolution = 2.0 * EPS * np.abs(best) + 0.5 * tolerance[active] + MIN_BRACKET_WIDTH
+        width = np.abs(new_b[0] - x)
+        is_unfinished = (value != 0.0) & ~(width <= 2.0 * resolution)
+        active = active[is_unfinished]
+        width = width[is_unfinished]
+        resolution = resolution[is_unfinished]
+
+        # Inverse quadratic interpolation through the three points, if Chandrupatla's
+        # criterion says that the interpolant is monotone in the bracket. Otherwise halving.
+        (xa, fa), (xb, fb), (xc, fc) = points[..., active]
         with np.errstate(all="ignore"):
-            place, level = (x - y) / (z - y), (fx - fy) / (fz - fy)
-            safe = (level**2 < place) & ((1.0 - level) ** 2 < 1.0 - place)
-            share = fx / (fy - fx) * (fz / (fy - fz))
-            share += (z - x) / (y - x) * (fx / (fz - fx)) * (fy / (fz - fy))
-            room_left = np.minimum(least / gap, 0.5)
-            share = np.clip(np.where(safe, share, 0.5), room_left, 1.0 - room_left)
-    nearer = np.where(np.abs(a[1]) < np.abs(b[1]), a, b)
-    return nearer[0], np.where(a[1] < 0.0, a, b)[0]
+            xi = (xa - xb) / (xc - xb)
+            phi = (fa - fb) / (fc - fb)
+            is_safe = (phi**2 < xi) & ((1.0 - phi) ** 2 < 1.0 - xi)
+            fraction = fa / (fb - fa) * (fc / (fb - fc))
+            fraction += (xc - xa) / (xb - xa) * (fa / (fc - fa)) * (fb / (fc - fb))
+            # The next point keeps the distance `resolution` from both ends. Otherwise the
+            # bracket would shrink from one side only.
+            margin = np.minimum(resolution / width, 0.5)
+            fraction = np.clip(np.where(is_safe, fraction, 0.5), margin, 1.0 - margin)
+    zero = np.where(np.abs(a[1]) < np.abs(b[1]), a, b)[0]
+    negative_side = np.where(a[1] < 0.0, a, b)[0]
+    return zero, negative_side

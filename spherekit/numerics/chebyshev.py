@@ -1,4 +1,9 @@
-"""Functions of one variable as Chebyshev series on cells as narrow as each place needs."""
+"""Functions of one variable as Chebyshev series on cells, and the algebra of such series.
+
+The algebra also covers tensor series of several variables, which
+`spherekit.numerics.tensor_chebyshev` uses. T_k is the Chebyshev polynomial of order k. On
+a cell [low, high] the argument of T_k is the reduced position, which goes from -1 to 1.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,20 +18,38 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats, Indices
 
 DEGREE = 15
-MOST_CELLS = 2**13
-ROUNDING = 1e-10
-"""What functions that lose digits may be off by: see `PiecewiseChebyshev.fit`."""
+"""Default degree on a cell. Larger: fewer cells, each with more samples."""
 
-ON_THE_AXIS = 1e-6
-"""A zero whose imaginary part, in half cells, is smaller is taken for real."""
+MAX_CELLS = 2**13
+"""Default limit of the cells. Smaller: functions with kinks get a larger error."""
+
+LOSSY_TOLERANCE = 1e-10
+"""Relative error that is accepted for functions which lose digits.
+
+It is meant for the argument `rounding_tolerance` of `PiecewiseChebyshev.fit`.
+"""
+
+MAX_IMAGINARY_PART = 1e-6
+"""A zero of a series is real if its imaginary part, in half cells, is smaller.
+
+A double zero is computed as a complex pair whose imaginary part is about the square root of
+the rounding error. Smaller: double zeros are lost. Larger: near-zeros become zeros.
+"""
 
 
 @dataclass(frozen=True)
 class PiecewiseChebyshev:
-    """m functions on [edges[0], edges[-1]] by `coefficients` (cells, degree + 1, m).
+    """m functions of one variable, given by Chebyshev series on cells.
 
-    `edges` (cells + 1,) bound the cells in rising order. `error` is the largest difference
-    from the functions measured between the sampled points, relative to the size of each.
+    Attributes
+    ----------
+    edges
+        (cells + 1,) edges of the cells, rising.
+    coefficients
+        (cells, degree + 1, m) coefficients of T_0, T_1, ... for each function.
+    error
+        Largest difference from the functions that was measured between the sampled
+        positions, relative to the scale of each function.
     """
 
     edges: Floats
@@ -39,172 +62,294 @@ class PiecewiseChebyshev:
         low: float,
         high: float,
         tolerance: float = 1e-13,
-        size: Floats | None = None,
-        cells: int | Floats = 1,
+        scales: Floats | None = None,
+        first_cells: int | Floats = 1,
         degree: int = DEGREE,
-        most: int = MOST_CELLS,
-        rounding: float = 0.0,
+        max_cells: int = MAX_CELLS,
+        rounding_tolerance: float = 0.0,
     ) -> "PiecewiseChebyshev":
-        """Return the interpolant of a function (n,) -> (n, m), of this degree.
+        """Return the interpolant of m functions on [low, high].
 
-        Starting from so many equal `cells`, or from those between given edges, each is
-        halved until its error, measured at the extrema of the next Chebyshev polynomial,
-        is below `tolerance` times `size` (m,) for every function, or is below `rounding`
-        and does not fall when the cell is halved, or there are `most`: `error` says what
-        was reached. Without sizes the largest value at the first places counts for all.
+        A cell is halved until its error is small enough for every function. The error is
+        measured at the extrema of the next Chebyshev polynomial, which are between the
+        sampled positions. The attribute `error` says what was reached.
+
+        Parameters
+        ----------
+        function
+            Maps rising positions (n,) to values (n, m).
+        low, high
+            Ends of the range.
+        tolerance
+            Largest error, relative to the scale of each function.
+        scales
+            (m,) scales of the functions. By default the largest value at the first samples
+            is the scale of all functions.
+        first_cells
+            Number of equal cells to begin with, or their edges.
+        degree
+            Degree of the series.
+        max_cells
+            If halving would lead to more cells, the cells stay as they are.
+        rounding_tolerance
+            A cell is not halved either if its error is below this limit and is more than
+            half of the error before the last halving. Such an error is caused by rounding.
         """
-        edges = np.linspace(low, high, cells + 1) if isinstance(cells, int) else cells
+        if isinstance(first_cells, int):
+            edges = np.linspace(low, high, first_cells + 1)
+        else:
+            edges = first_cells
         bounds = np.stack([edges[:-1], edges[1:]], axis=1)
-        checks = np.cos(np.arange(degree + 2)[:, None] * np.pi / (degree + 1))
+        check_positions = np.cos(np.arange(degree + 2)[:, None] * np.pi / (degree + 1))
 
-        def rising(x: Floats) -> Floats:
+        def call_in_rising_order(x: Floats) -> Floats:
+            # Rounding may move the last position beyond the range.
             order = np.argsort(x[:, 0])
             return function(np.minimum(x[order, 0], high))[np.argsort(order)]
 
-        before, largest = np.full(len(bounds), np.inf), 0.0
-        done: dict[float, Floats] = {}
+        last_errors = np.full(len(bounds), np.inf)
+        largest_error = 0.0
+        series_by_start: dict[float, Floats] = {}
         while len(bounds):
-            series, gap, largest_value = sampled(rising, bounds[..., None], degree, checks)
-            if size is None:
-                size = np.full(gap.shape[2], np.max(largest_value) or 1.0)
-            error = np.max(gap / size, axis=(1, 2))
-            good = (error <= tolerance) | ((error < rounding) & (error > 0.5 * before))
-            good |= len(done) + 2 * len(bounds) > most
-            done.update(zip(bounds[good, 0].tolist(), series[good], strict=True))
-            largest = float(np.max(error[good], initial=largest))
-            bounds, before = bounds[~good], np.repeat(error[~good], 2)
-            middle = np.mean(bounds, axis=1, keepdims=True)
-            bounds = np.insert(bounds, [1, 1], middle, axis=1).reshape(-1, 2)
-        starts = sorted(done)
-        series = np.stack([done[start] for start in starts])
-        return PiecewiseChebyshev(np.array([*starts, high]), series, largest)
+            fits = fit_cells(
+                call_in_rising_order, bounds[..., None], degree, check_positions
+            )
+            if scales is None:
+                largest_value = np.max(fits.largest_values) or 1.0
+                scales = np.full(fits.deviations.shape[2], largest_value)
+            errors = np.max(fits.deviations / scales, axis=(1, 2))
+            is_rounding = (errors < rounding_tolerance) & (errors > 0.5 * last_errors)
+            is_final = (errors <= tolerance) | is_rounding
+            is_final |= len(series_by_start) + 2 * len(bounds) > max_cells
+            starts = bounds[is_final, 0].tolist()
+            series_by_start.update(zip(starts, fits.coefficients[is_final], strict=True))
+            largest_error = float(np.max(errors[is_final], initial=largest_error))
 
-    def grid(self, parts: int) -> Floats:
-        """Return so many places in each cell, spread evenly, and the last edge."""
+            bounds = bounds[~is_final]
+            last_errors = np.repeat(errors[~is_final], 2)
+            middles = np.mean(bounds, axis=1, keepdims=True)
+            bounds = np.insert(bounds, [1, 1], middles, axis=1).reshape(-1, 2)
+        starts = sorted(series_by_start)
+        coefficients = np.stack([series_by_start[start] for start in starts])
+        return PiecewiseChebyshev(np.array([*starts, high]), coefficients, largest_error)
+
+    def spread_positions(self, count: int) -> Floats:
+        """Return `count` evenly spread positions per cell, and the last edge.
+
+        The first position of a cell is its edge.
+        """
         cells = len(self.coefficients)
         return np.interp(
-            np.arange(parts * cells + 1) / parts, np.arange(cells + 1), self.edges
+            np.arange(count * cells + 1) / count, np.arange(cells + 1), self.edges
         )
 
-    def at(self, x: ArrayLike) -> Floats:
-        """Return the functions (n, m) at x (n,) between the first and the last edge."""
+    def evaluate(self, x: ArrayLike) -> Floats:
+        """Return the functions (n, m) at positions (n,) between the first and last edge."""
         x = np.asarray(x, dtype=float)
         bounds = sliding_window_view(self.edges, 2)
-        return summed(x[:, None], self._cells(x), bounds[..., None], self.coefficients)
+        return evaluate_cells(
+            x[:, None], self._find_cells(x), bounds[..., None], self.coefficients
+        )
 
-    def scattered(self, x: Floats) -> Floats:
-        """Return few functions (m, n) at x (n,), each place for itself."""
-        cell = self._cells(x)
-        low, high = self.edges[cell], self.edges[cell + 1]
-        place = np.clip((2.0 * x - (low + high)) / (high - low), -1.0, 1.0)
-        series = self._by_order.take(cell, axis=2)
-        return np.asarray(chebyshev.chebval(place, series, tensor=False))
+    def evaluate_pointwise(self, x: Floats) -> Floats:
+        """Return the functions (m, n) at positions (n,), each with its own coefficients.
 
-    def _cells(self, x: Floats) -> Indices:
+        This is faster than `evaluate` for few functions at positions in many cells.
+        """
+        cell = self._find_cells(x)
+        low = self.edges[cell]
+        high = self.edges[cell + 1]
+        reduced = np.clip((2.0 * x - (low + high)) / (high - low), -1.0, 1.0)
+        series = self._coefficients_by_order.take(cell, axis=2)
+        return np.asarray(chebyshev.chebval(reduced, series, tensor=False))
+
+    def _find_cells(self, x: Floats) -> Indices:
+        """Return the cell (n,) of each position; positions outside get the nearest cell."""
         return np.searchsorted(self.edges[1:-1], x, side="right")
 
     @cached_property
-    def _by_order(self) -> Floats:
-        """(degree + 1, m, cells) the coefficients of each order."""
+    def _coefficients_by_order(self) -> Floats:
+        """(degree + 1, m, cells) coefficients, with the order as the first axis."""
         return np.ascontiguousarray(self.coefficients.transpose(1, 2, 0))
 
     @cached_property
     def derivative(self) -> "PiecewiseChebyshev":
-        """The derivatives of the interpolant."""
-        rates = 2.0 / np.diff(self.edges)
-        return PiecewiseChebyshev(
-            self.edges, chebyshev.chebder(self.coefficients, axis=1) * rates[:, None, None]
-        )
+        """The derivatives of the interpolant by the variable."""
+        reduced_per_position = 2.0 / np.diff(self.edges)
+        slopes = chebyshev.chebder(self.coefficients, axis=1)
+        return PiecewiseChebyshev(self.edges, slopes * reduced_per_position[:, None, None])
 
 
-def summed(x: Floats, owner: Indices, bounds: Floats, coefficients: Floats) -> Floats:
-    """Return functions (n, F) at places x (n, m) in cells (n,), NaN in none, -1.
+@dataclass(frozen=True)
+class CellFits:
+    """Chebyshev series of F functions of m variables, fitted to samples in cells.
 
-    By `bounds` (cells, 2, m) of the cells, `coefficients` (cells, degree + 1, ..., F).
+    Attributes
+    ----------
+    coefficients
+        (cells, degree + 1, ..., F) coefficients, with one axis of orders per variable.
+    deviations
+        (cells, k, F) absolute differences between the series and the functions at k check
+        positions.
+    largest_values
+        (cells,) largest absolute sample of each cell, NaN if no sample is finite.
     """
-    order = np.argsort(owner, kind="stable")
+
+    coefficients: Floats
+    deviations: Floats
+    largest_values: Floats
+
+
+def fit_cells(
+    function: Callable[[Floats], Floats],
+    bounds: Floats,
+    degree: int,
+    check_positions: Floats,
+) -> CellFits:
+    """Return Chebyshev series of functions on several cells.
+
+    The function is called once, with the samples of all cells.
+
+    Parameters
+    ----------
+    function
+        Maps positions (n, m) to the values (n, F) of F functions.
+    bounds
+        (cells, 2, m) lower and upper corner of each cell.
+    degree
+        Degree of the series in each variable.
+    check_positions
+        (k, m) reduced positions, from -1 to 1, at which the series are compared with the
+        functions.
+    """
+    variables = bounds.shape[2]
+    grid = grid_points([chebyshev_nodes(degree)] * variables)
+    reduced = np.concatenate([grid, check_positions])
+    half_widths = 0.5 * (bounds[:, 1] - bounds[:, 0])
+    x = bounds[:, None, 0] + half_widths[:, None] * (1.0 + reduced)
+    samples = function(x.reshape(-1, variables)).reshape(len(bounds), len(reduced), -1)
+
+    series = samples[:, : len(grid)].reshape(len(bounds), *[degree + 1] * variables, -1)
+    for axis in range(1, variables + 1):
+        transformed = np.tensordot(series, fitting_matrix(degree), (axis, 1))
+        series = np.moveaxis(transformed, -1, axis)
+
+    flat_series = series.reshape(len(bounds), len(grid), -1)
+    products = multiply_variables(evaluate_polynomials(check_positions, degree))
+    return CellFits(
+        coefficients=series,
+        deviations=np.abs(products @ flat_series - samples[:, len(grid) :]),
+        largest_values=np.fmax.reduce(np.abs(samples), axis=(1, 2)),
+    )
+
+
+def evaluate_cells(
+    x: Floats, cell_of: Indices, bounds: Floats, coefficients: Floats
+) -> Floats:
+    """Return F functions of m variables at positions in given cells.
+
+    Parameters
+    ----------
+    x
+        (n, m) positions.
+    cell_of
+        (n,) cell of each position, -1 if it is in none.
+    bounds
+        (cells, 2, m) lower and upper corner of each cell.
+    coefficients
+        (cells, degree + 1, ..., F) Chebyshev series of the cells.
+
+    Returns
+    -------
+    (n, F) values, NaN at positions in no cell.
+    """
+    # The positions are sorted by cell, so that each cell takes one matrix product.
+    order = np.argsort(cell_of, kind="stable")
     values = np.full((len(x), coefficients.shape[-1]), np.nan)
-    owner = owner[order]
-    low, high = bounds[owner].swapaxes(0, 1)
-    places = (2.0 * x[order] - low - high) / (high - low)
-    polynomials = polynomials_at(places, coefficients.shape[1] - 1)
-    every = np.searchsorted(owner, np.arange(len(coefficients) + 1))
-    for number, (start, stop) in enumerate(pairwise(every.tolist())):
+    cell_of = cell_of[order]
+    low, high = bounds[cell_of].swapaxes(0, 1)
+    reduced = (2.0 * x[order] - low - high) / (high - low)
+    polynomials = evaluate_polynomials(reduced, coefficients.shape[1] - 1)
+    cell_starts = np.searchsorted(cell_of, np.arange(len(coefficients) + 1))
+    for cell, (start, stop) in enumerate(pairwise(cell_starts.tolist())):
         if start < stop:
-            made = products(polynomials[start:stop])
-            values[order[start:stop]] = made @ coefficients[number].reshape(
-                made.shape[1], -1
-            )
+            products = multiply_variables(polynomials[start:stop])
+            flat_series = coefficients[cell].reshape(products.shape[1], -1)
+            values[order[start:stop]] = products @ flat_series
     return values
 
 
 @cache
-def nodes(degree: int) -> Floats:
-    """Return the zeros (degree + 1,) of the next Chebyshev polynomial, rising."""
+def chebyshev_nodes(degree: int) -> Floats:
+    """Return the zeros (degree + 1,) of T_(degree + 1), rising.
+
+    Interpolation at these positions determines a series of the given degree.
+    """
     return np.cos((np.arange(degree, -1, -1) + 0.5) * np.pi / (degree + 1))
 
 
-def sampled(
-    function: Callable[[Floats], Floats], bounds: Floats, degree: int, checks: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return the series of a function (n, m) -> (n, F) on cells, and what they miss.
+def grid_points(axes: Sequence[Floats]) -> Floats:
+    """Return the points (n, m) of a grid with given positions along each of m axes.
 
-    `bounds` (cells, 2, m) are those of the cells, `checks` (k, m) places in the cube from
-    -1 to 1. The series are (cells, degree + 1, ..., F), the differences (cells, k, F) from
-    the function at the checks in size; the largest samples (cells,) come last, NaN where
-    there is no finite one.
+    The last axis varies fastest.
     """
-    m = bounds.shape[2]
-    grid = tensor([nodes(degree)] * m)
-    places = np.concatenate([grid, checks])
-    half = 0.5 * (bounds[:, 1] - bounds[:, 0])
-    x = bounds[:, None, 0] + half[:, None] * (1.0 + places)
-    samples = function(x.reshape(-1, m)).reshape(len(bounds), len(places), -1)
-    series = samples[:, : len(grid)].reshape(len(bounds), *[degree + 1] * m, -1)
-    for axis in range(1, m + 1):
-        series = np.moveaxis(np.tensordot(series, fitting(degree), (axis, 1)), -1, axis)
-    flat = series.reshape(len(bounds), len(grid), -1)
-    gap = np.abs(products(polynomials_at(checks, degree)) @ flat - samples[:, len(grid) :])
-    return series, gap, np.fmax.reduce(np.abs(samples), axis=(1, 2))
-
-
-def tensor(axes: Sequence[Floats]) -> Floats:
-    """Return the places (n, m) of a grid with given ones along each of m axes."""
     return np.array(list(product(*axes)))
 
 
-def polynomials_at(x: Floats, degree: int) -> Floats:
-    """Return Chebyshev polynomials (n, m, degree + 1) at x (n, m) from -1 to 1."""
-    return np.asarray(chebyshev.chebvander(np.clip(x, -1.0, 1.0), degree))
+def evaluate_polynomials(reduced: Floats, degree: int) -> Floats:
+    """Return T_0 ... T_degree (n, m, degree + 1) at reduced positions (n, m)."""
+    return np.asarray(chebyshev.chebvander(np.clip(reduced, -1.0, 1.0), degree))
 
 
-def products(polynomials: Floats) -> Floats:
-    """Return the products (n, (degree + 1)^m) of polynomials (n, m, degree + 1)."""
-    made = polynomials[:, 0]
-    for k in range(1, polynomials.shape[1]):
-        made = (made[:, :, None] * polynomials[:, k, None]).reshape(len(made), -1)
-    return made
+def multiply_variables(polynomials: Floats) -> Floats:
+    """Return all products of one Chebyshev polynomial per variable.
+
+    Parameters
+    ----------
+    polynomials
+        (n, m, degree + 1) values of T_0 ... T_degree at n positions, for each variable.
+
+    Returns
+    -------
+    (n, (degree + 1)^m) products, in the order of the flattened axes of a tensor series.
+    """
+    products = polynomials[:, 0]
+    for variable in range(1, polynomials.shape[1]):
+        factors = polynomials[:, variable, None]
+        products = (products[:, :, None] * factors).reshape(len(products), -1)
+    return products
 
 
 @cache
-def fitting(degree: int) -> Floats:
-    """Return the matrix that makes series of values at the `nodes`."""
-    made = polynomials_at(nodes(degree), degree).T * (2.0 / (degree + 1))
-    made[0] *= 0.5
-    return made
+def fitting_matrix(degree: int) -> Floats:
+    """Return the matrix that turns values at the `chebyshev_nodes` into coefficients."""
+    # Discrete orthogonality: the coefficient of T_k is the mean of 2 f T_k over the nodes,
+    # and that of T_0 is the mean of f.
+    matrix = evaluate_polynomials(chebyshev_nodes(degree), degree).T * (2.0 / (degree + 1))
+    matrix[0] *= 0.5
+    return matrix
 
 
-def trimmed(series: Floats, size: float) -> Floats:
-    """Return a series without its last terms that are smaller than `size`."""
-    (large,) = np.nonzero(np.abs(series) > size)
+def trim_series(series: Floats, threshold: float) -> Floats:
+    """Return a series without its last terms of absolute size up to the threshold.
+
+    The first two terms are always retained.
+    """
+    (large,) = np.nonzero(np.abs(series) > threshold)
     return series[: np.max(large + 1, initial=2)]
 
 
-def real_zeros(series: Floats, most: float = 1.0) -> Floats:
-    """Return the real zeros of a series on [-most, most], as eigenvalues."""
-    series = trimmed(series, 1e-15 * float(np.max(np.abs(series), initial=0.0)))
+def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
+    """Return the real zeros of a series in [-limit, limit], rising.
+
+    They are eigenvalues of the companion matrix of the series.
+    """
+    # Tiny last coefficients would lead to large spurious eigenvalues.
+    largest_coefficient = float(np.max(np.abs(series), initial=0.0))
+    series = trim_series(series, 1e-15 * largest_coefficient)
+    # No T_k exceeds 1 in [-1, 1], so a first term that dominates all others leaves no zero.
     if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
         return np.zeros(0)
     roots = chebyshev.chebroots(series)
-    real = roots.real[np.abs(roots.imag) < ON_THE_AXIS]
-    return np.sort(real[np.abs(real) <= most])
+    real_roots = roots.real[np.abs(roots.imag) < MAX_IMAGINARY_PART]
+    return np.sort(real_roots[np.abs(real_roots) <= limit])

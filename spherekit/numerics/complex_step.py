@@ -1,9 +1,12 @@
-"""Derivatives by complex steps: functions of a + i h da have f + i h df, exactly.
+"""Derivatives by complex steps.
 
-With h so small that h squared is nothing beside 1, no difference is taken and no digit is
-lost. Such numbers go through code that is written for real ones as long as that is
-analytic: products, roots and sines, no absolute values. (W. Squire and G. Trapp, SIAM
-Review 40, 1998.)
+For an analytic function f and a tiny step h, f(a + i h da) = f(a) + i h df, where df is the
+derivative of f in the direction da. The error is of the order h^2, which is far below
+rounding. No difference of two values is taken, so no digit is lost.
+
+The function may be ordinary code for real numbers if it is analytic: products, roots and
+sines are allowed, absolute values and comparisons are not. See W. Squire and G. Trapp,
+Using complex variables to estimate derivatives of real functions, SIAM Review 40, 1998.
 """
 
 from typing import cast
@@ -13,15 +16,21 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats
 
-STEP = 2.0**-120
+COMPLEX_STEP = 2.0**-120
+"""The step h. It is a power of 2, so that dividing by it does not round."""
 
 
-def stepped(values: ArrayLike, change: ArrayLike) -> Floats:
-    """Return numbers that carry their derivatives; they are complex."""
-    given = np.asarray(values, dtype=float) + 1j * STEP * np.asarray(change, dtype=float)
-    return cast(Floats, given)
+def add_complex_step(values: ArrayLike, direction: ArrayLike) -> Floats:
+    """Return a + i h da for values a and directions da.
+
+    The result is complex. Its type says float, because code for real numbers takes it.
+    """
+    stepped = np.asarray(values, dtype=float) + 1j * COMPLEX_STEP * np.asarray(
+        direction, dtype=float
+    )
+    return cast(Floats, stepped)
 
 
-def slope_of(values: Floats) -> Floats:
-    """Return the derivatives that numbers carry."""
-    return np.imag(values) / STEP
+def extract_derivative(values: Floats) -> Floats:
+    """Return the derivatives df of results f + i h df."""
+    return np.imag(values) / COMPLEX_STEP

@@ -1,46 +1,77 @@
-"""Hermite interpolation: values between two ends from derivatives at both."""
+"""Hermite interpolation: values between two ends from values and derivatives at both."""
 
 import numpy as np
 
 from spherekit.arrays import Floats
 
-Slope = tuple[Floats, Floats]
-"""Values and first derivatives at an end, arrays of any one shape."""
+EndValues = tuple[Floats, Floats]
+"""Values and first derivatives at an end, arrays of the same shape."""
+
+EndValuesWithCurvature = tuple[Floats, Floats, Floats]
+"""Values, first and second derivatives at an end, arrays of the same shape."""
 
 
-def cubic(start: Slope, stop: Slope, h: Floats | float, x: Floats) -> Floats:
-    """Return cubic Hermite values at parts x, 0 to 1, of cells of lengths h.
-
-    All arrays broadcast.
-    """
-    (value, slope), (last, last_slope) = start, stop
-    y = 1.0 - x
-    blend = value + x * x * (3.0 - 2.0 * x) * (last - value)
-    return blend + x * y * h * (y * slope - x * last_slope)
-
-
-def hermite(
-    start: tuple[Floats, Floats, Floats],
-    stop: tuple[Floats, Floats, Floats],
-    h: Floats,
-    part: Floats,
+def cubic_hermite(
+    start: EndValues, stop: EndValues, length: Floats | float, fraction: Floats
 ) -> Floats:
-    """Return quintic Hermite values (n, m) at parts (n,), 0 to 1, of cells.
+    """Return the values of cubic Hermite polynomials inside cells.
 
-    `h` (n,) are their lengths; `start` and `stop` are values, first and second derivatives
-    (n, m) at both ends; where those are not known, NaN, the values are cubic.
+    Parameters
+    ----------
+    start, stop
+        Values and derivatives at the two ends.
+    length
+        Lengths of the cells, in the unit of the variable.
+    fraction
+        Positions in the cells, from 0 at the start to 1 at the stop.
+
+    Returns
+    -------
+    Values of the shape to which all arrays broadcast.
     """
-    x, h = part[:, None], h[:, None]
+    start_value, start_slope = start
+    stop_value, stop_slope = stop
+    x = fraction
     y = 1.0 - x
-    x3, y3 = x**3, y**3
-    value, slope, bend = start
-    last, last_slope, last_bend = stop
+    blend = start_value + x * x * (3.0 - 2.0 * x) * (stop_value - start_value)
+    return blend + x * y * length * (y * start_slope - x * stop_slope)
+
+
+def quintic_hermite(
+    start: EndValuesWithCurvature,
+    stop: EndValuesWithCurvature,
+    length: Floats,
+    fraction: Floats,
+) -> Floats:
+    """Return the values of quintic Hermite polynomials inside cells.
+
+    Where a second derivative is unknown (NaN), the cubic polynomial is returned.
+
+    Parameters
+    ----------
+    start, stop
+        (n, m) values, first and second derivatives of m functions at the ends of n cells.
+    length
+        (n,) lengths of the cells, in the unit of the variable.
+    fraction
+        (n,) position in each cell, from 0 at the start to 1 at the stop.
+
+    Returns
+    -------
+    (n, m) values.
+    """
+    x = fraction[:, None]
+    h = length[:, None]
+    y = 1.0 - x
+    x3 = x**3
+    y3 = y**3
+    start_value, start_slope, start_bend = start
+    stop_value, stop_slope, stop_bend = stop
     quintic = (
-        value
-        + x3 * (10.0 - 15.0 * x + 6.0 * x * x) * (last - value)
-        + x * y3 * ((1.0 + 3.0 * x) * h * slope + 0.5 * x * h * h * bend)
-        + x3 * y * (0.5 * y * h * h * last_bend - (4.0 - 3.0 * x) * h * last_slope)
+        start_value
+        + x3 * (10.0 - 15.0 * x + 6.0 * x * x) * (stop_value - start_value)
+        + x * y3 * ((1.0 + 3.0 * x) * h * start_slope + 0.5 * x * h * h * start_bend)
+        + x3 * y * (0.5 * y * h * h * stop_bend - (4.0 - 3.0 * x) * h * stop_slope)
     )
-    return np.where(
-        np.isnan(quintic), cubic((value, slope), (last, last_slope), h, x), quintic
-    )
+    cubic = cubic_hermite((start_value, start_slope), (stop_value, stop_slope), h, x)
+    return np.where(np.isnan(quintic), cubic, quintic)

@@ -1,4 +1,8 @@
-"""Columns that are made when they are read: several of one source at less cost each."""
+"""Table columns that are computed only when they are read.
+
+One pass over a source computes several of its columns at less cost than one pass for each.
+The functions here therefore collect all columns of a source before they read it.
+"""
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
@@ -12,27 +16,38 @@ from numpy.typing import DTypeLike
 from spherekit.arrays import Array
 
 Reader = Callable[[slice, Sequence[Array]], None]
-"""Takes some rows and what columns hold there, which is there during the call."""
+"""Takes a slice of rows and the values of several columns in these rows.
+
+The values may be overwritten as soon as the call returns.
+"""
 
 
-def _array(
+def _convert_to_array(
     column: "LazyColumn | Interleaved",
     dtype: DTypeLike | None = None,
     copy: bool | None = None,
 ) -> Array:
-    """Return a column as an array."""
+    """Return a column as an array. This is the `__array__` protocol of NumPy."""
     if copy is False:
         raise ValueError("what is put together cannot be read without a copy")
-    (made,) = read([column])
-    return made if dtype is None else made.astype(dtype, copy=False)
+    (values,) = read([column])
+    return values if dtype is None else values.astype(dtype, copy=False)
 
 
 @dataclass(frozen=True)
 class LazyColumn:
-    """A column (n,) of numbers that `source` makes by its `key` when it is read.
+    """A column of floats that a source computes when the column is read.
 
-    Its `read(keys, reader)` has columns read, rows after rows until all were, in any order
-    or at once.
+    Attributes
+    ----------
+    source
+        Has a method `read(keys, reader)`. It computes the columns with these keys, and
+        calls the reader with slices of rows until all rows were passed. The slices may come
+        in any order and from several threads at once.
+    key
+        Identifies the column in the source.
+    count
+        Number of rows.
     """
 
     source: Any
@@ -44,14 +59,19 @@ class LazyColumn:
     def __len__(self) -> int:
         return self.count
 
-    __array__ = _array
+    __array__ = _convert_to_array
 
 
 class Interleaved:
-    """A column with a row for each of several subjects at every row of a batch.
+    """A column in which the rows of several subjects alternate.
 
-    `parts` (n,) are those of one subject each: their first rows come first, then their
-    second ones. An array is made of them where one is wanted.
+    A table may have one row for each pole at each sample, for example. The first rows of
+    all subjects come first, then their second rows, and so on.
+
+    Attributes
+    ----------
+    parts
+        One column (n,) for each subject.
     """
 
     ndim = 1
@@ -65,68 +85,134 @@ class Interleaved:
     def __len__(self) -> int:
         return len(self.parts) * len(self.parts[0])
 
-    __array__ = _array
+    __array__ = _convert_to_array
 
 
 def once(column: Array | Interleaved) -> tuple[Array, int]:
-    """Return a column without the rows that repeat, and how often each is there."""
+    """Return a column without repeated rows, and how often each row is repeated.
+
+    Rows are repeated if all subjects of an interleaved column share one array, as the
+    sample number does. The repetition count is 1 otherwise.
+    """
     if isinstance(column, Interleaved) and len({id(part) for part in column.parts}) == 1:
         return np.asarray(column.parts[0]), len(column.parts)
     return np.asarray(column), 1
 
 
 Column = Array | LazyColumn | Interleaved
+
 Span = tuple[slice, int]
-"""Rows of a column, and from where on they belong in an array."""
+"""Rows of a column, and the row of an output array at which the first of them belongs."""
 
 
 def read(columns: Iterable[Column]) -> list[Array]:
-    """Return columns of equal length as arrays; those that are none are read together."""
-    given = list(columns)
-    made = [x if isinstance(x, np.ndarray) else np.empty(len(x), x.dtype) for x in given]
-    new = [pair for pair in zip(given, made, strict=True) if pair[0] is not pair[1]]
-    put(new, [(slice(0, max((len(out) for _, out in new), default=0)), 0)])
-    return made
+    """Return columns of equal length as arrays. Columns of one source are read together."""
+    arrays: list[Array] = []
+    unread: list[tuple[Column, Array]] = []
+    length = 0
+    for column in columns:
+        if isinstance(column, np.ndarray):
+            arrays.append(column)
+            continue
+        array = np.empty(len(column), column.dtype)
+        arrays.append(array)
+        unread.append((column, array))
+        length = max(length, len(array))
+    put(unread, [(slice(0, length), 0)])
+    return arrays
 
 
 _Target = tuple[Array, int]
-"""An array from the first row of a subject on, and how many subjects there are."""
+"""An output array from the first row of one subject on, and the number of subjects."""
 
 
 def put(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
-    """Write rows of columns into arrays; what a source makes is made once for all."""
-    unread: defaultdict[int, list[tuple[LazyColumn, _Target]]] = defaultdict(list)
+    """Copy rows of columns into output arrays.
+
+    Parameters
+    ----------
+    columns
+        Columns, with the output array of each.
+    spans
+        The rows to copy, and where they belong. They apply to all columns.
+    """
+    targets_by_source: defaultdict[int, list[tuple[LazyColumn, _Target]]]
+    targets_by_source = defaultdict(list)
     for column, out in columns:
         parts = column.parts if isinstance(column, Interleaved) else (column,)
-        for number, part in enumerate(parts):
-            target = out[number:], len(parts)
+        for subject, part in enumerate(parts):
+            target = out[subject:], len(parts)
             if isinstance(part, LazyColumn):
-                unread[id(part.source)].append((part, target))
+                targets_by_source[id(part.source)].append((part, target))
             else:
-                _write([target], spans, slice(0, len(part)), [part])
-    for wanted in unread.values():
-        reader = partial(_write, [target for _, target in wanted], spans)
-        wanted[0][0].source.read([part.key for part, _ in wanted], reader)
+                _copy_rows([target], spans, slice(0, len(part)), [part])
+    for parts_and_targets in targets_by_source.values():
+        keys = [part.key for part, _ in parts_and_targets]
+        targets = [target for _, target in parts_and_targets]
+        source = parts_and_targets[0][0].source
+        source.read(keys, partial(_copy_rows, targets, spans))
 
 
-def _write(
-    targets: Sequence[_Target], spans: Sequence[Span], rows: slice, held: Sequence[Array]
+def _copy_rows(
+    targets: Sequence[_Target],
+    spans: Sequence[Span],
+    rows: slice,
+    values_of_parts: Sequence[Array],
 ) -> None:
-    """Write some rows of columns, as far as they are wanted."""
-    places = {count: _places(count, spans, rows) for count in {k for _, k in targets}}
-    for values, (out, count) in zip(held, targets, strict=True):
-        for there, here in places[count]:
-            out[there] = values[here]
+    """Copy some rows of several parts to their targets, as far as the spans contain them.
+
+    Parameters
+    ----------
+    targets
+        The target of each part.
+    spans
+        The rows of columns to copy, and where they belong.
+    rows
+        The rows of the parts that are available.
+    values_of_parts
+        The values of each part in these rows.
+    """
+    # The slices are the same for all parts of columns with equally many subjects.
+    slices_by_count = {
+        count: _match_rows(count, spans, rows) for count in {count for _, count in targets}
+    }
+    for values, (out, count) in zip(values_of_parts, targets, strict=True):
+        for out_slice, value_slice in slices_by_count[count]:
+            out[out_slice] = values[value_slice]
 
 
-def _places(count: int, spans: Sequence[Span], rows: slice) -> list[tuple[slice, slice]]:
-    """Return where rows of one of `count` subjects go, and which of these rows."""
-    made = []
-    for wanted, first in spans:
-        start = wanted.start // count
-        low = max(rows.start, start)
-        high = min(rows.stop, wanted.stop // count)
+def _match_rows(
+    subject_count: int, spans: Sequence[Span], rows: slice
+) -> list[tuple[slice, slice]]:
+    """Return which output rows receive which of the available rows of one subject.
+
+    Parameters
+    ----------
+    subject_count
+        Number of subjects, whose rows alternate in the column and in the output.
+    spans
+        Rows of the column to copy, and where they belong.
+    rows
+        The available rows of the subject.
+
+    Returns
+    -------
+    For each span that contains some of the rows, the slice of the output, counted from the
+    first row of the subject, and the slice of the available rows.
+    """
+    matches = []
+    for span, first_out_row in spans:
+        # Rows of a column are converted to rows of one subject.
+        span_start = span.start // subject_count
+        low = max(rows.start, span_start)
+        high = min(rows.stop, span.stop // subject_count)
         if low < high:
-            at, end = (first + (row - start) * count for row in (low, high))
-            made.append((slice(at, end, count), slice(low - rows.start, high - rows.start)))
-    return made
+            out_start = first_out_row + (low - span_start) * subject_count
+            out_stop = first_out_row + (high - span_start) * subject_count
+            matches.append(
+                (
+                    slice(out_start, out_stop, subject_count),
+                    slice(low - rows.start, high - rows.start),
+                )
+            )
+    return matches

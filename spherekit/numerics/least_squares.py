@@ -1,4 +1,4 @@
-"""Sums of squares minimised from many starts side by side."""
+"""Minimisation of sums of squares from many starts side by side."""
 
 from collections.abc import Callable
 
@@ -7,80 +7,104 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 
 Residuals = Callable[[Floats, Indices], tuple[Floats, Floats]]
-"""Residuals (k, m) of starts (k,) at values (k, variables), and their derivatives."""
+"""Takes values (k, variables) and the indices (k,) of the starts to which they belong.
+
+Returns the residuals (k, m) and their derivatives (k, m, variables).
+"""
+
+MAX_STEPS = 60
+"""Steps per start at most. Smaller: slow starts end before they reach a minimum."""
+
+FIRST_DAMPING = 0.1
+"""Damping of the first step. Larger: shorter first steps, closer to steepest descent."""
+
+DAMPING_DECREASE = 0.2
+"""Factor of the damping after a step that reduced the sum of squares."""
+
+DAMPING_INCREASE = 5.0
+"""Factor of the damping after a step that did not reduce it, and that is not taken."""
+
+MIN_DAMPING = 1e-12
+"""Smallest damping, which keeps the equations of a step regular."""
+
+MAX_DAMPING = 1e9
+"""Damping at which a start is given up, because no step reduces its sum any more."""
+
+MIN_STEP = 1e-15
+"""A step in which no variable changes by more is the last one of a start."""
 
 
-STEPS = 60
-"""Steps of a start at most."""
-
-
-FIRST_DAMPING, EASED, RAISED = 0.1, 0.2, 5.0
-
-
-LEAST_DAMPING, MOST_DAMPING = 1e-12, 1e9
-
-
-STILL = 1e-15
-"""A step in which no variable changes by more is the last one."""
-
-
-def descent(
+def minimize_squares(
     residuals: Residuals,
     start: Floats,
     low: Floats | float = -np.inf,
     high: Floats | float = np.inf,
-    close: float = 0.0,
-    longest: float = np.inf,
+    sufficient_root: float = 0.0,
+    longest_step: float = np.inf,
 ) -> tuple[Floats, Floats]:
-    """Go down by Levenberg and Marquardt's method; return where that leads, and the sums.
+    """Minimise sums of squared residuals by the Levenberg-Marquardt method.
+
+    The starts are independent, each with its own damping. They are evaluated together.
 
     Parameters
     ----------
+    residuals
+        The residuals and their derivatives.
     start
-        (n, variables).
+        (n, variables) values from which the n descents start.
     low, high
-        (variables,) limits that variables do not leave, none by default.
-    close
-        Root of a sum of squares that is small enough.
-    longest
-        The most that a variable changes in a step.
+        (variables,) limits of the variables.
+    sufficient_root
+        A descent ends when the root of its sum of squares is smaller.
+    longest_step
+        Largest change of a variable in one step.
 
     Returns
     -------
-    values, squares
-        (n, variables), and the sums (n,) of squared residuals there.
+    values
+        (n, variables) values at the end of each descent.
+    squares
+        (n,) sums of squared residuals there.
     """
-    n, count = start.shape
+    count, variables = start.shape
     values = start.copy()
-    active = np.arange(n)
-    damping = np.full(n, FIRST_DAMPING)
-    gap, slope = residuals(values, active)
-    squares = np.sum(gap**2, axis=1)
-    for _ in range(STEPS):
-        here, across = values[active], np.swapaxes(slope, 1, 2)
-        right = -(across @ gap[..., None])
-        normal = across @ slope
-        stopped = (here <= low) & (right[..., 0] < 0.0)
-        stopped |= (here >= high) & (right[..., 0] > 0.0)
-        normal[stopped] = right[stopped] = 0.0
-        normal += damping[active, None, None] * np.eye(count)
-        change = np.linalg.solve(normal, right)[..., 0]
-        size = np.max(np.abs(change), axis=1, initial=0.0)
-        change *= np.minimum(1.0, longest / np.maximum(size, STILL))[:, None]
-        tried = np.clip(here + change, low, high)
-        there, turned = residuals(tried, active)
-        sums = np.sum(there**2, axis=1)
-        better = sums < squares[active]
-        values[active[better]], squares[active[better]] = tried[better], sums[better]
-        gap[better], slope[better] = there[better], turned[better]
-        damping[active] = np.maximum(
-            damping[active] * np.where(better, EASED, RAISED), LEAST_DAMPING
-        )
-        going = (squares[active] >= close**2) & (damping[active] < MOST_DAMPING)
-        going &= size > STILL
-        active = active[going]
-        gap = gap[going]
-        slope = slope[going]
+    active = np.arange(count)
+    damping = np.full(count, FIRST_DAMPING)
+    # The residuals and their derivatives are stored for the active starts only.
+    residual, jacobian = residuals(values, active)
+    squares = np.sum(residual**2, axis=1)
+    for _ in range(MAX_STEPS):
+        active_values = values[active]
+        transposed = np.swapaxes(jacobian, 1, 2)
+        descent_direction = -(transposed @ residual[..., None])
+        normal_matrix = transposed @ jacobian
+        # A variable at its limit that would leave it is fixed: its equation becomes
+        # damping * change = 0.
+        is_fixed = (active_values <= low) & (descent_direction[..., 0] < 0.0)
+        is_fixed |= (active_values >= high) & (descent_direction[..., 0] > 0.0)
+        normal_matrix[is_fixed] = 0.0
+        descent_direction[is_fixed] = 0.0
+        normal_matrix += damping[active, None, None] * np.eye(variables)
+        change = np.linalg.solve(normal_matrix, descent_direction)[..., 0]
+        step_size = np.max(np.abs(change), axis=1, initial=0.0)
+        change *= np.minimum(1.0, longest_step / np.maximum(step_size, MIN_STEP))[:, None]
+        new_values = np.clip(active_values + change, low, high)
+
+        new_residual, new_jacobian = residuals(new_values, active)
+        new_squares = np.sum(new_residual**2, axis=1)
+        is_better = new_squares < squares[active]
+        values[active[is_better]] = new_values[is_better]
+        squares[active[is_better]] = new_squares[is_better]
+        residual[is_better] = new_residual[is_better]
+        jacobian[is_better] = new_jacobian[is_better]
+        damping_factor = np.where(is_better, DAMPING_DECREASE, DAMPING_INCREASE)
+        damping[active] = np.maximum(damping[active] * damping_factor, MIN_DAMPING)
+
+        goes_on = (squares[active] >= sufficient_root**2) & (damping[active] < MAX_DAMPING)
+        goes_on &= step_size > MIN_STEP
+        active = active[goes_on]
+        residual = residual[goes_on]
+        jacobian = jacobian[goes_on]
         if not len(active):
             break
     return values, squares

@@ -1,4 +1,4 @@
-"""Where functions of one variable, known by their values alone, are locally least."""
+"""Local minima of functions of one variable that are given by their values alone."""
 
 from collections.abc import Callable
 
@@ -7,49 +7,83 @@ import numpy as np
 from spherekit.arrays import Floats
 
 Function = Callable[[Floats], Floats]
-"""Values (n,) at places (n,)."""
+"""Takes positions (n,) and returns the values (n,) there."""
 
-PARTS = np.linspace(0.0, 1.0, 17)[:, None]
-"""Places in a cell or bracket that are looked at, for the next one about the least."""
-KNOWN = 1e-9
-"""Brackets as narrow, in parts of the range, hold the place well enough."""
-FLAT = 1e-9
-"""Minima that are lower than what is beside them by less of their size are none."""
+FRACTIONS = np.linspace(0.0, 1.0, 17)[:, None]
+"""(17, 1) positions in a cell or bracket that are sampled, as fractions of its width.
+
+The next bracket is the neighbourhood of the smallest sample, an eighth of the width. More
+fractions: minima in a cell are less easily missed, with more function values.
+"""
+
+BRACKET_RATIO = 1e-9
+"""Width of a final bracket, as a fraction of the range.
+
+Near a minimum the value changes with the square of the distance. A smaller bracket would
+therefore only show rounding errors.
+"""
+
+MIN_DEPTH_RATIO = 1e-9
+"""A minimum must be lower than both neighbouring samples by this part of its value.
+
+Smaller: rounding errors of a constant function become minima.
+"""
 
 
-def minima(
+def find_local_minima(
     function: Function, grid: Floats, limit: float = np.inf
 ) -> tuple[Floats, Floats]:
-    """Return the places (k,) within a range at which a function is locally least, and it.
+    """Return the local minima of a function inside a range.
 
     Parameters
     ----------
     function
-        Not negative and smooth; NaN where it has no value.
+        Smooth and not negative; NaN where it has no value.
     grid
-        (n,) rising, so dense that the function is simple in a cell.
+        (n,) rising positions. The cells between them must be so small that the function
+        has a simple shape in each.
     limit
-        Minima above are left out.
+        Minima with samples above this value are left out.
+
+    Returns
+    -------
+    positions, values
+        (k,) positions of the minima in rising order, and the values there.
     """
-    inside = grid[:-1] + np.diff(grid) * PARTS[:-1]
-    x = np.append(inside.T.ravel(), grid[-1])
+    inner = grid[:-1] + np.diff(grid) * FRACTIONS[:-1]
+    x = np.append(inner.T.ravel(), grid[-1])
     y = function(x)
-    before, here, after = y[:-2], y[1:-1], y[2:]
-    deep = (here < before) & (here <= after) & (here <= limit)
-    (at,) = np.nonzero(deep & (np.minimum(before, after) - here > FLAT * here))
-    places = least_within(function, x[at], x[at + 2], KNOWN * (grid[-1] - grid[0]))
-    return places, function(places)
+    before = y[:-2]
+    center = y[1:-1]
+    after = y[2:]
+    is_minimum = (center < before) & (center <= after) & (center <= limit)
+    is_minimum &= np.minimum(before, after) - center > MIN_DEPTH_RATIO * center
+    (index,) = np.nonzero(is_minimum)
+    positions = minimize_in_brackets(
+        function, x[index], x[index + 2], BRACKET_RATIO * (grid[-1] - grid[0])
+    )
+    return positions, function(positions)
 
 
-def least_within(
-    function: Function, low: Floats, high: Floats, narrow: float = 1e-14
+def minimize_in_brackets(
+    function: Function, low: Floats, high: Floats, width: float = 1e-14
 ) -> Floats:
-    """Return where a function is least in brackets (n,), which are cut until narrow."""
-    at = np.arange(len(low))
-    while np.any(high - low > narrow):
-        places = low + (high - low) * PARTS
-        values = function(places.ravel()).reshape(places.shape)
+    """Return the position (n,) of the smallest value in each of n brackets.
+
+    Parameters
+    ----------
+    function
+        A function with one local minimum in each bracket. NaN counts as infinite.
+    low, high
+        (n,) ends of the brackets.
+    width
+        The brackets are narrowed until none is wider.
+    """
+    bracket = np.arange(len(low))
+    while np.any(high - low > width):
+        positions = low + (high - low) * FRACTIONS
+        values = function(positions.ravel()).reshape(positions.shape)
         best = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)
-        low = places[np.maximum(best - 1, 0), at]
-        high = places[np.minimum(best + 1, len(PARTS) - 1), at]
+        low = positions[np.maximum(best - 1, 0), bracket]
+        high = positions[np.minimum(best + 1, len(FRACTIONS) - 1), bracket]
     return 0.5 * (low + high)

@@ -1,15 +1,19 @@
-"""The number type of quad precision: 113 bits, 33 decimal digits."""
+"""The number type of quad precision, with 113 bits or about 33 decimal digits.
+
+It is used where float64 leaves too few digits. The package that defines it is imported only
+when a first row needs it.
+"""
 
 from functools import cache
 from typing import Any
 
 QUAD_EPS = 2.0**-112
-"""The spacing of numbers just above 1."""
+"""The distance of 1 to the next larger number in quad precision."""
 
 
 @cache
 def quad() -> Any:
-    """Return the number type; it is loaded with the first row that needs it."""
+    """Return the NumPy data type of quad precision."""
     from numpy_quaddtype import QuadPrecDType
 
     return QuadPrecDType()
@@ -17,7 +21,7 @@ def quad() -> Any:
 
 @cache
 def quad_pi() -> Any:
-    """Return the circle's number."""
+    """Return pi in quad precision."""
     from numpy_quaddtype import pi
 
     return pi

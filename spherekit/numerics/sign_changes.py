@@ -1,187 +1,303 @@
-"""All changes of sign of an analytic function of one variable, its derivative unknown.
+"""All sign changes of an analytic function of one variable whose derivative is unknown.
 
-The range is cut into cells until a Chebyshev polynomial of known degree is the function
-to a small part of its largest value in the cell, as far as its last coefficients and
-samples between its nodes tell (the way of L. N. Trefethen, Approximation Theory and
-Approximation Practice, 2013, chapter 18: the zeros of the polynomial are eigenvalues).
+The range is cut into cells. In each cell the function is replaced by its Chebyshev
+polynomial, whose zeros are computed. A cell is halved until the polynomial agrees with the
+function, up to a small part of the largest value in the cell. The disagreement is estimated
+from the last coefficients and from a few samples between the nodes. See L. N. Trefethen,
+Approximation Theory and Approximation Practice, 2013, chapter 18.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from spherekit.arrays import Floats
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
-from spherekit.numerics.chebyshev import real_zeros, sampled, trimmed
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
+from spherekit.numerics.chebyshev import find_real_zeros, fit_cells, trim_series
 
 DEGREE = 32
-FIRST = np.array([0.0, 0.2371, 0.4918, 0.7653, 1.0])
-"""Parts of the range that bound the first cells: a zero in a round place is at no edge."""
-DEEPEST = 12
-"""Halvings of a cell before it is given up."""
-BARREN = 2
-"""Halvings of a cell that made no part of it clear before it is given up: what a function
-is not smooth in, such as its own rounding, does not get clearer."""
-MOST_CELLS = 400
-POLISHING_STEPS = 3
-MOVED = 1e-3
-"""A zero of a polynomial is not farther than this from that of the function."""
-TOGETHER = 1e-6
-"""Doubtful parts whose distance is less, over their length, are one."""
-FITTED = 1e-8
-"""Largest error of a polynomial, over the largest value in its cell."""
-CERTAIN = 4.0
-"""An extremum is not zero if it is so many times larger than the error."""
-ROUNDING_ONLY = 1e-13
-"""A polynomial whose error, over the largest value in its cell, is smaller than this is off
-by rounding only. Halving its cell then does not tell more of an extremum near zero."""
-REACHES = 2.0 * np.logspace(-10.0, 0.0, 61)
-"""Half widths, in half cells, that a doubtful part about an extremum may have."""
-TAIL = 4
-"""Last coefficients that show the error of the polynomial."""
-BEYOND = 1e-2
-"""Extrema so little beyond a cell, in half cells, are looked at from both sides."""
+"""Degree of the polynomial in a cell. Larger: fewer cells, each with more samples."""
 
-_CHECKED = np.linspace(-1.0, 1.0, 6)[:, None]
-"""Places in a cell, -1 to 1, at which the polynomial is compared with the function."""
+FIRST_EDGES = np.array([0.0, 0.2371, 0.4918, 0.7653, 1.0])
+"""Edges of the first cells, as fractions of the range.
+
+The fractions are irregular, so that a zero at a round number is not at an edge.
+"""
+
+MAX_HALVINGS = 12
+"""Halvings after which a cell is not cut again. Larger: narrower doubtful intervals."""
+
+MAX_FRUITLESS_HALVINGS = 2
+"""Successive halvings that settle neither half, after which a cell is not cut again.
+
+Where a function is not smooth, for example because only its own rounding errors are seen,
+smaller cells do not become clearer. Larger: more samples are spent on such places.
+"""
+
+MAX_CELLS = 400
+"""Default limit of the sampled cells. Smaller: more of the range stays doubtful."""
+
+NEWTON_STEPS = 3
+"""Newton steps with the function itself that refine the zeros of the polynomials."""
+
+MAX_NEWTON_STEP = 1e-3
+"""Longest Newton step that is taken, in the unit of the variable.
+
+The zero of a polynomial is closer than this to the zero of the function. A longer step is
+an artefact of a small slope, and the zero is left where it is.
+"""
+
+MERGE_RATIO = 1e-6
+"""Doubtful intervals with a smaller gap, relative to the length of one, are merged."""
+
+FIT_TOLERANCE = 1e-8
+"""Largest error of a polynomial, relative to the largest value in its cell.
+
+Smaller: more cells are halved. Larger: small extrema near zero are hidden by the error.
+"""
+
+NONZERO_ERROR_RATIO = 4.0
+"""A value that exceeds the error of the polynomial by this factor is not zero."""
+
+CLEARLY_NONZERO_ERROR_RATIO = 4.0 * NONZERO_ERROR_RATIO
+"""The same factor for the ends of a doubtful interval, which must be clearly nonzero."""
+
+ROUNDING_ERROR_RATIO = 1e-13
+"""A polynomial with a smaller relative error deviates by rounding only.
+
+Halving such a cell reveals nothing more about an extremum near zero.
+"""
+
+HALF_WIDTHS = 2.0 * np.logspace(-10.0, 0.0, 61)
+"""Half widths that are tried for a doubtful interval about an extremum, in half cells."""
+
+TAIL_LENGTH = 4
+"""Number of last coefficients that indicate the error of the polynomial."""
+
+EDGE_MARGIN = 1e-2
+"""An extremum beyond the edge by less than this, in half cells, is examined in both cells.
+
+Without the margin, rounding could move an extremum at an edge out of both cells.
+"""
+
+_CHECK_POSITIONS = np.linspace(-1.0, 1.0, 6)[:, None]
+"""(6, 1) positions in a cell, from -1 to 1, where polynomial and function are compared."""
 
 
-def crossings(
+def find_sign_changes(
     function: Callable[[Floats], Floats],
     low: float,
     high: float,
-    most: int = MOST_CELLS,
-    smooth: float = np.inf,
+    max_cells: int = MAX_CELLS,
+    smooth_width: float = np.inf,
 ) -> tuple[Floats, Floats]:
-    """Return where a function (n,) -> (n,) changes its sign, and where that is left open.
+    """Return where a function changes its sign, and where this could not be decided.
 
-    The places (k,) from `low` to `high` rise. The others (d, 2) are first and last places
-    of extrema that are zero to the error of the function, and of cells in which it is not
-    known or not smooth, as where samples are NaN. A pair of zeros is found if the
-    function between them is larger than its error there. No more than about `most` cells
-    of 39 samples are looked at. In a cell no wider than `smooth` the function, if it is
-    smooth there, is well given by so many samples.
+    Two zeros close together are separated if the function between them exceeds its error.
+    Otherwise they are inside a doubtful interval.
+
+    Parameters
+    ----------
+    function
+        Maps positions (n,) to values (n,). NaN where the function has no value.
+    low, high
+        Ends of the range.
+    max_cells
+        Approximate limit of the number of cells. A cell takes 39 samples.
+    smooth_width
+        A smooth function is resolved by the samples of a cell of this width. Only cells
+        that are not wider can count as fruitless (`MAX_FRUITLESS_HALVINGS`).
+
+    Returns
+    -------
+    sign_changes
+        (k,) positions in rising order.
+    doubtful_intervals
+        (d, 2) disjoint intervals in rising order. An interval contains an extremum that is
+        zero up to the error of the function, or a cell in which the function is not smooth
+        or has no value.
     """
-    edges = low + (high - low) * FIRST
+    edges = low + (high - low) * FIRST_EDGES
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
-    roots: list[list[Floats]] = []
-    doubtful: list[Floats] = []
-    looked, barren = 0, np.zeros(len(cells), dtype=int)
-    # The error that was measured by chance at few places of a narrow cell may be too small.
-    # The extremum of a double zero then seems to differ from zero. So a cell inherits it.
-    inherited = np.zeros(len(cells))
-    for depth in range(DEEPEST + 1):
-        looked += len(cells)
-        middle = cells.mean(axis=1)
-        half = 0.5 * (cells[:, 1] - cells[:, 0])
-        of_cells = sampled(lambda x: function(x[:, 0]), cells[..., None], DEGREE, _CHECKED)
-        contents = [*map(_in_cell, *of_cells, inherited)]
-        again = np.array([x.halving_helps for x in contents]) & (barren < BARREN)
-        again &= depth < DEEPEST and looked + 2 * len(cells) <= most
-        for number in np.flatnonzero(~again):
-            content = contents[number]
-            zeros = middle[number] + half[number] * content.zeros
-            roots.append([zeros, content.slopes / half[number]])
-            doubtful.append(middle[number] + half[number] * content.doubtful)
-        if not np.any(again):
+    zeros_of_cells: list[Floats] = []
+    slopes_of_cells: list[Floats] = []
+    doubtful_of_cells: list[Floats] = []
+    sampled_cells = 0
+    fruitless_halvings = np.zeros(len(cells), dtype=int)
+    # In a narrow cell the few check positions may happen to show too small a rounding
+    # error. The extremum of a double zero would then seem to differ from zero. A cell
+    # therefore inherits the largest rounding error of the cells that contain it.
+    inherited_errors = np.zeros(len(cells))
+    for depth in range(MAX_HALVINGS + 1):
+        sampled_cells += len(cells)
+        middles = cells.mean(axis=1)
+        half_widths = 0.5 * (cells[:, 1] - cells[:, 0])
+        fits = fit_cells(
+            lambda x: function(x[:, 0]), cells[..., None], DEGREE, _CHECK_POSITIONS
+        )
+        contents = [
+            _examine_cell(series[:, 0], deviations, largest_value, inherited_error)
+            for series, deviations, largest_value, inherited_error in zip(
+                fits.coefficients,
+                fits.deviations,
+                fits.largest_values,
+                inherited_errors,
+                strict=True,
+            )
+        ]
+
+        can_halve = depth < MAX_HALVINGS and sampled_cells + 2 * len(cells) <= max_cells
+        is_halved = np.array([content.needs_halving for content in contents])
+        is_halved &= fruitless_halvings < MAX_FRUITLESS_HALVINGS
+        is_halved &= can_halve
+        for cell in np.flatnonzero(~is_halved):
+            content = contents[cell]
+            zeros_of_cells.append(middles[cell] + half_widths[cell] * content.zeros)
+            slopes_of_cells.append(content.slopes / half_widths[cell])
+            doubtful_of_cells.append(middles[cell] + half_widths[cell] * content.doubtful)
+        if not np.any(is_halved):
             break
-        if depth:  # cells are halves, two and two of one
-            both = np.repeat(again.reshape(-1, 2).all(axis=1), 2) & (2.0 * half <= smooth)
-            barren = (barren + 1) * both
-        barren = np.repeat(barren[again], 2)
-        errors = np.array([content.rounding_error for content in contents])
-        inherited = np.repeat(np.maximum(inherited, errors)[again], 2)
-        cells = np.insert(cells[again], [1, 1], middle[again, None], axis=1).reshape(-1, 2)
-    places, slopes = np.concatenate(roots, axis=1)
-    parts = _merged(np.concatenate(doubtful))
-    # Changes of sign beside an extremum that is zero to the error are not known to be any.
-    within = (parts[:, :1] <= places) & (places <= parts[:, 1:])
-    is_known = ~np.any(within, axis=0)
-    places, slopes = places[is_known], slopes[is_known]
-    for _ in range(POLISHING_STEPS if len(places) else 0):
-        with np.errstate(all="ignore"):
-            step = -function(places) / slopes
-        places = places + np.where(np.abs(step) < MOVED, step, 0.0)
-    return np.clip(np.sort(places), low, high), np.clip(parts, low, high)
+
+        if depth > 0:
+            # Cells 2k and 2k + 1 are the halves of one cell of the previous pass.
+            neither_settled = np.repeat(is_halved.reshape(-1, 2).all(axis=1), 2)
+            is_fruitless = neither_settled & (2.0 * half_widths <= smooth_width)
+            fruitless_halvings = (fruitless_halvings + 1) * is_fruitless
+        fruitless_halvings = np.repeat(fruitless_halvings[is_halved], 2)
+        rounding_errors = np.array([content.rounding_error for content in contents])
+        inherited_errors = np.maximum(inherited_errors, rounding_errors)
+        inherited_errors = np.repeat(inherited_errors[is_halved], 2)
+        split_edges = np.insert(cells[is_halved], [1, 1], middles[is_halved, None], axis=1)
+        cells = split_edges.reshape(-1, 2)
+
+    positions = np.concatenate(zeros_of_cells)
+    slopes = np.concatenate(slopes_of_cells)
+    doubtful_intervals = _merge_intervals(np.concatenate(doubtful_of_cells))
+    # Near an extremum that is zero up to the error, sign changes may be due to the error.
+    starts = doubtful_intervals[:, :1]
+    stops = doubtful_intervals[:, 1:]
+    is_doubtful = np.any((starts <= positions) & (positions <= stops), axis=0)
+    positions = positions[~is_doubtful]
+    slopes = slopes[~is_doubtful]
+    if len(positions):
+        # The slopes of the polynomials replace the unknown derivative of the function.
+        for _ in range(NEWTON_STEPS):
+            with np.errstate(all="ignore"):
+                step = -function(positions) / slopes
+            positions = positions + np.where(np.abs(step) < MAX_NEWTON_STEP, step, 0.0)
+    return np.clip(np.sort(positions), low, high), np.clip(doubtful_intervals, low, high)
 
 
-class _CellContent(NamedTuple):
-    """What a function has in a cell, which is [-1, 1] here.
+@dataclass(frozen=True)
+class _CellContent:
+    """Zeros and doubtful intervals of a function in a cell, which is [-1, 1] here.
 
-    `zeros` (k,) with the `slopes` (k,) there, and `doubtful` parts (d, 2). `halving_helps`
-    says that halves of the cell may tell more of these. `rounding_error` is the error of
-    the polynomial where that is rounding only, else 0.
+    Attributes
+    ----------
+    zeros, slopes
+        (k,) sign changes of the polynomial, and its derivatives there.
+    doubtful
+        (d, 2) intervals about extrema that may be zero; the whole cell if the polynomial
+        does not fit.
+    needs_halving
+        Whether smaller cells may tell more.
+    rounding_error
+        Error of the polynomial if it is caused by rounding only, otherwise 0.
     """
 
     zeros: Floats
     slopes: Floats
     doubtful: Floats
-    halving_helps: bool
+    needs_halving: bool
     rounding_error: float
 
 
-NONE = np.zeros(0)
-NO_PARTS = np.zeros((0, 2))
+_NO_ZEROS = np.zeros(0)
+_NO_INTERVALS = np.zeros((0, 2))
+_WHOLE_CELL = np.array([[-1.0, 1.0]])
 
 
-def _in_cell(series: Floats, gap: Floats, largest: float, inherited: float) -> _CellContent:
-    """Return what a function has in a cell.
+def _examine_cell(
+    series: Floats, deviations: Floats, largest_value: float, inherited_error: float
+) -> _CellContent:
+    """Return the zeros and doubtful intervals of a function in a cell.
 
     Parameters
     ----------
     series
-        (degree + 1, 1) its Chebyshev series.
-    gap
-        How far the series is from the function at some places.
-    largest
-        The largest value in the cell.
-    inherited
-        The rounding error that was measured in wider cells.
+        (degree + 1,) Chebyshev coefficients of the polynomial in the cell.
+    deviations
+        Differences between the polynomial and the function at the check positions.
+    largest_value
+        Largest absolute sample in the cell.
+    inherited_error
+        Largest rounding error that was measured in the cells that contain this one.
     """
-    series = series[:, 0]
-    error = max(np.max(gap), np.max(np.abs(series[-TAIL:])))
-    if not error <= FITTED * largest or not largest:
-        return _CellContent(NONE, NONE, np.array([[-1.0, 1.0]]), True, 0.0)
-    is_rounding = error <= ROUNDING_ONLY * largest
+    error = max(np.max(deviations), np.max(np.abs(series[-TAIL_LENGTH:])))
+    # The comparison is negated because the error is NaN where samples are NaN.
+    if not error <= FIT_TOLERANCE * largest_value or not largest_value:
+        return _CellContent(_NO_ZEROS, _NO_ZEROS, _WHOLE_CELL, True, 0.0)
+    is_rounding = error <= ROUNDING_ERROR_RATIO * largest_value
     rounding_error = error if is_rounding else 0.0
-    error = max(error, inherited)
-    series = trimmed(series, 1e-3 * error)
-    if abs(series[0]) > np.sum(np.abs(series[1:])) + CERTAIN * error:
-        return _CellContent(NONE, NONE, NO_PARTS, False, rounding_error)
-    slope = np.asarray(chebyshev.chebder(series), dtype=float)
-    extrema = real_zeros(slope, 1.0 + BEYOND)
-    touching = extrema[np.abs(chebyshev.chebval(extrema, series)) <= CERTAIN * error]
-    # A zero of higher order is flat, and doubtful the farther.
-    around = touching + np.multiply.outer([-1.0, 1.0], REACHES)[..., None]
-    is_zero = np.abs(chebyshev.chebval(around, series)) <= 4.0 * CERTAIN * error
-    ends_there = ~np.any(is_zero, axis=0)
-    ends_there[-1] = True
-    reach = REACHES[np.argmax(ends_there, axis=0)]
+    error = max(error, inherited_error)
+    series = trim_series(series, 1e-3 * error)
+    # No Chebyshev polynomial exceeds 1 in the cell, so the first term dominates all others.
+    if abs(series[0]) > np.sum(np.abs(series[1:])) + NONZERO_ERROR_RATIO * error:
+        return _CellContent(_NO_ZEROS, _NO_ZEROS, _NO_INTERVALS, False, rounding_error)
+
+    derivative = np.asarray(chebyshev.chebder(series), dtype=float)
+    extrema = find_real_zeros(derivative, 1.0 + EDGE_MARGIN)
+    extreme_sizes = np.abs(chebyshev.chebval(extrema, series))
+    touching = extrema[extreme_sizes <= NONZERO_ERROR_RATIO * error]
+    doubtful = _enclose_touching_extrema(series, touching, error)
+
+    # The polynomial is monotone between two extrema, so each sign change is a single zero.
     cuts = np.unique([-1.0, *np.clip(extrema, -1.0, 1.0), 1.0])
     values = chebyshev.chebval(cuts, series)
-    (part,) = np.nonzero((values[:-1] >= 0.0) != (values[1:] >= 0.0))
-    places, _ = bracketed_zeros(
+    (changing,) = np.nonzero((values[:-1] >= 0.0) != (values[1:] >= 0.0))
+    zeros, _ = find_bracketed_zeros(
         lambda x, _: np.asarray(chebyshev.chebval(x, series), dtype=float),
-        cuts[part],
-        cuts[part + 1],
-        values[part],
-        values[part + 1],
+        cuts[changing],
+        cuts[changing + 1],
+        values[changing],
+        values[changing + 1],
     )
     return _CellContent(
-        places,
-        np.asarray(chebyshev.chebval(places, slope), dtype=float),
-        np.stack([touching - reach, touching + reach], axis=1),
-        len(touching) > 0 and not is_rounding,
-        rounding_error,
+        zeros=zeros,
+        slopes=np.asarray(chebyshev.chebval(zeros, derivative), dtype=float),
+        doubtful=doubtful,
+        needs_halving=len(touching) > 0 and not is_rounding,
+        rounding_error=rounding_error,
     )
 
 
-def _merged(parts: Floats) -> Floats:
-    """Return parts (d, 2) of a line in order, those that touch as one."""
-    start, stop = parts[np.argsort(parts[:, 0])].T
-    reach = np.maximum.accumulate(stop)
-    new = np.ones(len(parts), dtype=bool)
-    new[1:] = start[1:] > reach[:-1] + TOGETHER * np.abs(stop - start)[1:]
-    return np.stack([start[new], reach[np.roll(new, -1)]], axis=1)
+def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) -> Floats:
+    """Return intervals (k, 2) about extrema (k,) in which a polynomial may be zero.
+
+    An interval ends at the first of `HALF_WIDTHS` at which the polynomial is clearly
+    nonzero on both sides. Near a zero of higher order the polynomial is flat, and the
+    interval is therefore wider.
+    """
+    # The axes are: side of the extremum, half width, extremum.
+    offsets = np.multiply.outer([-1.0, 1.0], HALF_WIDTHS)[..., None]
+    values = chebyshev.chebval(touching + offsets, series)
+    may_be_zero = np.abs(values) <= CLEARLY_NONZERO_ERROR_RATIO * error
+    is_nonzero = ~np.any(may_be_zero, axis=0)
+    is_nonzero[-1] = True  # the widest interval is taken if none is clear of zero
+    half_widths = HALF_WIDTHS[np.argmax(is_nonzero, axis=0)]
+    return np.stack([touching - half_widths, touching + half_widths], axis=1)
+
+
+def _merge_intervals(intervals: Floats) -> Floats:
+    """Return intervals (d, 2) in rising order, with those that touch merged."""
+    starts, stops = intervals[np.argsort(intervals[:, 0])].T
+    furthest_stop = np.maximum.accumulate(stops)
+    is_first = np.ones(len(intervals), dtype=bool)
+    tolerance = MERGE_RATIO * np.abs(stops - starts)
+    is_first[1:] = starts[1:] > furthest_stop[:-1] + tolerance[1:]
+    # A merged interval ends with the last one before the next first one. The rotated mask
+    # marks it; the last of all precedes the first cyclically.
+    is_last = np.roll(is_first, -1)
+    return np.stack([starts[is_first], furthest_stop[is_last]], axis=1)

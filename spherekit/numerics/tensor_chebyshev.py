@@ -1,46 +1,57 @@
 """Functions of several variables as tensor Chebyshev series on cells of a box.
 
-A cell is halved across the direction in which its series falls off worst, until its error
-is small enough, it is as narrow as allowed, or there are enough cells. What is then not
-resolved, or has places where the functions do not exist, is no part of the domain.
-
-Functions of one variable at single places, in the least time that Python takes.
+A cell is halved across the direction in which its series converges worst. This ends when
+its error is small enough, when the cell is as narrow as allowed, or when there are enough
+cells. A cell whose error is still too large, or where the functions do not exist, is not
+part of the domain.
 """
 
-from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import acos, copysign
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 from spherekit.arrays import Floats, Indices
-from spherekit.numerics.chebyshev import (
-    ROUNDING,
-    PiecewiseChebyshev,
-    sampled,
-    summed,
-    tensor,
-)
+from spherekit.numerics.chebyshev import evaluate_cells, fit_cells, grid_points
 
 DEGREE = 11
-MOST_CELLS = 2048
-NARROWEST = 1.0 / 32.0
-"""Part of the box that a cell is wide at least, in each direction."""
+"""Default degree in each variable. Larger: fewer cells, each with more coefficients."""
 
-CHECKS = 48
-"""Places in a cell, other than those sampled, where its error is measured."""
+MAX_CELLS = 2048
+"""Default limit of the cells. Smaller: the domain covers less of the box."""
+
+MIN_CELL_FRACTION = 1.0 / 32.0
+"""Smallest width of a cell in each direction, as a fraction of the box.
+
+Smaller: the domain reaches closer to places where the functions do not exist or are not
+smooth, with many more cells.
+"""
+
+CHECK_COUNT = 48
+"""Number of positions in a cell, besides its corners, at which its error is measured."""
 
 
 @dataclass(frozen=True)
 class TensorChebyshev:
-    """F functions on cells of a box by `coefficients` (cells, degree + 1, ..., F).
+    """F functions of m variables, given by tensor Chebyshev series on cells of a box.
 
-    `low`, `high` (m,) bound the box. `splits` is the tree of halvings: (direction, place,
-    next below, next above) of each inner one; a next of -1 - k is cell k, one of 0 the part
-    that is not in the domain. `bounds` (cells, 2, m) are those of the cells.
+    The cells are the leaves of a binary tree of halvings. The domain is the union of the
+    cells; it may be smaller than the box.
+
+    Attributes
+    ----------
+    low, high
+        (m,) lower and upper corner of the box.
+    splits
+        (splits, 4) inner nodes of the tree, the root first: direction of the cut, its
+        position, and the links to the lower and the upper half. A positive link is the row
+        of another split. A link of -1 - k is cell k. A link of 0 leads outside the domain.
+    bounds
+        (cells, 2, m) lower and upper corner of each cell.
+    coefficients
+        (cells, degree + 1, ..., F) coefficients, with one axis of orders per variable.
     """
 
     low: Floats
@@ -55,167 +66,202 @@ class TensorChebyshev:
         low: Floats,
         high: Floats,
         tolerance: float,
-        size: Floats,
+        scales: Floats,
         degree: int = DEGREE,
-        most: int = MOST_CELLS,
+        max_cells: int = MAX_CELLS,
     ) -> "TensorChebyshev":
-        """Return the interpolant of a function (n, m) -> (n, F), NaN where it is none.
+        """Return the interpolant of F functions on a box.
 
-        Errors are relative to `size` (F,).
+        Parameters
+        ----------
+        function
+            Maps positions (n, m) to values (n, F), NaN where a function has no value.
+        low, high
+            (m,) lower and upper corner of the box.
+        tolerance
+            Largest error in a cell, relative to the scale of each function.
+        scales
+            (F,) scales of the functions.
+        degree
+            Degree in each variable.
+        max_cells
+            Limit of the number of cells.
         """
-        m, checks = len(low), _spread(CHECKS, len(low))
+        variables = len(low)
+        check_positions = _spread_positions(CHECK_COUNT, variables)
         splits: list[list[float]] = []
-        kept: list[tuple[Floats, Floats]] = []
-        open_: list[tuple[Floats, list[float], int]] = [(np.stack([low, high]), [0.0], 0)]
-        while open_:
-            bounds = np.array([cell for cell, *_ in open_])
-            series, gap, samples = sampled(function, bounds, degree, checks)
+        cell_bounds: list[Floats] = []
+        cell_series: list[Floats] = []
+        # The root is entered nowhere. Its link is written to a list that is dropped.
+        pending = [_PendingCell(np.stack([low, high]), [0.0], 0)]
+        while pending:
+            bounds = np.array([cell.bounds for cell in pending])
+            fits = fit_cells(function, bounds, degree, check_positions)
             with np.errstate(invalid="ignore"):
-                good = np.max(gap / size, axis=(1, 2)) <= tolerance
-            later: list[tuple[Floats, list[float], int]] = []
-            room = most - len(kept) - 2 * len(open_)
-            for number, (cell, parent, place) in enumerate(open_):
-                wide = (cell[1] - cell[0]) / (high - low)
-                axis = _worst(series[number] / size, wide)
-                if good[number]:
-                    kept.append((cell, series[number]))
-                    parent[place] = -len(kept)
-                elif room > 0 and wide[axis] > 1.5 * NARROWEST and samples[number] >= 0.0:
-                    parent[place] = len(splits)
-                    split = [axis, float(np.mean(cell[:, axis])), 0.0, 0.0]
+                errors = np.max(fits.deviations / scales, axis=(1, 2))
+                is_accurate = errors <= tolerance
+            room = max_cells - len(cell_bounds) - 2 * len(pending)
+            halves: list[_PendingCell] = []
+            for number, cell in enumerate(pending):
+                series = fits.coefficients[number]
+                width_fractions = (cell.bounds[1] - cell.bounds[0]) / (high - low)
+                axis = _worst_direction(series / scales, width_fractions)
+                if is_accurate[number]:
+                    cell_bounds.append(cell.bounds)
+                    cell_series.append(series)
+                    cell.set_link(-len(cell_bounds))
+                    continue
+                is_wide = width_fractions[axis] > 1.5 * MIN_CELL_FRACTION
+                # The largest value is NaN, and not positive, if no sample is finite.
+                exists = fits.largest_values[number] >= 0.0
+                if room > 0 and is_wide and exists:
+                    cell.set_link(len(splits))
+                    middle = float(np.mean(cell.bounds[:, axis]))
+                    split = [axis, middle, 0.0, 0.0]
                     splits.append(split)
-                    for side in (0, 1):
-                        part = cell.copy()
-                        part[1 - side, axis] = split[1]
-                        later.append((part, split, 2 + side))
-            open_ = later
-        cells, parts = ([item[k] for item in kept] for k in (0, 1))
+                    lower_bounds = cell.bounds.copy()
+                    lower_bounds[1, axis] = middle
+                    upper_bounds = cell.bounds.copy()
+                    upper_bounds[0, axis] = middle
+                    halves.append(_PendingCell(lower_bounds, split, 2))
+                    halves.append(_PendingCell(upper_bounds, split, 3))
+            pending = halves
         return TensorChebyshev(
             low,
             high,
             np.array(splits).reshape(-1, 4),
-            np.array(cells).reshape(-1, 2, m),
-            np.array(parts).reshape(-1, *[degree + 1] * m, len(size)),
+            np.array(cell_bounds).reshape(-1, 2, variables),
+            np.array(cell_series).reshape(-1, *[degree + 1] * variables, len(scales)),
         )
 
     @property
-    def covered(self) -> float:
-        """The part of the box that is in the domain."""
-        sizes = np.prod(self.bounds[:, 1] - self.bounds[:, 0], axis=1)
-        return float(np.sum(sizes) / np.prod(self.high - self.low))
+    def covered_fraction(self) -> float:
+        """The volume of the domain as a fraction of the box."""
+        volumes = np.prod(self.bounds[:, 1] - self.bounds[:, 0], axis=1)
+        return float(np.sum(volumes) / np.prod(self.high - self.low))
 
-    def cell(self, x: Sequence[float]) -> int:
-        """Return the cell of a place within the box, -1 outside the domain."""
+    def find_cell(self, x: Sequence[float]) -> int:
+        """Return the cell of a position in the box, -1 outside the domain."""
         if not self._tree:
             return len(self.bounds) - 1
-        node = 0
+        link = 0
         while True:
-            axis, middle, below, above = self._tree[node]
-            node = above if x[axis] >= middle else below
-            if node <= 0:
-                return -1 - node
+            axis, middle, lower_link, upper_link = self._tree[link]
+            link = upper_link if x[axis] >= middle else lower_link
+            if link <= 0:
+                return -1 - link
 
-    def cells(self, x: Floats) -> Indices:
-        """Return the cells (n,) of places (n, m), -1 outside the box or the domain."""
-        inside = np.all((x >= self.low) & (x <= self.high), axis=1)
-        every = zip(x, inside, strict=True)
-        return np.array([self.cell(row) if good else -1 for row, good in every], np.intp)
+    def find_cells(self, x: Floats) -> Indices:
+        """Return the cells (n,) of positions (n, m), -1 outside the box or the domain."""
+        is_inside = np.all((x >= self.low) & (x <= self.high), axis=1)
+        cells = [
+            self.find_cell(position) if inside else -1
+            for position, inside in zip(x, is_inside, strict=True)
+        ]
+        return np.array(cells, np.intp)
 
-    def at(self, x: Floats) -> Floats:
-        """Return the functions (n, F) at places (n, m), NaN outside the domain."""
-        return summed(x, self.cells(x), self.bounds, self.coefficients)
+    def evaluate(self, x: Floats) -> Floats:
+        """Return the functions (n, F) at positions (n, m), NaN outside the domain."""
+        return evaluate_cells(x, self.find_cells(x), self.bounds, self.coefficients)
 
     @cached_property
     def _tree(self) -> list[tuple[int, float, int, int]]:
-        return [(int(a), b, int(c), int(d)) for a, b, c, d in self.splits.tolist()]
+        """The splits as Python numbers, which are faster to read one by one."""
+        return [
+            (int(axis), middle, int(lower_link), int(upper_link))
+            for axis, middle, lower_link, upper_link in self.splits.tolist()
+        ]
 
 
-class TensorCells:
-    """Sums of the functions of a `TensorChebyshev` at one place, in little time."""
+@dataclass(frozen=True)
+class _PendingCell:
+    """A cell that has not been fitted yet, and where the tree is to refer to it.
 
-    def __init__(self, series: TensorChebyshev, factors: Floats) -> None:
-        coefficients = series.coefficients @ factors
-        self._count = coefficients.shape[1]
-        self._orders = np.arange(self._count, dtype=float)
+    Attributes
+    ----------
+    bounds
+        (2, m) lower and upper corner.
+    parent_split
+        The row of `TensorChebyshev.splits` whose half this cell is.
+    link_index
+        Index of the link to this cell in that row.
+    """
+
+    bounds: Floats
+    parent_split: list[float]
+    link_index: int
+
+    def set_link(self, link: int) -> None:
+        """Let the parent refer to a cell or to another split."""
+        self.parent_split[self.link_index] = link
+
+
+class CellSums:
+    """Weighted sums of the functions of a `TensorChebyshev`, evaluated at single positions.
+
+    Only small arrays are used and nothing is checked, because most of the time of a single
+    value is the overhead of NumPy calls.
+    """
+
+    def __init__(self, series: TensorChebyshev, weights: Floats) -> None:
+        """Prepare K sums of the F functions, with weights (F, K)."""
+        coefficients = series.coefficients @ weights
+        self._order_count = coefficients.shape[1]
+        self._orders = np.arange(self._order_count, dtype=float)
         self._coefficients = [*coefficients]
-        middle = 0.5 * (series.bounds[:, 0] + series.bounds[:, 1])
-        scale = 2.0 / (series.bounds[:, 1] - series.bounds[:, 0])
-        self._affine = np.stack([middle, scale], axis=2).tolist()
+        middles = 0.5 * (series.bounds[:, 0] + series.bounds[:, 1])
+        scales = 2.0 / (series.bounds[:, 1] - series.bounds[:, 0])
+        self._middles_and_scales = np.stack([middles, scales], axis=2).tolist()
 
-    def at(self, number: int, x: Sequence[float]) -> Floats:
-        """Return the sums (K,) at a place in the cell of this number."""
-        sums = self._coefficients[number]
+    def evaluate(self, cell: int, x: Sequence[float]) -> Floats:
+        """Return the sums (K,) at a position (m,) in a cell."""
+        # Each pass sums over the orders of one variable, which is the first axis. The sum
+        # is a dot product with T_k = cos(k angle), where cos(angle) is the reduced
+        # position.
+        sums = self._coefficients[cell]
         orders = self._orders
         cos = np.cos
-        for value, (middle, scale) in zip(x, self._affine[number], strict=True):
-            place = (value - middle) * scale
-            angle = acos(place if -1.0 <= place <= 1.0 else copysign(1.0, place))
-            sums = cos(orders * angle).dot(sums.reshape(self._count, -1))
+        for value, (middle, scale) in zip(x, self._middles_and_scales[cell], strict=True):
+            reduced = (value - middle) * scale
+            angle = acos(reduced if -1.0 <= reduced <= 1.0 else copysign(1.0, reduced))
+            sums = cos(orders * angle).dot(sums.reshape(self._order_count, -1))
         return sums  # type: ignore[no-any-return]
 
 
-def _spread(count: int, m: int) -> Floats:
-    """Return places (count, m) in the cube from -1 to 1, evenly, and its corners."""
+def _spread_positions(count: int, variables: int) -> Floats:
+    """Return evenly spread positions in the cube from -1 to 1, and its corners.
+
+    The positions are multiples of (1/g, 1/g^2, ...) modulo 1, where g is the real root of
+    g^(m + 1) = g + 1. This generalises the golden ratio to m variables.
+
+    Returns
+    -------
+    (count + 2^m, m) positions, the corners last.
+    """
     root = 1.5
-    for _ in range(40):
-        root = (1.0 + root) ** (1.0 / (m + 1))
-    steps = root ** -np.arange(1.0, m + 1)
-    inner = 2.0 * ((0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0) - 1.0
-    return np.concatenate([inner, tensor([np.array([-1.0, 1.0])] * m)])
+    for _ in range(40):  # a contraction, which converges to rounding
+        root = (1.0 + root) ** (1.0 / (variables + 1))
+    steps = root ** -np.arange(1.0, variables + 1)
+    fractions = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
+    corners = grid_points([np.array([-1.0, 1.0])] * variables)
+    return np.concatenate([2.0 * fractions - 1.0, corners])
 
 
-def _worst(series: Floats, wide: Floats) -> int:
-    """Return the direction in which a series falls off worst; of none, the widest."""
+def _worst_direction(series: Floats, width_fractions: Floats) -> int:
+    """Return the direction in which a series has the largest coefficients of high order.
+
+    Parameters
+    ----------
+    series
+        (degree + 1, ..., F) coefficients, relative to the scale of each function.
+    width_fractions
+        (m,) widths of the cell. The widest direction is returned if a coefficient is not
+        finite.
+    """
     if not np.all(np.isfinite(series)):
-        return int(np.argmax(wide))
+        return int(np.argmax(width_fractions))
     tails = [
         np.max(np.abs(np.take(series, [-1, -2], axis=axis)))
         for axis in range(series.ndim - 1)
     ]
     return int(np.argmax(tails))
-
-
-DEGREE = 7
-TOLERANCE = 1e-14
-FIRST_CELLS = 16
-
-
-def local_polynomials(
-    series: PiecewiseChebyshev, size: Floats
-) -> Callable[[float], list[float]]:
-    """Return the functions (m) of a series at one place, in the least time.
-
-    To `TOLERANCE` of the size (m,) of each, as polynomials of degree `DEGREE` by the
-    distance from the middle of cells of their own. Their coefficients are Python floats: a
-    few functions at a single place take less time with them than the making of an array.
-    """
-    fine = PiecewiseChebyshev.fit(
-        series.at,
-        float(series.edges[0]),
-        float(series.edges[-1]),
-        TOLERANCE,
-        size,
-        FIRST_CELLS,
-        DEGREE,
-        rounding=ROUNDING,
-    )
-    half = 0.5 * np.diff(fine.edges)
-    orders = np.arange(DEGREE + 1)
-    powers = np.zeros((DEGREE + 1, DEGREE + 1))
-    for order in orders:
-        powers[order, : order + 1] = chebyshev.cheb2poly(np.eye(DEGREE + 1)[order])
-    monomials = np.einsum("ckm,kj->cmj", fine.coefficients, powers)
-    monomials /= half[:, None, None] ** orders
-    inner = fine.edges[1:-1].tolist()
-    centres = (fine.edges[:-1] + half).tolist()
-    rows = [[(*coefficients,) for coefficients in cell] for cell in monomials.tolist()]
-
-    def at(x: float) -> list[float]:
-        cell = bisect_right(inner, x)
-        t = x - centres[cell]
-        return [
-            ((((((h * t + g) * t + f) * t + e) * t + d) * t + c) * t + b) * t + a
-            for a, b, c, d, e, f, g, h in rows[cell]
-        ]
-
-    return at

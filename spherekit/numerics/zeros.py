@@ -6,116 +6,237 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.tolerances import EPS
 
-Function = Callable[[Floats], tuple[Floats, Floats]]
-"""Values and derivatives (n,) at places (n,)."""
+DifferentiableFunction = Callable[[Floats], tuple[Floats, Floats]]
+"""Takes positions (n,); returns the values (n,) and the derivatives (n,) there."""
 
-DEEPEST = 8
-"""Halvings of a cell of the grid before it is taken to hold one extremum at most."""
-TOUCHES = 1e-14
-"""An extremum this near to zero, relative to the largest value, is a double zero."""
-SAME = 1e-10
-"""Zeros nearer to each other than this part of the range are one."""
+MAX_HALVINGS = 8
+"""Halvings of a grid cell, after which it is assumed to contain one extremum at most.
 
+Smaller: close zeros can be missed. Larger: more function values near zeros of high order.
+"""
 
-ROUNDED = 1e-13
-"""Where a function is below this part of what touches zero, it is zero."""
+DOUBLE_ZERO_RATIO = 1e-14
+"""Extrema smaller than this, relative to the largest value on the grid, are double zeros.
+
+Larger: two close zeros are reported as one double zero. Smaller: a double zero is lost, or
+reported as two zeros, because of rounding.
+"""
+
+SAME_ZERO_RATIO = 1e-10
+"""Zeros whose distance is less than this fraction of the range are the same zero."""
+
+EXACT_ZERO_RATIO = 1e-13
+"""Values below this fraction of the limit for double zeros count as exactly zero."""
 
 
 @dataclass(frozen=True)
 class Zeros:
-    """Places (k,) in rising order, and whether the function only touches zero there."""
+    """Zeros of a function of one variable.
+
+    Attributes
+    ----------
+    places
+        (k,) positions in rising order.
+    double
+        (k,) whether the function only touches zero there, without a change of its sign.
+    """
 
     places: Floats
     double: Bools
 
     @staticmethod
-    def apart(places: Floats, double: Bools, gap: float) -> "Zeros":
-        """Return zeros in order, those nearer to the one before than a gap left out."""
+    def merge(places: Floats, double: Bools, gap: float) -> "Zeros":
+        """Return zeros in rising order, each only once.
+
+        A zero that is closer than `gap` to the one before it is left out.
+        """
         order = np.argsort(places, kind="stable")
-        places, double = places[order], double[order]
-        fresh = np.diff(places, prepend=-np.inf) > gap
-        return Zeros(places[fresh], double[fresh])
+        places = places[order]
+        double = double[order]
+        is_new = np.diff(places, prepend=-np.inf) > gap
+        return Zeros(places[is_new], double[is_new])
 
-    def once(self, length: float) -> "Zeros":
-        """Return those of a lap of this length, one at its end as one at its start."""
-        seam = SAME * length
-        first = np.min(self.places, initial=seam)
-        at_end = self.places > length - seam
-        places = np.where(at_end, first if first < seam else 0.0, self.places)
-        return Zeros.apart(places, self.double, seam)
+    def merge_seam(self, period: float) -> "Zeros":
+        """Return the zeros of a periodic function in [0, period).
+
+        A zero at the seam may have been found at 0, at the period, or at both. It is
+        reported once, at the start.
+        """
+        seam_width = SAME_ZERO_RATIO * period
+        first = np.min(self.places, initial=seam_width)
+        is_at_end = self.places > period - seam_width
+        position_at_start = first if first < seam_width else 0.0
+        places = np.where(is_at_end, position_at_start, self.places)
+        return Zeros.merge(places, self.double, seam_width)
 
 
-def zeros(function: Function, grid: Floats) -> Zeros:
-    """Return the zeros of a function on the range of a rising grid (n,).
+def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
+    """Return all zeros of a function on the range of a grid.
 
-    A cell of the grid is halved until its cubic Hermite polynomial, whose error is
-    measured at the middle, has no zero, or is monotone. The grid has to be fine enough
-    for that polynomial to mean something. Pairs of zeros that are too near to part
-    (about the square root of `TOUCHES` times the scale of the bend) are a double one.
+    In each cell the function is approximated by its cubic Hermite polynomial, whose error
+    is measured at the middle. A cell is halved until this polynomial has no zero or is
+    monotone.
+
+    Parameters
+    ----------
+    function
+        Values and derivatives at positions.
+    grid
+        (n,) rising positions. The cells must be small enough for a cubic polynomial to
+        resemble the function. A structure that is much narrower than a cell is not seen.
+
+    Returns
+    -------
+    The zeros in rising order. Two zeros are reported as one double zero if the function
+    between them is smaller than `DOUBLE_ZERO_RATIO` times its largest value on the grid.
     """
-    value, slope = function(grid)
+    values, slopes = function(grid)
     tiny = np.finfo(float).tiny
-    floor = TOUCHES * float(np.max(np.abs(value))) + tiny
-    cells = np.stack([grid[:-1], grid[1:], value[:-1], value[1:], slope[:-1], slope[1:]])
-    parts: list[Floats] = []
-    for _ in range(DEEPEST):
-        cells, error = _halved(function, cells)
-        a, b, fa, fb, da, db = cells
-        third = (b - a) / 3.0  # by Bernstein's bounds
-        control = np.stack([fa, fa + third * da, fb - third * db, fb])
-        empty, monotone = (
-            np.all(x > error + floor, axis=0) | np.all(x < -error - floor, axis=0)
-            for x in (control, np.diff(control, axis=0))
-        )
-        parts.append(cells[:4, monotone & ~empty])
-        cells = cells[:, ~empty & ~monotone]
+    floor = DOUBLE_ZERO_RATIO * float(np.max(np.abs(values))) + tiny
+    # The rows of `cells` are the ends a and b, then the values at a and b, then the slopes.
+    # The first four rows of a cell are a bracket.
+    cells = np.stack(
+        [grid[:-1], grid[1:], values[:-1], values[1:], slopes[:-1], slopes[1:]]
+    )
+    brackets: list[Floats] = []
+    for _ in range(MAX_HALVINGS):
+        cells, error = _halve_cells(function, cells)
+        is_empty, is_monotone = _classify_cells(cells, error + floor)
+        brackets.append(cells[:4, is_monotone & ~is_empty])
+        cells = cells[:, ~is_empty & ~is_monotone]
         if not cells.size:
             break
-    turning = _changes(*cells[4:])
-    parts.append(cells[:4, ~turning])
-    a, b, fa, fb, falls, rises = cells[:, turning]
-    tops, _ = bracketed_zeros(lambda x, _: function(x)[1], a, b, falls, rises)
-    top_value, _ = function(tops)
-    apart = np.abs(top_value) > floor
-    sides = np.stack([(a, tops, fa, top_value), (tops, b, top_value, fb)])
-    parts += [*sides[:, :, apart]]
-    tops = tops[~apart]
-    a, b, fa, fb = np.concatenate(parts, axis=1)
 
-    def near(x: Floats, _: Indices) -> Floats:
-        there = function(x)[0]
-        return np.where(np.abs(there) < ROUNDED * floor, 0.0, there)
+    # The remaining cells contain one extremum or none. A cell is cut at its extremum, or
+    # the extremum is a double zero.
+    has_extremum = _change_sign(*cells[4:])
+    brackets.append(cells[:4, ~has_extremum])
+    a, b, value_a, value_b, slope_a, slope_b = cells[:, has_extremum]
+    extrema, _ = find_bracketed_zeros(lambda x, _: function(x)[1], a, b, slope_a, slope_b)
+    extreme_values, _ = function(extrema)
+    is_nonzero = np.abs(extreme_values) > floor
+    left_parts = np.stack([a, extrema, value_a, extreme_values])
+    right_parts = np.stack([extrema, b, extreme_values, value_b])
+    brackets.append(left_parts[:, is_nonzero])
+    brackets.append(right_parts[:, is_nonzero])
+    double_zeros = extrema[~is_nonzero]
 
-    signed = _changes(fa, fb)
-    simple, _ = bracketed_zeros(near, a[signed], b[signed], fa[signed], fb[signed], EPS)
-    ends, rise = grid[[0, -1]], np.abs(slope[[0, -1]])
-    edge = np.abs(value[[0, -1]]) <= floor
-    bend = np.abs(np.diff(slope)[[0, -1]] / np.diff(grid)[[0, -1]])
-    touched = edge & (rise**2 <= 2.0 * floor * bend)
-    way = (rise + np.sqrt(rise**2 + 2.0 * floor * bend)) / np.maximum(bend, tiny)
-    places = np.concatenate([tops, simple])
-    far = np.all(~touched | (np.abs(places[:, None] - ends) > way), axis=1)
-    double = np.append((np.arange(len(places)) < len(tops))[far], touched[edge])
-    places = np.append(places[far], ends[edge])
-    return Zeros.apart(places, double, SAME * (grid[-1] - grid[0]))
+    def flattened_function(x: Floats, _: Indices) -> Floats:
+        # Near a zero of high order the function is below the rounding errors in a wide
+        # range, and no bracket would become narrow. There it counts as exactly zero.
+        value = function(x)[0]
+        return np.where(np.abs(value) < EXACT_ZERO_RATIO * floor, 0.0, value)
+
+    a, b, value_a, value_b = np.concatenate(brackets, axis=1)
+    changes = _change_sign(value_a, value_b)
+    simple_zeros, _ = find_bracketed_zeros(
+        flattened_function,
+        a[changes],
+        b[changes],
+        value_a[changes],
+        value_b[changes],
+        tolerance=EPS,
+    )
+
+    places = np.concatenate([double_zeros, simple_zeros])
+    double = np.arange(len(places)) < len(double_zeros)
+    return _add_end_zeros(places, double, grid, values, slopes, floor)
 
 
-def _halved(function: Function, cells: Floats) -> tuple[Floats, Floats]:
-    """Return both halves of cells, and how far their polynomials were from the middle.
+def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
+    """Return whether cells (n,) contain no zero, and whether the function is monotone.
 
-    A cell (6, n) has its ends a, b, then the values at a and b, then the slopes.
+    A cubic polynomial is enclosed by its Bernstein coefficients, and its derivative by
+    their differences. Both have to exceed the margin, which covers the error of the
+    polynomial, all with the same sign.
     """
-    a, b, fa, fb, da, db = cells
+    a, b, value_a, value_b, slope_a, slope_b = cells
+    third = (b - a) / 3.0
+    coefficients = np.stack(
+        [value_a, value_a + third * slope_a, value_b - third * slope_b, value_b]
+    )
+    differences = np.diff(coefficients, axis=0)
+    is_empty = np.all(coefficients > margin, axis=0) | np.all(
+        coefficients < -margin, axis=0
+    )
+    is_monotone = np.all(differences > margin, axis=0) | np.all(
+        differences < -margin, axis=0
+    )
+    return is_empty, is_monotone
+
+
+def _add_end_zeros(
+    places: Floats,
+    double: Bools,
+    grid: Floats,
+    values: Floats,
+    slopes: Floats,
+    floor: float,
+) -> Zeros:
+    """Return the zeros inside a range together with those at its two ends.
+
+    Near an end where the function touches zero, rounding may have produced zeros of the
+    parabola through the end. They are replaced by one double zero at the end.
+
+    Parameters
+    ----------
+    places, double
+        (k,) zeros inside the range, in any order, and whether they are double.
+    grid, values, slopes
+        (n,) positions, values and derivatives of the function.
+    floor
+        Values up to this size count as zero at an extremum.
+    """
+    ends = grid[[0, -1]]
+    end_slopes = np.abs(slopes[[0, -1]])
+    is_zero = np.abs(values[[0, -1]]) <= floor
+    curvature = np.abs(np.diff(slopes)[[0, -1]] / np.diff(grid)[[0, -1]])
+    # The extremum of the parabola through an end differs from its end value by
+    # slope^2 / (2 curvature). If that is below the floor, the zero is double.
+    is_touching = is_zero & (end_slopes**2 <= 2.0 * floor * curvature)
+    # Within this distance of the end the parabola is below the floor.
+    reach = end_slopes + np.sqrt(end_slopes**2 + 2.0 * floor * curvature)
+    reach /= np.maximum(curvature, np.finfo(float).tiny)
+    distance = np.abs(places[:, None] - ends)
+    is_separate = np.all(~is_touching | (distance > reach), axis=1)
+    return Zeros.merge(
+        np.append(places[is_separate], ends[is_zero]),
+        np.append(double[is_separate], is_touching[is_zero]),
+        SAME_ZERO_RATIO * (grid[-1] - grid[0]),
+    )
+
+
+def _halve_cells(function: DifferentiableFunction, cells: Floats) -> tuple[Floats, Floats]:
+    """Return the halves of cells, and the error of the polynomials.
+
+    Parameters
+    ----------
+    function
+        Values and derivatives at positions.
+    cells
+        (6, n) ends a and b, values at a and b, slopes at a and b.
+
+    Returns
+    -------
+    halves
+        (6, 2 n) the left halves of all cells, then the right halves.
+    error
+        (2 n,) difference between the function and the Hermite polynomial at the middle of
+        the cell to which a half belonged.
+    """
+    a, b, value_a, value_b, slope_a, slope_b = cells
     middle = 0.5 * (a + b)
     value, slope = function(middle)
-    error = np.abs(0.5 * (fa + fb) + (b - a) * (da - db) / 8.0 - value)
-    left = np.stack([a, middle, fa, value, da, slope])
-    right = np.stack([middle, b, value, fb, slope, db])
+    hermite_value = 0.5 * (value_a + value_b) + (b - a) * (slope_a - slope_b) / 8.0
+    error = np.abs(hermite_value - value)
+    left = np.stack([a, middle, value_a, value, slope_a, slope])
+    right = np.stack([middle, b, value, value_b, slope, slope_b])
     return np.concatenate([left, right], axis=1), np.tile(error, 2)
 
 
-def _changes(one: Floats, other: Floats) -> Bools:
-    return (one >= 0.0) != (other >= 0.0)
+def _change_sign(first: Floats, second: Floats) -> Bools:
+    """Return whether one of two numbers is negative and the other one is not."""
+    return (first >= 0.0) != (second >= 0.0)

@@ -16,7 +16,7 @@ from spherekit.errors import CountError
 from spherekit.geometry.triangle import frame_from, frame_toward, perpendicular
 from spherekit.mechanism.joint import revolutes
 from spherekit.numerics.angles import wrap
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.outputs.dyad_chain import Dyads, Signs
 from spherekit.outputs.virtual_output import VirtualOutputChain
 from spherekit.outputs.working_mode import Fraction, PosedMode
@@ -132,7 +132,7 @@ class DyadsWithClosingLink:
         def gap(turn: Floats, some: Indices) -> Floats:
             return self.gap(self.place(directions[:, row[some]], turn, signs))
 
-        turns, _ = bracketed_zeros(gap, *ends)
+        turns, _ = find_bracketed_zeros(gap, *ends)
         held = np.abs(gap(turns, np.arange(len(row)))) < CLOSED
         row = row[held]
         turns = wrap(turns[held])
@@ -171,7 +171,7 @@ class DyadsWithClosingLink:
 
         one = np.ones(len(odd))
         way = np.where(reached[odd], spacing, -spacing)
-        _, last = bracketed_zeros(unlike, start, start + way, -one, one)
+        _, last = find_bracketed_zeros(unlike, start, start + way, -one, one)
         row = np.insert(row, odd + 1, row[odd])
         turn = np.insert(turn, odd + 1, last)
         gap = np.insert(gap, odd + 1, self.gap(self.place(some, last, signs)))

@@ -23,7 +23,7 @@ from spherekit.geometry.rotation import all_finite, max_abs, unit_rows
 from spherekit.geometry.tilt_torsion import rotation
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.mechanism import chosen_output
-from spherekit.numerics.minima import least_within
+from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.rotation_path import (
     LEAPS,
     STATIONARY,
@@ -137,7 +137,7 @@ class FollowedRotation(Way):
         beside = np.pad(held, 1, constant_values=np.inf)
         low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
         ends = marks[np.clip([low - 1, low + 1], 0, MARKS - 1)]
-        places = least_within(self._held, *ends)
+        places = minimize_in_brackets(self._held, *ends)
         lost = places[~(self._held(places) > SINGULAR_RATIO)]
         apart = np.abs(lost[:, None] - np.array(self.leaps)) > LEAPS[-1]
         places = np.concatenate([self.leaps, lost[np.all(apart, axis=1)]])

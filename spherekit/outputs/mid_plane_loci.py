@@ -22,7 +22,7 @@ from spherekit.geometry.rotation import all_finite, cross, nans, unit_rows
 from spherekit.geometry.sphere_mesh import hemisphere, list_edges
 from spherekit.geometry.triangle import arc
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.connectivity import order_chains
 from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.outputs.mid_plane_symmetry import mid_plane_form
@@ -127,7 +127,7 @@ class _Modes:
         def between(part: Floats, rows: Indices) -> Floats:
             return unit_rows(low[rows] + part[:, None] * (high - low)[rows])
 
-        part, _ = bracketed_zeros(
+        part, _ = find_bracketed_zeros(
             lambda x, rows: function(between(x, rows)),
             np.zeros(len(low)),
             np.ones(len(low)),

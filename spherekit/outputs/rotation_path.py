@@ -36,8 +36,8 @@ from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
-from spherekit.numerics.hermite import hermite
-from spherekit.numerics.minima import least_within
+from spherekit.numerics.hermite import quintic_hermite
+from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.positions.linearisation import Linearisation, left_inverse
 from spherekit.positions.loop_closure import Closure, newton
 from spherekit.positions.path_continuation import STEP_PARTS, Verification
@@ -354,7 +354,7 @@ class Nodes(ArrayRows):
             (self.values[c], self.first[c], self.second[c]) for c in (cell, cell + 1)
         )
         h = np.diff(self.theta)[cell]
-        made = hermite(start, stop, h, (theta - self.theta[cell]) / h)
+        made = quintic_hermite(start, stop, h, (theta - self.theta[cell]) / h)
         return made, np.maximum(h, max_abs(stop[0] - start[0], axis=1))
 
 
@@ -455,7 +455,7 @@ class Way:
                 system = self.target.at(both.between(theta)[0], np.eye(3)[None]).system
                 return np.asarray(np.linalg.svd(system, compute_uv=False)[:, -1])
 
-            place = least_within(hold, at.theta, goal)
+            place = minimize_in_brackets(hold, at.theta, goal)
             if hold(place)[0] < SINGULAR * np.min(hold(both.theta)):
                 return node, float(place[0])
         return None

@@ -21,7 +21,7 @@ from spherekit.errors import SolveError
 from spherekit.files.time_law import Cycloidal, Law, Polynomial
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
-from spherekit.numerics.zeros import zeros
+from spherekit.numerics.zeros import find_zeros
 from spherekit.outputs.fixed_axis_rotation import RotationSamples, within
 from spherekit.status import Status
 from spherekit.wording import listing, nearest
@@ -220,7 +220,11 @@ def time_optimal(
     if not np.any(np.isfinite(limits)):
         raise SolveError("a schedule needs a limit of speed or of acceleration")
     fitted = PiecewiseChebyshev.fit(
-        lambda part: _moved(rotation, law, part)[1], 0.0, 1.0, TOLERANCE, most=MOST_CELLS
+        lambda part: _moved(rotation, law, part)[1],
+        0.0,
+        1.0,
+        TOLERANCE,
+        max_cells=MOST_CELLS,
     )
 
     places = np.array([_place_of_largest(fitted, k) for k in range(2 * count)])
@@ -292,10 +296,12 @@ def _place_of_largest(fitted: PiecewiseChebyshev, number: int) -> float:
     slope, bend = fitted.derivative, fitted.derivative.derivative
 
     def rate(x: Floats) -> tuple[Floats, Floats]:
-        return slope.at(x)[:, number], bend.at(x)[:, number]
+        return slope.evaluate(x)[:, number], bend.evaluate(x)[:, number]
 
-    places = np.append(fitted.edges, zeros(rate, fitted.grid(PARTS)).places)
-    return float(places[np.argmax(np.abs(fitted.at(places)[:, number]))])
+    places = np.append(
+        fitted.edges, find_zeros(rate, fitted.spread_positions(PARTS)).places
+    )
+    return float(places[np.argmax(np.abs(fitted.evaluate(places)[:, number]))])
 
 
 def _moved(

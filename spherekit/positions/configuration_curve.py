@@ -17,8 +17,8 @@ from spherekit.conventions import TURN
 from spherekit.errors import SolveError
 from spherekit.geometry.arc_length import ArcLength, integrated
 from spherekit.geometry.rotation import all_finite, max_abs, nans
-from spherekit.numerics.hermite import hermite
-from spherekit.numerics.zeros import Zeros, zeros
+from spherekit.numerics.hermite import quintic_hermite
+from spherekit.numerics.zeros import Zeros, find_zeros
 from spherekit.positions.curve_segment import (
     LARGEST_MISS,
     CurvePoints,
@@ -53,7 +53,7 @@ def between(starts: CurvePoints, stops: CurvePoints, along: Floats) -> Floats:
         swing = np.vecdot(points.bends, e)[:, None]
         return points.values, slope, (points.bends - slope * swing) / speed**2
 
-    return hermite(end(starts), end(stops), chords, along)
+    return quintic_hermite(end(starts), end(stops), chords, along)
 
 
 @dataclass(frozen=True)
@@ -241,8 +241,8 @@ class ArcCurve(Chords):
         """
         if variable is not None and self.rests(variable):
             return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
-        roots = zeros(lambda s: function(self.at(s)), self.s)
-        return roots.once(self.length) if self.closed else roots
+        roots = find_zeros(lambda s: function(self.at(s)), self.s)
+        return roots.merge_seam(self.length) if self.closed else roots
 
     def dead_points(self, variable: int) -> Zeros:
         """Return all s at which a variable stands still: dv/ds = 0.

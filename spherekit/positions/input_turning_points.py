@@ -22,7 +22,7 @@ from spherekit.arrays import Complexes, Floats
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.mechanism.joint import revolute
-from spherekit.numerics.sign_changes import MOST_CELLS, crossings
+from spherekit.numerics.sign_changes import MAX_CELLS, find_sign_changes
 from spherekit.positions.arc_equations import GroupGeometry
 from spherekit.positions.curve_crossing import Crossing
 from spherekit.positions.elimination_order import EliminationOrder, find_elimination_orders
@@ -291,7 +291,7 @@ def input_turning_points(
         return InputTurningPoints(low, high, np.zeros(0), np.array([[low, high]]))
     if not meetings.groups:  # an open chain has one mode
         return InputTurningPoints(low, high, np.zeros(0), np.zeros((0, 2)))
-    most = int(np.clip(most_time / (36.0 * meetings.cost), 12, MOST_CELLS))
+    most = int(np.clip(most_time / (36.0 * meetings.cost), 12, MAX_CELLS))
     working = ProgressReporter("looking for the inputs at which modes meet")
     per_group = []
     for part in range(len(meetings.groups)):
@@ -301,7 +301,7 @@ def input_turning_points(
             return meetings(part, q)
 
         per_group.append(
-            crossings(function, low, high, most, SMOOTH / meetings.modes(part))
+            find_sign_changes(function, low, high, most, SMOOTH / meetings.modes(part))
         )
     places, doubtful = (np.concatenate(parts) for parts in zip(*per_group, strict=True))
     doubtful = doubtful[np.argsort(doubtful[:, 0])]

@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.geometry.rotation import all_finite, max_abs, nans
-from spherekit.numerics.hermite import cubic
+from spherekit.numerics.hermite import cubic_hermite
 from spherekit.positions.curve_crossing import ways_out
 from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.loop_closure import Closure
@@ -62,7 +62,7 @@ class ModeCurve:
         k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, len(self.inputs) - 2)
         h = (self.inputs[k + 1] - self.inputs[k])[:, None]
         start, stop = ((self.values[end], self.slopes[end]) for end in (k, k + 1))
-        out = cubic(start, stop, h, (q - self.inputs[k])[:, None] / h)
+        out = cubic_hermite(start, stop, h, (q - self.inputs[k])[:, None] / h)
         return out, max_abs(stop[0] - start[0], axis=1)
 
     def at(self, q: Floats, rows: Indices | None) -> Predicted:

@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.rotation import max_abs
-from spherekit.numerics.least_squares import descent
+from spherekit.numerics.least_squares import minimize_squares
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.pair_states import penetrates, rolled_lengths
 from spherekit.progress import ProgressReporter
@@ -149,7 +149,7 @@ def damped(
         at = closure.take(rows).at(whole)
         return at.residual.copy(), at.jacobian[:, :, free]
 
-    values[:, free], squares = descent(gaps, values[:, free], least, most, CLOSE)
+    values[:, free], squares = minimize_squares(gaps, values[:, free], least, most, CLOSE)
     return values, squares < CLOSE**2
 
 

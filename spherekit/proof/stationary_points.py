@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.numerics.angles import wrap
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.proof.arc_equations import Equations
 from spherekit.proof.balls import circle
 from spherekit.proof.chains import Chain, _ahead
@@ -200,7 +200,7 @@ def _place(
         return beyond * (np.zeros(1) if made is None else made[0][variable, :1])
 
     one = np.ones(1)
-    (part,), _ = bracketed_zeros(rate, 0.0 * one, one, -one, one, ROUNDING)
+    (part,), _ = find_bracketed_zeros(rate, 0.0 * one, one, -one, one, ROUNDING)
     start, end, width = piece, goal, NEAREST
     while width < length and (start is piece or end is goal):
         for side in (1, -1):

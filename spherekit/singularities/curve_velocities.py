@@ -11,7 +11,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.numerics.zeros import zeros
+from spherekit.numerics.zeros import find_zeros
 from spherekit.planning.pole_plan import Plan, Pole
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_segment import bordered, bordered_condition
@@ -204,9 +204,9 @@ class AlongCurve:
             w, dw = self.at(s).relative(*pole)
             return w @ ASIDE, dw @ ASIDE
 
-        rests = zeros(component, curve.s)
+        rests = find_zeros(component, curve.s)
         if curve.closed:
-            rests = rests.once(curve.length)
+            rests = rests.merge_seam(curve.length)
         s, double = rests.places, rests.double
         for _ in range(SETTLING):
             w, dw = self.at(s).relative(*pole)

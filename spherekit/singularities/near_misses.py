@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.numerics.minima import minima
+from spherekit.numerics.minima import find_local_minima
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.sampled_singularities import SampledSingularities
@@ -143,7 +143,7 @@ def local_least(
     def square(s: Floats) -> Floats:
         return np.sin(angles(s)) ** 2
 
-    places, squares = minima(square, grid, limit**2)
+    places, squares = find_local_minima(square, grid, limit**2)
     if curve.closed:
         lap = (places >= grid[1]) & (places < grid[1] + curve.length)
         places = np.mod(places[lap], curve.length)

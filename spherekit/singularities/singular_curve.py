@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.rotation import max_abs
-from spherekit.numerics.bracketed_zeros import bracketed_zeros
+from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.positions.configuration_curve import NEAR, Chords
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.singularities.slices import LocusPoints, SingularityLocus
@@ -112,7 +112,7 @@ class SingularCurve:
         value[-1] = function(self.on(np.array([len(value) - 2]), np.ones(1)))[0]
         clear = np.maximum(np.abs(value[:-1]), np.abs(value[1:])) > NOTHING
         (which,) = np.nonzero(clear & ((value[:-1] >= 0.0) != (value[1:] >= 0.0)))
-        part, _ = bracketed_zeros(
+        part, _ = find_bracketed_zeros(
             lambda x, some: function(self.on(which[some], x)),
             np.zeros(len(which)),
             np.ones(len(which)),

@@ -1,4 +1,4 @@
-"""Expressions as a function of arrays, compiled or run by NumPy."""
+"""The choice between compiled and interpreted evaluation of expressions."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,7 +19,23 @@ def term_function(
     number: type[Any] = float,
     compact: bool = False,
 ) -> TermFunction:
-    """Return expressions as a function; there is nothing to compile where none is."""
+    """Return a function of arrays that evaluates expressions.
+
+    Parameters
+    ----------
+    outputs
+        The expressions to evaluate.
+    inputs
+        The variables, in the order of the rows of the argument.
+    compiled
+        Whether heyoka compiles the expressions. Otherwise NumPy evaluates them operation by
+        operation. Without outputs there is nothing to compile, and NumPy is used.
+    number
+        Number type in which to compute.
+    compact
+        Whether heyoka writes shorter code, which compiles faster and runs more slowly.
+        NumPy ignores it.
+    """
     if compiled and outputs:
         return compile_function(outputs, inputs, compact, number)
     return array_function(outputs, inputs, number)

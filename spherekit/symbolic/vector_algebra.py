@@ -1,7 +1,7 @@
-"""Vectors and matrices whose entries are expressions.
+"""Vectors and matrices whose entries are symbolic expressions.
 
-Arrays are NumPy object arrays of numbers and expressions. Terms drop products with 0 and
-1 and share what occurs twice, so nothing is simplified here.
+They are NumPy object arrays of numbers and expressions. Nothing is simplified here, because
+the expressions themselves drop products with 0 and 1 and share equal parts.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,15 +16,22 @@ from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, funct
 Exprs = NDArray[np.object_]
 """An array of numbers and expressions."""
 
-SNAP = 1e-15
-"""A direction cosine this near to 0, 1 or -1 is that number; it is so up to rounding."""
+EXACT_COSINE_TOLERANCE = 1e-15
+"""A direction cosine this close to 0, 1 or -1 differs from that number by rounding only.
+
+Smaller: rounding errors such as 6e-17 remain, and products with them are computed. Larger:
+small but real angles are lost.
+"""
+
+ROTATION_SWEEPS = 5
+"""Sweeps over all pairs of three columns after which they are orthogonal up to rounding."""
 
 
 def vector(items: Sequence[Expr]) -> Exprs:
-    """Return an array of expressions."""
-    made = np.empty(len(items), dtype=object)
-    made[:] = items
-    return made
+    """Return a one-dimensional array of expressions."""
+    entries = np.empty(len(items), dtype=object)
+    entries[:] = items
+    return entries
 
 
 def vector_sum(parts: Iterable[Exprs]) -> Exprs:
@@ -33,70 +40,88 @@ def vector_sum(parts: Iterable[Exprs]) -> Exprs:
 
 
 def constants(matrix: Floats | Exprs) -> Exprs:
-    """Return numbers as entries, those within rounding of 0, 1, -1 made exact."""
-    made: Exprs = np.array(matrix, dtype=object)
-    for index, item in np.ndenumerate(made):
+    """Return numbers as entries, with those close to 0, 1 or -1 made exact.
+
+    Exact entries let the products with 0 and 1 be dropped. Expressions are not changed.
+    """
+    entries: Exprs = np.array(matrix, dtype=object)
+    for index, item in np.ndenumerate(entries):
         if not isinstance(item, ExpressionNode):
-            near = round(float(item)) + 0.0
-            made[index] = near if abs(item - near) < SNAP else float(item)
-    return made
+            nearest_integer = round(float(item)) + 0.0
+            is_exact = abs(item - nearest_integer) < EXACT_COSINE_TOLERANCE
+            entries[index] = nearest_integer if is_exact else float(item)
+    return entries
 
 
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
-    """Return a determinant by expansion along rows, each minor formed once."""
+    """Return the determinant of a square matrix by expansion along rows.
+
+    Each minor is formed once. For the last k rows it is identified by its k columns.
+    """
     minors: dict[tuple[int, ...], Expr] = {(): 1.0}
 
-    def minor(columns: tuple[int, ...]) -> Expr:
+    def form_minor(columns: tuple[int, ...]) -> Expr:
         if columns not in minors:
             row = rows[len(rows) - len(columns)]
             total: Expr = 0.0
-            for place, column in enumerate(columns):
+            for position, column in enumerate(columns):
                 if row[column] == 0.0:
                     continue
-                term = row[column] * minor(columns[:place] + columns[place + 1 :])
-                total = total + term if place % 2 == 0 else total - term
+                other_columns = columns[:position] + columns[position + 1 :]
+                term = row[column] * form_minor(other_columns)
+                total = total + term if position % 2 == 0 else total - term
             minors[columns] = total
         return minors[columns]
 
-    return minor(tuple(range(len(rows))))
+    return form_minor(tuple(range(len(rows))))
 
 
 def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
-    """Return the cofactors of a square matrix: the signed minors without row and column."""
-    places = range(len(rows))
+    """Return the cofactors of a square matrix, in the arrangement of its entries.
 
-    def cofactor(i: int, j: int) -> Expr:
-        rest = [[rows[a][b] for b in places if b != j] for a in places if a != i]
-        return (-1.0) ** (i + j) * determinant(rest)
+    The cofactor of entry (i, j) is the determinant without row i and column j, with the
+    sign (-1)^(i + j).
+    """
+    indices = range(len(rows))
 
-    return [[cofactor(i, j) for j in places] for i in places]
+    def form_cofactor(i: int, j: int) -> Expr:
+        remaining = [
+            [rows[row][column] for column in indices if column != j]
+            for row in indices
+            if row != i
+        ]
+        return (-1.0) ** (i + j) * determinant(remaining)
 
-
-SWEEPS = 5
-"""Rounds of rotations after which three columns are at right angles, to rounding."""
+    return [[form_cofactor(i, j) for j in indices] for i in indices]
 
 
 def singular_values(columns: Sequence[Exprs]) -> list[Expr]:
-    """Return the singular values of a matrix of two or three columns, the largest first.
+    """Return the singular values of a matrix with two or three columns, the largest first.
 
-    By rotations that bring two columns at a time to right angles, the longer one first
-    (Hestenes 1958), as often as it takes.
+    One-sided Jacobi rotations (Hestenes 1958) make two columns at a time orthogonal, with
+    the longer one first. The lengths of the final columns are the singular values. The
+    number of rotations is fixed, so that the result is one expression. Two columns take
+    one rotation.
     """
     columns = [*columns]
     pairs = [*combinations(range(len(columns)), 2)]
-    for one, other in pairs * (SWEEPS if len(pairs) > 1 else 1):
-        a, b = columns[one], columns[other]
+    sweeps = ROTATION_SWEEPS if len(pairs) > 1 else 1
+    for first, second in pairs * sweeps:
+        a = columns[first]
+        b = columns[second]
         angle = 0.5 * function("atan2", 2.0 * dot(a, b), dot(a, a) - dot(b, b))
-        c, s = cosine(angle), sine(angle)
-        columns[one], columns[other] = a * c + b * s, b * c - a * s
+        c = cosine(angle)
+        s = sine(angle)
+        columns[first] = a * c + b * s
+        columns[second] = b * c - a * s
     return [function("sqrt", dot(column, column)) for column in columns]
 
 
 def sine(angle: Expr) -> Expr:
-    """Return the sine of a number or a term."""
+    """Return the sine of a number or an expression (rad)."""
     return angle.sin() if isinstance(angle, ExpressionNode) else float(np.sin(angle))
 
 
 def cosine(angle: Expr) -> Expr:
-    """Return the cosine of a number or a term."""
+    """Return the cosine of a number or an expression (rad)."""
     return angle.cos() if isinstance(angle, ExpressionNode) else float(np.cos(angle))

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.geometry.rotation import all_finite
-from spherekit.numerics.hermite import cubic
+from spherekit.numerics.hermite import cubic_hermite
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.velocities.pole_field import PoleField, axis_pairs
@@ -256,7 +256,7 @@ def _flips(path: Path) -> Floats:
     start, stop = (
         (v[:, None, end], np.nan_to_num(dv[:, None, end])) for end in (gap, gap + 1)
     )
-    path = cubic(start, stop, h, t)
+    path = cubic_hermite(start, stop, h, t)
     # Rounding must not decide which way what is nearly zero at an end points there.
     path[:, 0], path[:, -1] = start[0][:, 0], stop[0][:, 0]
     turns = np.sum(path[:, 1:] * path[:, :-1], axis=0)
