@@ -214,7 +214,7 @@ def test_whole_motions_have_their_rows_replaced(monkeypatch):
     The row that is off most is then the last one that is verified, several turns on.
     """
     drift = 1e-9
-    right = sampling.continued
+    right = sampling.continue_angles
     path = np.linspace(0.0, -25.0, 160)[:, None]
     result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
     verdict, sound = result.summary["verified"], result.frame()
@@ -227,7 +227,7 @@ def test_whole_motions_have_their_rows_replaced(monkeypatch):
         angles = right(motion, *how)
         return {name: angle + drift * motion.sample for name, angle in angles.items()}
 
-    monkeypatch.setattr(sampling, "continued", drifting)
+    monkeypatch.setattr(sampling, "continue_angles", drifting)
     result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
     verdict = result.summary["verified"]
     assert "risen.rise" in verdict["beyond"]
