@@ -35,10 +35,18 @@ from spherekit.wording import listing
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
 """Smallest tolerance of each engine; below, rounding decides."""
 
-TIGHTER = 1e-2
+CHECK_TOLERANCE_RATIO = 1e-2
+"""Tolerance of the simulation that checks another one, relative to the tolerance of that.
 
-QUICKER = 200.0
-"""How many times as quick as NumPy the compiled engine solves, compiling left out."""
+Larger: the error is estimated less reliably. Smaller: checks take longer.
+"""
+
+COMPILED_SPEEDUP = 200.0
+"""Ratio of the solving times of NumPy and the compiled engine, without compiling.
+
+Larger: short simulations are compiled although NumPy would finish sooner. Smaller: long
+ones are compiled too late.
+"""
 
 
 @checked(SolveError)
@@ -74,7 +82,7 @@ def simulate(
         such as ``"10*sin(2*t) - dtheta_21"``, or a function f(t, q, dq) of the time and of
         the input's variable and rate, which the NumPy engine calls. Of several inputs a
         mapping from their names; an input without a torque turns freely.
-    input_pair, assembly mode
+    input_pair, assembly_mode
         The driven R pairs, by default the inputs; the assembly mode at the start.
     tolerance
         Error of the pair variables (rad) aimed at. Steps are made for it; motions that
@@ -168,7 +176,7 @@ def _checked(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
     made_for = min(tolerance, MAX_STEP_TOLERANCE) if engine == "compiled" else tolerance
     least = 0.1 * LEAST[engine]
     while True:
-        tighter = max(TIGHTER * made_for, least)
+        tighter = max(CHECK_TOLERANCE_RATIO * made_for, least)
         tight = _solved(problem, tighter, engine)
         error = _difference(simulation, tight)
         simulation = replace(simulation, error=error, tolerance=tolerance)
@@ -229,7 +237,7 @@ def _cheaper(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
             left = solver.left
             if left is None:
                 continue
-            now = {"numpy": left, "compiled": compiling + left / QUICKER}
+            now = {"numpy": left, "compiled": compiling + left / COMPILED_SPEEDUP}
             forecast = forecast or now
             if now["compiled"] < left:
                 why = EXPECTED.format(**now)
@@ -252,17 +260,30 @@ def _cheaper(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
     return solver.simulation(why, forecast)
 
 
-PLACES = 8
-"""Places in each step at which contacts are looked at."""
+CONTACT_PROBES = 8
+"""Places in each step at which the pushes of contacts are computed.
 
-PULLS = 1e-9
-FIRST = 8
-"""A contact pulls where it does so by more than this part of the largest reaction until
-then, and in so many first steps."""
+Smaller: a contact that lifts off for a short time is missed. Larger: more time.
+"""
+
+MAX_RELATIVE_PULL = 1e-9
+"""Largest pull of a contact that counts as rounding, relative to the largest reaction.
+
+Larger: contacts lift off late. Smaller: rounding ends simulations.
+"""
+
+FIRST_STEPS = 8
+"""Steps whose largest reaction is the least to which pulls are compared.
+
+Smaller: if a mechanism starts without reactions, their rounding ends the simulation.
+"""
+
+LIFT_OFF_TOLERANCE_S = 1e-14
+"""Tolerance of the time at which a contact lifts off."""
 
 
 def until_lift_off(simulation: Simulation) -> Simulation:
-    """Return a simulation as far as all one-sided contacts press.
+    """Return a simulation up to the time at which a one-sided contact would have to pull.
 
     Raises
     ------
@@ -270,27 +291,35 @@ def until_lift_off(simulation: Simulation) -> Simulation:
         If one would have to pull from the start.
     """
     mechanism = simulation.mechanism
-    pairs = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
-    if not pairs:
+    one_sided = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
+    if not one_sided:
         return simulation
     path = simulation.path
-    t = (path.starts[:, None] + np.arange(PLACES) / PLACES * path.lengths[:, None]).ravel()
+    fractions = np.arange(CONTACT_PROBES) / CONTACT_PROBES
+    t = (path.starts[:, None] + fractions * path.lengths[:, None]).ravel()
     t = np.append(t[t < simulation.end.t], simulation.end.t)
 
-    def pushes(t: Floats) -> tuple[Floats, Floats]:
+    def compute_pushes(t: Floats) -> tuple[Floats, Floats]:
+        """Return pushes (n, contacts) and the largest reaction (n,) at times t, N m."""
         moments = simulation.moments(t).moments
-        return moments[:, pairs, 0], np.fmax.reduce(np.abs(moments), axis=(1, 2))
+        return moments[:, one_sided, 0], np.fmax.reduce(np.abs(moments), axis=(1, 2))
 
-    blocks = np.array_split(t, 1 + len(t) // BLOCK)
-    push, sizes = map(np.concatenate, zip(*map(pushes, blocks), strict=True))
-    largest = np.fmax.accumulate(sizes)
-    largest = np.maximum(largest, largest[: FIRST * PLACES][-1])
-    rows = np.flatnonzero(np.any(push < -PULLS * largest[:, None], axis=1))
-    if not len(rows):
+    pushes_of_blocks = []
+    reactions_of_blocks = []
+    for block in np.array_split(t, 1 + len(t) // BLOCK):
+        block_pushes, block_reactions = compute_pushes(block)
+        pushes_of_blocks.append(block_pushes)
+        reactions_of_blocks.append(block_reactions)
+    pushes = np.concatenate(pushes_of_blocks)
+    largest = np.fmax.accumulate(np.concatenate(reactions_of_blocks))
+    largest = np.maximum(largest, largest[: FIRST_STEPS * CONTACT_PROBES][-1])
+    is_pulling = np.any(pushes < -MAX_RELATIVE_PULL * largest[:, None], axis=1)
+    pulling_rows = np.flatnonzero(is_pulling)
+    if not len(pulling_rows):
         return simulation
-    row = rows[0]
-    which = np.argmin(push[row])
-    name = mechanism.pairs[pairs[which]].name
+    row = pulling_rows[0]
+    contact = np.argmin(pushes[row])
+    name = mechanism.pairs[one_sided[contact]].name
     if row == 0:
         raise SolveError(
             f"{mechanism.name}: contact {name} would have to pull at the start, and is "
@@ -298,18 +327,21 @@ def until_lift_off(simulation: Simulation) -> Simulation:
         )
     from scipy.optimize import brentq
 
-    when = float(t[row - 1])
-    if push[row - 1, which] > 0.0:
-        when = brentq(
-            lambda x: pushes(np.array([x]))[0][0, which], when, t[row], xtol=1e-14
+    lift_off_time = float(t[row - 1])
+    if pushes[row - 1, contact] > 0.0:
+        lift_off_time = brentq(
+            lambda x: compute_pushes(np.array([x]))[0][0, contact],
+            lift_off_time,
+            t[row],
+            xtol=LIFT_OFF_TOLERANCE_S,
         )
     end = SimulationEnd(
         "lift_off",
-        when,
+        lift_off_time,
         f"contact {name} lifts off: it would have to pull to keep its links together; "
         "press it with a spring, or move more slowly",
     )
-    inputs = tuple(simulation.at([when]).inputs[0].tolist())
-    events = [event for event in simulation.events if event.t <= when]
-    events.append(Event("lift_off", when, inputs, name))
+    inputs = tuple(simulation.at([lift_off_time]).inputs[0].tolist())
+    events = [event for event in simulation.events if event.t <= lift_off_time]
+    events.append(Event("lift_off", lift_off_time, inputs, name))
     return replace(simulation, events=tuple(events), end=end)

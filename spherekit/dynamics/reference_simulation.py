@@ -33,7 +33,7 @@ def reference_simulation(
 
     Parameters
     ----------
-    mechanism, start, until, torque, input_pair, assembly mode
+    mechanism, start, until, torque, input_pair, assembly_mode
         See `spherekit.dynamics.forward_dynamics.simulate`.
     arithmetic
         By default of 20 digits; `Digits(n)` for n digits.
