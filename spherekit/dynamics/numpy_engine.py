@@ -367,14 +367,28 @@ class Collocation:
     def _inverse(
         self, t: Floats, states: Floats, rates: Floats, length: float, scale: Floats
     ) -> Floats:
-        """Return what turns misses (N,) of the momentum into corrections."""
-        place = self.equation.variable_count
-        other = states.copy()
-        shift = MOMENTUM_DIFFERENCE * scale[place]
-        other[:, place] += shift
-        slope = (self.equation.state_rates(self._dynamics(t, other)) - rates)[
-            :, place
-        ] / shift
+        """Return the matrix (N, N) of Newton's method for the momenta at N nodes.
+
+        It turns residuals of the collocation equations into corrections of the momenta.
+
+        Parameters
+        ----------
+        t
+            (N,) times of the nodes, s.
+        states, rates
+            (N, states) states at the nodes and their rates.
+        length
+            Length of the step, s.
+        scale
+            (states,) sizes of the state.
+        """
+        momentum = self.equation.variable_count
+        shift = MOMENTUM_DIFFERENCE * scale[momentum]
+        shifted_states = states.copy()
+        shifted_states[:, momentum] += shift
+        shifted_rates = self.equation.state_rates(self._dynamics(t, shifted_states))
+        # The derivative of the momentum's rate by the momentum at each node.
+        slope = (shifted_rates - rates)[:, momentum] / shift
         slope[~np.isfinite(slope)] = 0.0
         return np.linalg.inv(np.eye(NODES) - 0.5 * length * INTEGRAL * slope)
 
@@ -388,9 +402,11 @@ class Collocation:
         largest = max(scale[equation.variable_count], float(max_abs(step.state[momenta])))
         enough = MAX_PROBE_ERROR_RATIO * tolerance * ERROR_DIVISOR * largest / step.length
 
-        def look(_: Indices, x: Floats) -> tuple[Floats, Floats]:
-            t = step.start + x * step.length
-            nearest = np.argmin(np.abs(2.0 * x[:, None] - 1.0 - GAUSS), axis=1)
+        def probe(_: Indices, places: Floats) -> tuple[Floats, Floats]:
+            """Return errors (n,) and steep arguments (n, arguments); see `step_probes`."""
+            t = step.start + places * step.length
+            # The frames are the tangents at the nodes, which are in [-1, 1].
+            nearest = np.argmin(np.abs(2.0 * places[:, None] - 1.0 - GAUSS), axis=1)
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
             dynamics = equation.evaluate(t, step.at(t), frame, self.problem.whole)
             missed = np.abs(dynamics.momentum_rates - step.rate(t)[:, momenta])
@@ -399,7 +415,7 @@ class Collocation:
             )
             return np.max(missed, axis=1) / enough, steep
 
-        return bool(find_first_errors(look, 1)[0] > 1.0)
+        return bool(find_first_errors(probe, 1)[0] > 1.0)
 
     def _noisy(self, step: Step) -> bool:
         """Return whether a step's last coefficients are noise: not smaller than others."""

@@ -209,18 +209,23 @@ class StoredHeading:
 
     @cached_property
     def torques(self) -> list[Expr]:
-        """M x'' + C x' - Q by each coordinate, in terms."""
+        """The driving torque M x'' + C x' - Q for each coordinate, as expressions."""
         m = len(self.by)
-        rates, accelerations = self.motion[:m], self.motion[m : 2 * m]
+        rates = self.motion[:m]
+        accelerations = self.motion[m : 2 * m]
+        # Symmetric matrices are stored row by row to their diagonals.
         first, second = np.tril_indices(m)
-        products = [rates[a] * rates[b] for a, b in zip(first, second, strict=True)]
+        rate_products = [rates[a] * rates[b] for a, b in zip(first, second, strict=True)]
         M = np.empty((m, m), dtype=object)
         M[first, second] = M[second, first] = list(map(self._stored, self.inertia))
         torques = []
-        for i, symbols_of in enumerate(self.christoffel):
-            bends = [half * self._stored(name) for name, half in symbols_of.items()]
-            inert = dot(M[i], accelerations) + dot(bends, products)
-            torques.append(inert - sum((force[i] for force in self.forces), 0.0))
+        for i, factor_by_symbol in enumerate(self.christoffel):
+            symbols_of_row = [
+                factor * self._stored(name) for name, factor in factor_by_symbol.items()
+            ]
+            inertia_torque = dot(M[i], accelerations) + dot(symbols_of_row, rate_products)
+            load_force = sum((force[i] for force in self.forces), 0.0)
+            torques.append(inertia_torque - load_force)
         return torques
 
     def _stored(self, name: str) -> ExpressionNode:

@@ -422,7 +422,7 @@ class TaylorIntegration:
         return steps_tried, end
 
     def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
-        """Add a segment of these steps."""
+        """Add a segment of these steps, and update the largest measure of independence."""
         series = np.array([step.series for step in steps])
         self.segments.append(
             Segment(
