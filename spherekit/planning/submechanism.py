@@ -1,8 +1,9 @@
 """The part of a mechanism on which the relative positions of some links depend.
 
-Groups are solved in order, and a group asks for earlier ones only where two of its pairs
-sit on a body that they made. Going back from the links wanted gives the groups that are
-needed; the pairs of all others can be left out without a change of what is left.
+Groups are placed in solving order. A group needs an earlier group only if two of its pairs
+are on a body that the earlier group has formed. Going back from the requested links
+therefore gives the groups that are needed. All other pairs can be left out, and the
+remaining positions do not change.
 """
 
 from collections.abc import Iterable
@@ -20,30 +21,52 @@ from spherekit.planning.mobility import merge_locked_links
 def moving_pairs(
     mechanism: Mechanism, assembly: Assembly, links: Iterable[int]
 ) -> tuple[int, ...]:
-    """Return the pairs by which these links move relative to each other, in order.
+    """Return the pairs by which some links move relative to each other, rising.
 
-    Those of the groups that place them, and the inputs that these groups and the links
-    themselves are driven by: what is left out moves none of them.
+    These are the pairs of the groups that place the links, and the inputs on which these
+    groups and the links depend. No other pair moves the links relative to each other.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    assembly
+        Its groups in solving order.
+    links
+        Numbers of the links.
     """
-    wanted, inputs = frozenset(links), list(assembly.inputs)
-    groups = placing_groups(mechanism, assembly, wanted)
+    requested_links = frozenset(links)
+    needed_groups = placing_groups(mechanism, assembly, requested_links)
+    needed_inputs = list(assembly.inputs)
     for pair in assembly.inputs:
-        rest = [other for other in inputs if other != pair]
-        if _are_one_body(mechanism, rest, groups, wanted):
-            inputs = rest
-    return tuple(sorted([*inputs, *(pair for group in groups for pair in group.pairs)]))
+        other_inputs = [other for other in needed_inputs if other != pair]
+        if _are_one_body(mechanism, other_inputs, needed_groups, requested_links):
+            needed_inputs = other_inputs
+    group_pairs = [pair for group in needed_groups for pair in group.pairs]
+    return tuple(sorted([*needed_inputs, *group_pairs]))
 
 
 def placing_groups(
     mechanism: Mechanism, assembly: Assembly, links: frozenset[int]
 ) -> list[Group]:
-    """Return the groups that place links relative to each other."""
-    groups = list(assembly.groups)
+    """Return the groups, in solving order, that place links relative to each other.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    assembly
+        Its groups in solving order.
+    links
+        Numbers of the links.
+    """
+    needed_groups = list(assembly.groups)
+    # Later groups are left out first: only they can need earlier groups.
     for group in reversed(assembly.groups):
-        rest = [other for other in groups if other is not group]
-        if _are_one_body(mechanism, assembly.inputs, rest, links):
-            groups = rest
-    return groups
+        other_groups = [other for other in needed_groups if other is not group]
+        if _are_one_body(mechanism, assembly.inputs, other_groups, links):
+            needed_groups = other_groups
+    return needed_groups
 
 
 def _are_one_body(
@@ -52,25 +75,46 @@ def _are_one_body(
     groups: Iterable[Group],
     links: frozenset[int],
 ) -> bool:
-    """Return whether locked inputs and groups, solved in order, alone join links."""
-    body = list(merge_locked_links(mechanism, inputs))
+    """Return whether locked inputs and groups alone join some links to one body.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    inputs
+        Numbers of the driven pairs that are locked.
+    groups
+        Groups in solving order. The result is False if one of them cannot be placed,
+        because a body on which it depends is not rigid without the groups left out.
+    links
+        Numbers of the links.
+    """
+    body_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
-        ends = {link for pair in group.pairs for link in mechanism.ends[pair]}
-        parts = [{body[link] for link in ends.intersection(x)} for x in group.bodies]
-        if any(len(part) > 1 for part in parts):
+        end_links = {link for pair in group.pairs for link in mechanism.ends[pair]}
+        # The links of each body of the group that its pairs use must be rigid already.
+        used_bodies = [
+            {body_of_link[link] for link in end_links.intersection(group_body)}
+            for group_body in group.bodies
+        ]
+        if any(len(bodies) > 1 for bodies in used_bodies):
             return False
-        one = set().union(*parts)
-        body = [min(one) if owner in one else owner for owner in body]
-    return len({body[link] for link in links}) <= 1
+        merged_bodies = set().union(*used_bodies)
+        new_body = min(merged_bodies)
+        body_of_link = [
+            new_body if body in merged_bodies else body for body in body_of_link
+        ]
+    return len({body_of_link[link] for link in links}) <= 1
 
 
 def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     """Return the mechanism without the pairs and links that the given links do not need.
 
     Names, frames of links, zeros of variables and ranges of inputs stay as they are;
-    numbers of links and pairs change. Masses, loads, joint limits and outputs stay where
-    all that they refer to stays. The same object where nothing can be left out, as where
-    constraints are redundant and all pairs are solved together.
+    numbers of links and pairs change. Masses, loads, joint limits and outputs stay if all
+    links and pairs to which they refer stay. The mechanism itself is returned if nothing
+    can be left out, for example because constraints are redundant and all pairs are solved
+    together.
 
     Raises
     ------
@@ -81,12 +125,14 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
         assembly = plan_assembly(mechanism)
     except CountError:
         return mechanism
-    driven = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
-    groups = placing_groups(mechanism, assembly, frozenset({0, *driven, *links}))
-    numbers = {*assembly.inputs}.union(*(group.pairs for group in groups))
-    if len(numbers) == len(mechanism.pairs):
+    driven_links = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
+    # The ground and the links of the inputs stay, so that all inputs can be driven.
+    needed_links = frozenset({0, *driven_links, *links})
+    groups = placing_groups(mechanism, assembly, needed_links)
+    pairs = {*assembly.inputs}.union(*(group.pairs for group in groups))
+    if len(pairs) == len(mechanism.pairs):
         return mechanism
-    return of_pairs(mechanism, numbers)
+    return of_pairs(mechanism, pairs)
 
 
 def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
@@ -103,7 +149,7 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
         mechanism,
         links=tuple(link for link in mechanism.links if link in on),
         pairs=pairs,
-        geometry=_geometry(mechanism.geometry, on, names),
+        geometry=_reduce_geometry(mechanism.geometry, on, names),
         outputs=tuple(o for o in mechanism.outputs if {o.link, o.relative_to} <= on),
         masses=tuple(mass for mass in mechanism.masses if mass.link in on),
         loads=tuple(load for load in mechanism.loads if stays(load)),
@@ -116,17 +162,23 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
     )
 
 
-def _geometry(
-    given: SizeGeometry | PoseGeometry, links: set[str], pairs: set[str]
+def _reduce_geometry(
+    geometry: SizeGeometry | PoseGeometry, links: set[str], pairs: set[str]
 ) -> SizeGeometry | PoseGeometry:
-    if isinstance(given, PoseGeometry):
+    """Return the geometry of some links and pairs, given by their names.
+
+    The axes of pairs that are left out stay as unpaired axes of their links, because arcs
+    and angles are counted from one axis to the next.
+    """
+    if isinstance(geometry, PoseGeometry):
         return PoseGeometry(
-            {name: axis for name, axis in given.axes.items() if name in pairs},
-            {name: value for name, value in given.values.items() if name in pairs},
+            {name: axis for name, axis in geometry.axes.items() if name in pairs},
+            {name: value for name, value in geometry.values.items() if name in pairs},
         )
-    sizes = {
-        link: replace(x, unpaired=tuple(axis for axis in x.axes if axis not in pairs))
-        for link, x in given.links.items()
-        if link in links
-    }
-    return SizeGeometry(sizes, {x: given.zeros[x] for x in given.zeros if x in pairs})
+    sizes_by_link = {}
+    for link, sizes in geometry.links.items():
+        if link in links:
+            unpaired_axes = tuple(axis for axis in sizes.axes if axis not in pairs)
+            sizes_by_link[link] = replace(sizes, unpaired=unpaired_axes)
+    zeros = {name: geometry.zeros[name] for name in geometry.zeros if name in pairs}
+    return SizeGeometry(sizes_by_link, zeros)
