@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spherekit.geometry.curve_variation import varied_round, varied_through
+from spherekit.geometry.curve_variation import differentiate_fourier, differentiate_spline
 from spherekit.geometry.profile_curve import circle, fourier, through
 
 STEP = 1e-5
@@ -30,19 +30,21 @@ def turned(angle):
 def curves(kind, backwards=False):
     """Return a function of a number, and the curve varied by it."""
     if kind == "circle":
-        varied = varied_round((CENTRE, SIDEWAYS), ([0.6], [1.0]), backwards=backwards)
+        varied = differentiate_fourier(
+            (CENTRE, SIDEWAYS), ([0.6], [1.0]), backwards=backwards
+        )
         return lambda x: circle(turned(x), 0.6 + x), varied
     if kind == "fourier":
         even, odd = np.array([0.6, 0.1, 0.05]), np.array([0.0, 0.02, 0.0])
         moved = np.array([0.2, -1.0, 0.5]), np.array([0.0, 0.3, 1.0])
-        varied = varied_round(
+        varied = differentiate_fourier(
             (CENTRE, SIDEWAYS), (even, moved[0]), (odd, moved[1]), backwards
         )
         return lambda x: fourier(turned(x), even + x * moved[0], odd + x * moved[1]), varied
     closed = kind == "closed"
     whole = 2.0 * np.pi if closed else 4.0
     points, change = points_of(0.0, whole=whole)
-    varied = varied_through(points, change, closed, backwards)
+    varied = differentiate_spline(points, change, closed, backwards)
     return lambda x: through(points_of(x, whole=whole)[0], closed), varied
 
 

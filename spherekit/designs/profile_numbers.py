@@ -11,7 +11,11 @@ from spherekit.designs.design_variables import ACTIONS, DesignVariable, designed
 from spherekit.designs.homotopy import Profiles
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.toml_document import Document
-from spherekit.geometry.curve_variation import Varied, varied_round, varied_through
+from spherekit.geometry.curve_variation import (
+    CurveDerivative,
+    differentiate_fourier,
+    differentiate_spline,
+)
 from spherekit.geometry.rotation import all_finite, nans
 from spherekit.mechanism.elements import PoseGeometry, Profile
 from spherekit.mechanism.joint import Track
@@ -114,7 +118,7 @@ class ProfileNumbers:
                 made[k, place] += moved * along[place]
         return np.concatenate(np.moveaxis(made, 1, 0), axis=1)
 
-    def _starts(self, curves: Mapping[int, Varied]) -> dict[int, float]:
+    def _starts(self, curves: Mapping[int, CurveDerivative]) -> dict[int, float]:
         """Return how the starts of profiles move that roll from a reference pose."""
         made: dict[int, float] = {}
         for first, second in pairwise(range(len(self.tracks))):
@@ -126,11 +130,11 @@ class ProfileNumbers:
         return made
 
     @cached_property
-    def _varied(self) -> list[dict[int, Varied]]:
+    def _varied(self) -> list[dict[int, CurveDerivative]]:
         """Return for each variable the profiles that change with it, by their numbers."""
         profiles = profiles_of(self.mechanism)
         ends = np.cumsum([len(numbers_of(profile)) for profile, _ in profiles])
-        made: list[dict[int, Varied]] = []
+        made: list[dict[int, CurveDerivative]] = []
         for k, variable in enumerate(self.variables):
             made.append({})
             if variable.slot is not None or variable.path[0] in ACTIONS:
@@ -179,10 +183,10 @@ def numbers_of(profile: Profile) -> Floats:
     )
 
 
-def varied(profile: Profile, backwards: bool, change: Floats) -> Varied:
+def varied(profile: Profile, backwards: bool, change: Floats) -> CurveDerivative:
     """Return a profile with its derivatives, `change` being that of its numbers."""
     if profile.points:
-        return varied_through(
+        return differentiate_spline(
             profile.points, change.reshape(-1, 3), profile.closed, backwards
         )
     centre = np.array(profile.centre), change[:3]
@@ -192,9 +196,9 @@ def varied(profile: Profile, backwards: bool, change: Floats) -> Varied:
         if profile.radius is not None:
             radius = profile.radius
             longer = change[3]
-        return varied_round(centre, ([radius], [longer]), backwards=backwards)
+        return differentiate_fourier(centre, ([radius], [longer]), backwards=backwards)
     cosines, sines = np.split(change[3:], [len(profile.cosines)])
-    return varied_round(
+    return differentiate_fourier(
         centre, (profile.cosines, cosines), (profile.sines, sines), backwards
     )
 
@@ -209,7 +213,8 @@ def _along(columns: Floats) -> Floats:
 
 
 def _nearest(
-    tracks: tuple[Track, Track], curves: tuple[Varied | None, Varied | None]
+    tracks: tuple[Track, Track],
+    curves: tuple[CurveDerivative | None, CurveDerivative | None],
 ) -> Floats:
     """Return how the places (2,) move where two profiles are nearest, as these change.
 

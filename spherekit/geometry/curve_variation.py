@@ -1,13 +1,17 @@
-"""How a curve on the sphere changes with what it is made from, at the same arc length.
+"""Derivatives of curves on the sphere by the quantities that define them.
 
-The spline of a profile through points, while the points move.
+A design variable moves the centre, the coefficients or the points of a profile. This module
+differentiates the curve by that variable at a fixed arc length. A derivative is carried as
+a complex step (`spherekit.numerics.complex_step`): a quantity and its derivative are the
+real and the scaled imaginary part of one number.
 
-Its knots are lengths along the curve and move with it. By complex steps the same spline
-is laid once more: on each panel a quintic through the points at both ends, with
-derivatives that agree where panels meet.
+The knots of a spline through points are lengths along the curve, so they move with it. The
+spline of SciPy takes real knots only. The same spline is therefore constructed here for
+complex ones.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import perm
 
 import numpy as np
@@ -26,155 +30,244 @@ from spherekit.geometry.profile_curve import azimuth_panels, spline_fits
 from spherekit.geometry.rotation import cross
 from spherekit.numerics.complex_step import add_complex_step, extract_derivative
 
-_DERIVATIVES = np.array([[perm(power, k) for power in range(6)] for k in range(6)], float)
-"""The derivatives of each order of the powers of a number, at 1."""
+_POWER_DERIVATIVES = np.array(
+    [[perm(power, order) for power in range(6)] for order in range(6)], float
+)
+"""(6, 6) derivative of each order (row) of x^power (column) at x = 1."""
 
 
 def quintic_panels(
     knots: Floats, points: Floats, closed: bool
 ) -> Callable[[Floats, int], Floats]:
-    """Return the quintic spline through points (m, 3) at knots (m,), periodic if closed.
+    """Return the quintic spline through points, real or complex.
 
-    That is its derivative (..., 3) of an order at parameters of any shape.
+    It is the spline of `spherekit.geometry.parametric_curve.quintic`: a polynomial of
+    degree 5 on each panel, with derivatives up to order 4 that agree at the knots. An open
+    spline has no knots at the two points next to each end, so there the order 5 agrees too.
 
-    An open one has no knots at the two points next to each end. Numbers may be complex.
+    Parameters
+    ----------
+    knots
+        (m,) parameters of the points.
+    points
+        (m, 3) points. The first is repeated at the end if the spline is closed.
+    closed
+        Whether the spline is periodic.
+
+    Returns
+    -------
+    A function of parameters (...) and an order, which returns that derivative (..., 3).
     """
     from scipy.sparse import block_diag, vstack
     from scipy.sparse.linalg import splu
 
-    h, panels = np.diff(knots), len(knots) - 1
-    per_panel = h[:, None] ** np.arange(6.0)
-    scale = (np.real(np.mean(h)) ** np.arange(6.0) / per_panel)[..., None]
-    starts, stops = scale * np.diag(np.diag(_DERIVATIVES)), scale * _DERIVATIVES
-    ahead, behind = (block_diag([*x[:, 1:]], format="csr") for x in (starts, stops))
-    smooth = behind - ahead[np.roll(np.arange(5 * panels), -5)]
-    kept = np.tile(np.arange(5) < 4, (panels, 1))
+    h = np.diff(knots)
+    panels = len(h)
+    # The unknowns are coefficients for the powers of (u - knot) / h. A derivative of order
+    # k by u then has the factor 1 / h^k. It is multiplied by the k-th power of the mean h,
+    # so that all equations have coefficients of similar size.
+    h_powers = h[:, None] ** np.arange(6.0)
+    scale = (np.real(np.mean(h)) ** np.arange(6.0) / h_powers)[..., None]
+    at_starts = scale * np.diag(np.diag(_POWER_DERIVATIVES))
+    at_stops = scale * _POWER_DERIVATIVES
+
+    # Rows: the orders 1 to 5 at the end of each panel, less those at the next panel.
+    next_starts = block_diag([*at_starts[:, 1:]], format="csr")
+    stops = block_diag([*at_stops[:, 1:]], format="csr")
+    jumps = stops - next_starts[np.roll(np.arange(5 * panels), -5)]
+    is_continuous = np.tile(np.arange(5) < 4, (panels, 1))
     if not closed:
-        kept[[0, 1, -3, -2]] = True
-        kept[-1] = False
-    ends = [block_diag([*x[:, :1]]) for x in (starts, stops)]
-    system = vstack([*ends, smooth[kept.ravel()]], format="csc")
-    right = np.zeros((6 * panels, 3), dtype=points.dtype)
-    right[: 2 * panels] = np.concatenate([points[:-1], points[1:]])
-    solved = splu(system).solve(right)
-    coefficients = solved.reshape(panels, 6, 3) / per_panel[..., None]
+        is_continuous[[0, 1, -3, -2]] = True
+        is_continuous[-1] = False
+
+    # Rows: the values at both ends of each panel.
+    start_values = block_diag([*at_starts[:, :1]])
+    stop_values = block_diag([*at_stops[:, :1]])
+    system = vstack([start_values, stop_values, jumps[is_continuous.ravel()]], format="csc")
+    right_side = np.zeros((6 * panels, 3), dtype=points.dtype)
+    right_side[: 2 * panels] = np.concatenate([points[:-1], points[1:]])
+    solution = splu(system).solve(right_side)
+    coefficients = solution.reshape(panels, 6, 3) / h_powers[..., None]
 
     def spline(u: Floats, order: int) -> Floats:
         panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
         powers = (u - knots[panel])[..., None] ** np.arange(6.0 - order)
-        factors = _DERIVATIVES[order, order:, None] * coefficients[panel, order:]
+        factors = _POWER_DERIVATIVES[order, order:, None] * coefficients[panel, order:]
         return np.sum(factors * powers[..., None], axis=-2)
 
     return spline
 
 
-def varied_spline(
-    points: Floats, change: Floats, closed: bool
-) -> tuple[SplinePath, ArcLength, ArcLength, float]:
-    """Return the spline of `through` with what it changes by, as complex steps.
+@dataclass(frozen=True)
+class PathVariation:
+    """A path that carries its derivative by a design variable as a complex step.
 
-    Also the table of its arc length, that of how the arc length changes at the same
-    parameter, and by what the whole of it does.
+    Attributes
+    ----------
+    path
+        The path, with complex numbers.
+    table
+        Its arc length as a function of its parameter.
+    arc_length_rate
+        Derivative of the arc length by the design variable, at a fixed parameter.
+    length_rate
+        Derivative of the whole length (rad).
+    closed
+        Whether the curve is closed.
+    """
+
+    path: Path
+    table: ArcLength
+    arc_length_rate: ArcLength
+    length_rate: float
+    closed: bool
+
+
+def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
+    """Return the spline of `spherekit.geometry.profile_curve.through` with its derivative.
 
     Parameters
     ----------
     points, change
-        (m, 3) unit vectors, and their derivatives by what moves them.
+        (m, 3) unit vectors, and their derivatives by the design variable.
+    closed
+        Whether the curve is closed.
     """
-    moved = add_complex_step(points, change)
-    moved = moved / np.sqrt(dot(moved, moved))[:, None]
+    moving_points = add_complex_step(points, change)
+    moving_points = moving_points / np.sqrt(dot(moving_points, moving_points))[:, None]
     if closed:
-        moved = np.concatenate([moved, moved[:1]])
-    steps = _chords(moved)
+        moving_points = np.concatenate([moving_points, moving_points[:1]])
+
+    # The knots of the first fit are the arcs between points. Those of every other fit are
+    # the lengths along the fit before it. Their derivatives follow in the same way.
+    step_rates = _arc_rates(moving_points)
     fits = list(spline_fits(points, closed))
     for path, _ in fits:
-        knots = add_complex_step(path.knots, np.append(0.0, np.cumsum(steps)))
-        varied = SplinePath(quintic_panels(knots, moved, closed), path.knots, closed)
-
-        def stretch_rate(u: Floats, path_varied: SplinePath = varied) -> Floats:
-            return extract_derivative(path_varied.speed(add_complex_step(u, 0.0)))
-
-        stretch = integrated(stretch_rate, path.knots)
-        steps = np.diff(
-            stretch.at_edge(path.knots) + path.speed(path.knots) * extract_derivative(knots)
+        knot_rates = np.append(0.0, np.cumsum(step_rates))
+        knots = add_complex_step(path.knots, knot_rates)
+        spline = quintic_panels(knots, moving_points, closed)
+        moving_path = SplinePath(spline, path.knots, closed)
+        arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
+        at_fixed_parameter = arc_length_rate.at_edge(path.knots)
+        step_rates = np.diff(
+            at_fixed_parameter + path.speed(path.knots) * extract_derivative(knots)
         )
-    return varied, fits[-1][1], stretch, float(np.sum(steps))
+    _, table = fits[-1]
+    return PathVariation(
+        moving_path, table, arc_length_rate, float(np.sum(step_rates)), closed
+    )
 
 
-def _chords(points: Floats) -> Floats:
-    """Return how the angles between successive points change (m - 1,)."""
+def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
+    """Return the derivative of the arc length over the panels between edges (m,)."""
+    return integrated(
+        lambda u: extract_derivative(path.speed(add_complex_step(u, 0.0))), edges
+    )
+
+
+def _arc_rates(points: Floats) -> Floats:
+    """Return the derivatives (m - 1,) of the arcs (rad) between complex points (m, 3)."""
     across = cross(points[:-1], points[1:])
-    sine, cosine = np.sqrt(dot(across, across)), dot(points[:-1], points[1:])
+    sine = np.sqrt(dot(across, across))
+    cosine = dot(points[:-1], points[1:])
     return np.real(cosine) * extract_derivative(sine) - np.real(sine) * extract_derivative(
         cosine
     )
 
 
-Varied = Callable[[Floats], Floats]
-"""The derivatives (8, n) of a curve by what changes it, at arc lengths (n,) rad that stay:
-of the tangent, the point, the geodesic curvature k and dk/ds."""
+CurveDerivative = Callable[[Floats], Floats]
+"""A function of arc lengths (n,) in rad that returns derivatives (8, n) of a curve by a
+design variable, at these fixed arc lengths. Rows 0 to 2 belong to the tangent, 3 to 5 to
+the point, 6 to the geodesic curvature k and 7 to dk/ds."""
 
 
-def _varied(
-    path: Path,
-    table: ArcLength,
-    stretch: ArcLength,
-    longer: float,
-    closed: bool,
-    backwards: bool,
-) -> Varied:
-    """Return the derivatives of a curve whose `path` carries them as complex steps.
+def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative:
+    """Return the derivative of the curve on a path, or of the same curve run backwards."""
+    path = variation.path
+    table = variation.table
 
-    `table` has its arc length, `stretch` how that changes at the same parameter, and the
-    whole changes by `longer`.
-    """
+    def evaluate(s: Floats) -> Floats:
+        direction = -1.0 if backwards else 1.0
+        arc_length = direction * s
+        # Whole lengths are added to reach the range of the table. An open curve that runs
+        # backwards starts at the end of the path. Their derivative is added with them.
+        laps = np.full_like(s, backwards)
+        if variation.closed:
+            laps = -np.floor(arc_length / table.length)
+        arc_length = arc_length + laps * table.length
+        target_rate = laps * variation.length_rate
 
-    def at(s: Floats) -> Floats:
-        sense = -1.0 if backwards else 1.0
-        forward, laps = sense * s, np.full_like(s, backwards)
-        if closed:
-            laps = -np.floor(forward / table.length)
-        forward, moved = forward + laps * table.length, laps * longer
-        u = table.invert(forward)
-        moved = (moved - stretch.at(u)) / np.real(path.speed(add_complex_step(u, 0.0)))
-        frame, curvature, rate = (
-            extract_derivative(x) for x in path.frame(add_complex_step(u, moved))
+        # The parameter changes so that the arc length remains at its target.
+        u = table.invert(arc_length)
+        speed = np.real(path.speed(add_complex_step(u, 0.0)))
+        u_rate = (target_rate - variation.arc_length_rate.at(u)) / speed
+        frame, curvature, curvature_rate = (
+            extract_derivative(values) for values in path.frame(add_complex_step(u, u_rate))
         )
-        rows = [sense * frame[:, :, 0].T, frame[:, :, 2].T, sense * curvature[None]]
-        return np.concatenate([*rows, rate[None]])
+        return np.concatenate(
+            [
+                direction * frame[:, :, 0].T,
+                frame[:, :, 2].T,
+                direction * curvature[None],
+                curvature_rate[None],
+            ]
+        )
 
-    return at
+    return evaluate
 
 
-def varied_round(
+def differentiate_fourier(
     centre: tuple[ArrayLike, ArrayLike],
     cosines: tuple[ArrayLike, ArrayLike],
     sines: tuple[ArrayLike, ArrayLike] = ((), ()),
     backwards: bool = False,
-) -> Varied:
-    """Return the curve of `fourier`; of one coefficient, the radius, that of `circle`.
+) -> CurveDerivative:
+    """Return the derivative of the curve of `spherekit.geometry.profile_curve.fourier`.
 
-    The unit vector `centre` (3,) and the coefficients each with their derivatives.
+    With a single coefficient, the radius, it is that of a circle.
+
+    Parameters
+    ----------
+    centre
+        Unit vector (3,), and its derivative by the design variable.
+    cosines, sines
+        Coefficients (rad) of the colatitude, and their derivatives.
+    backwards
+        Whether the curve is run backwards.
     """
     size = max(np.size(cosines[0]), np.size(sines[0]))
-    series = np.zeros((2, 2, size))
-    for row, both in enumerate((cosines, sines)):
-        for k, given in enumerate(both):
-            series[k, row, : np.size(given)] = given
+    series = np.zeros((2, 2, size))  # value or derivative; cosine or sine; order
+    for row, pair in enumerate((cosines, sines)):
+        for k, coefficients in enumerate(pair):
+            series[k, row, : np.size(coefficients)] = coefficients
     even, odd = add_complex_step(*series)
-    path = FourierPath(axes_about(add_complex_step(*centre)), even, odd)
-    still = FourierPath(axes_about(np.asarray(centre[0], dtype=float)), *series[0])
+    moving_path = FourierPath(axes_about(add_complex_step(*centre)), even, odd)
+    path = FourierPath(axes_about(np.asarray(centre[0], dtype=float)), *series[0])
     edges = azimuth_panels(size)
-    stretch = integrated(
-        lambda u: extract_derivative(path.speed(add_complex_step(u, 0.0))), edges
+    arc_length_rate = _integrate_speed_rate(moving_path, edges)
+    variation = PathVariation(
+        moving_path,
+        measure(path, edges),
+        arc_length_rate,
+        arc_length_rate.length,
+        closed=True,
     )
-    longer = stretch.length
-    return _varied(path, measure(still, edges), stretch, longer, True, backwards)
+    return _differentiate(variation, backwards)
 
 
-def varied_through(
+def differentiate_spline(
     points: ArrayLike, change: ArrayLike, closed: bool, backwards: bool = False
-) -> Varied:
-    """Return the curve of `through` while its points move, both (m, 3)."""
-    given, moved = (np.asarray(item, dtype=float) for item in (points, change))
-    return _varied(*varied_spline(given, moved, closed), closed, backwards)
+) -> CurveDerivative:
+    """Return the derivative of the curve of `spherekit.geometry.profile_curve.through`.
+
+    Parameters
+    ----------
+    points, change
+        (m, 3) unit vectors, and their derivatives by the design variable.
+    closed, backwards
+        Whether the curve is closed, and whether it is run backwards.
+    """
+    variation = _vary_spline(
+        np.asarray(points, dtype=float), np.asarray(change, dtype=float), closed
+    )
+    return _differentiate(variation, backwards)
