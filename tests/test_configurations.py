@@ -10,7 +10,7 @@ from spherekit.completeness import Guarantee
 from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.driving_pair import easiest_drive
+from spherekit.positions.driving_pair import choose_driving_pair
 from spherekit.positions.input_turning_points import (
     InputTurningPoints,
     input_turning_points,
@@ -158,7 +158,7 @@ def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
     made = mechanism(EIGHT_BARS[5], axes, "p5_6", span=(0.0, TURN))
     solver = PositionSolver(made, plan_assembly(made))
     assert len(solver.assembly.groups) == 1
-    drive = easiest_drive(solver)
+    drive = choose_driving_pair(solver)
     assert [len(group.bodies) for group in drive.assembly.groups] == [3, 5]
 
 

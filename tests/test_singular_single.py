@@ -10,7 +10,7 @@ from example_mechanisms import four_bar
 from spherekit.planning.pole_plan import all_poles, pole_of
 from spherekit.planning.pole_planner import plan
 from spherekit.positions.curve_continuation import follow_arc
-from spherekit.positions.curve_crossing import crossing_near, ways_out
+from spherekit.positions.curve_crossing import find_crossing, find_outgoing_points
 from spherekit.positions.curve_segment import curve_points
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import FourLinks, Type, relation_of
@@ -75,7 +75,7 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
         assert crossing.miss < 1e-15
         assert np.max(np.abs(np.sin(crossing.values))) < 1e-14
         closure = tracer.solver.closure
-        starts = ways_out(closure, crossing.values)
+        starts = find_outgoing_points(closure, crossing.values)
         assert len(starts) == 4
         ahead, _ = curve_points(closure, starts, starts - crossing.values)
         assert np.max(ahead.residual) < 1e-13
@@ -107,7 +107,7 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     closure = PositionAnalysis(
         mechanism(WATT, both, span=(-1.0, 1.0)), samples=3
     ).solver.closure
-    crossing = crossing_near(closure, np.full(7, 1e-6))
+    crossing = find_crossing(closure, np.full(7, 1e-6))
     assert crossing.freedoms == 3
     assert np.max(np.abs(crossing.values)) < 1e-15
     found = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
@@ -115,12 +115,12 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     for axes in (both[:4], both[3:]):
         one = mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0))
         closed = PositionAnalysis(one, samples=3).solver.closure
-        alone = crossing_near(closed, np.full(4, 1e-6))
+        alone = find_crossing(closed, np.full(4, 1e-6))
         slopes.append(alone.tangents[:, 3] / alone.tangents[:, 0])
     wanted = np.array([[a, b] for a in slopes[0] for b in slopes[1]])
     order = [np.lexsort(np.round(each, 9).T) for each in (found, wanted)]
     assert np.max(np.abs(found[order[0]] - wanted[order[1]])) < 1e-12
-    starts = ways_out(closure, crossing.values)
+    starts = find_outgoing_points(closure, crossing.values)
     assert len(starts) == 8
     ahead, _ = curve_points(closure, starts, starts - crossing.values)
     assert np.max(ahead.residual) < 1e-13

@@ -24,8 +24,8 @@ from spherekit.positions.assembly_enumeration import RANGE_ROUNDS, assemblies, r
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import follow_arc
-from spherekit.positions.curve_crossing import ways_out
-from spherekit.positions.driving_pair import easiest_drive
+from spherekit.positions.curve_crossing import find_outgoing_points
+from spherekit.positions.driving_pair import choose_driving_pair
 from spherekit.positions.input_revolutions import in_range, turns_in_range
 from spherekit.positions.input_turning_points import (
     InputTurningPoints,
@@ -182,7 +182,7 @@ def configuration_curves(
     reference = solver.reference
     if reference is not None and low <= reference[solver.input_variable] <= high:
         search.add(reference[None])  # where the input stands still no mode goes through it
-    drive = easiest_drive(solver)
+    drive = choose_driving_pair(solver)
     dead = input_turning_points(
         drive, *((low, high) if drive is solver else (-np.pi, np.pi))
     )
@@ -192,7 +192,7 @@ def configuration_curves(
         claim = search.search()
     # On some curves that cross others the input may stand still: no input leads to them.
     for end in _crossing_ends(search.curves):  # which grow on the way
-        search.add(ways_out(solver.closure, end))
+        search.add(find_outgoing_points(solver.closure, end))
     parts = [
         monotone_pieces(curve, solver.input_variable, low, high, period)
         for curve in search.curves

@@ -1,11 +1,18 @@
-"""Configurations in which curves cross: the closure equations lose rank.
+"""Configurations in which configuration curves cross: the closure equations lose rank.
 
-There the velocity equations have k > 1 independent solutions T. The configuration x solves
-F(x) = 0 and l . J(x) T = 0 with every l that J loses there, and these equations are regular
-where the second-order terms below are not degenerate. A motion x' = T y goes on to second
-order if y . B y = 0 for B = T' (l . dJ/dx) T and every l with l J = 0: for k = 2 these are
-the directions of no or two curves, for k = 3 of up to four (Keller 1977 calls them the
-algebraic bifurcation equations).
+At a crossing x the velocity equations J(x) v = 0 have k > 1 independent solutions, the
+columns of T. Every left null vector l of J satisfies l J = 0. The crossing is the solution
+of
+
+    F(x) = 0    and    l J(x) T = 0    for every l,
+
+where F is the closure residual. These equations are regular unless the second-order terms
+below are degenerate. A motion x' = T y is possible to second order if
+
+    y . B y = 0    with    B = T^T (l dJ/dx) T    for every l.
+
+For k = 2 the solutions are the directions of no or two curves, for k = 3 of up to four.
+Keller (1977) calls these the algebraic bifurcation equations.
 """
 
 from typing import NamedTuple
@@ -19,46 +26,61 @@ from spherekit.positions.linearisation import left_inverse
 from spherekit.positions.loop_closure import Closure, newton
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 
-NEARLY_NULL = 3e-3
-"""Relative singular values below this may vanish at the crossing nearby."""
-MOST_STEPS = 20
-FAR = 0.05
-"""The crossing lies within this (rad) of where a curve ended before it."""
-MISSED = 1e-9
-"""Configurations that miss closing and rank loss by more (rad) are not crossings."""
-DEGENERATE = 1e-7
-"""Second-order terms below this, relative, do not decide how many curves cross."""
-ON_ALL = 1e-7
-"""Unit vectors that miss all forms by less lie on them, and are one if that near."""
-MOST_FLAT = 1e4
-"""Where the inverse of their equations is larger, two common points may be one."""
-RADIUS = 0.02
-"""How far (rad) from a configuration points on the ways out of it are looked for."""
-MOVES = 1e-4
-"""Relative singular values of the velocity equations below this are motions here."""
-SPREAD = 64
-"""Directions of motion tried where second-order terms do not decide."""
-SAME = 1e-6
-"""Points (rad) nearer to each other than this part of the radius are one."""
+MAX_NULL_RATIO = 3e-3
+"""Singular values of J below this part of the largest may vanish at a crossing nearby.
+
+Larger: more numbers of curves are tried at each configuration. Smaller: a crossing is
+missed if the search starts farther from it.
+"""
+MAX_NEWTON_STEPS = 20
+MAX_CROSSING_DISTANCE_RAD = 0.05
+"""The crossing is at most this far from the configuration from which it is searched."""
+CROSSING_TOLERANCE = 1e-9
+"""A crossing has smaller closure residuals (rad) and smaller null singular values.
+
+Larger: near misses, where two curves pass each other, count as crossings. Smaller:
+rounding hides crossings.
+"""
+MAX_CORRECTION_RAD = 1e-6
+"""Newton's method has converged if its last step is smaller."""
+MIN_SECOND_ORDER = 1e-7
+"""Second-order terms that are smaller do not decide how many curves cross."""
+DIRECTION_TOLERANCE = 1e-7
+"""A unit vector satisfies the quadratic equations if their residuals are smaller.
+
+Two directions are the same if one minus the cosine of their angle is smaller.
+"""
+MAX_INVERSE_NORM = 1e4
+"""If the inverse of the equations of a direction is larger, two directions may be one."""
+RADIUS_RAD = 0.02
+"""Distance of the configurations on outgoing curves from the one that they leave."""
+MOTION_RATIO = 1e-4
+"""Singular values of J below this, relative to the largest, belong to motions."""
+START_COUNT = 64
+"""Number of start vectors on the sphere from which directions are searched."""
+START_SEED = 20240616
+SAME_POINT_RATIO = 1e-6
+"""Points nearer to each other than this part of the radius are one point."""
 
 
 class Crossing(NamedTuple):
-    """A configuration where the closure equations lose rank.
+    """A configuration in which the closure equations lose rank.
 
     Attributes
     ----------
     values
-        (variables,) rad.
+        (variables,) the configuration (rad).
     freedoms
-        The variables less the rank of the velocity equations.
+        Number of variables less the rank of the velocity equations.
     tangents
-        (assembly modes, variables) unit directions of the real curves through it, one sense
+        (curves, variables) unit tangents of the real curves through the crossing, one sense
         of each.
     resolved
-        Whether second-order terms say how many there are. If not, `tangents` is empty.
+        Whether second-order terms determine the number of curves. If not, `tangents` is
+        empty.
     miss
-        By how much (rad) the loops stay open, or rank loss is missed. A mechanism whose
-        sizes miss a crossing by less than rounding cannot be told from one with it.
+        Largest closure residual (rad) and null singular value. A mechanism whose sizes
+        miss a crossing by less than rounding cannot be distinguished from one that has it.
     error
         Size (rad) of the last correction of `values`.
     """
@@ -71,131 +93,192 @@ class Crossing(NamedTuple):
     error: float
 
 
-def crossing_near(closure: Closure, values: Floats) -> Crossing | None:
-    """Return the crossing beside a configuration (variables,), None if there is none."""
+def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
+    """Return the crossing near a configuration (variables,), None if there is none.
+
+    The largest possible number of independent motions is tried first.
+    """
     _, sizes, _ = np.linalg.svd(closure.at(values[None]).jacobian[0])
-    rank = int(np.sum(sizes > NEARLY_NULL * sizes[0]))
+    rank = int(np.sum(sizes > MAX_NULL_RATIO * sizes[0]))
     for freedoms in range(max(2, len(values) - rank), 1, -1):
-        if crossing := _located(closure, values, freedoms):
+        crossing = _solve_crossing(closure, values, freedoms)
+        if crossing is not None:
             return crossing
     return None
 
 
-def ways_out(closure: Closure, values: Floats) -> Floats:
-    """Return closed configurations (n, variables) around one, on every way out of it.
+def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
+    """Return closed configurations on all curves that leave a closed configuration.
 
-    `values` (variables,) closes; where one curve passes there are two, one on each side.
-    Each is `RADIUS` (rad) away in the variables. Where the configuration is part of
-    a surface there is no end of them, and some are returned.
+    Parameters
+    ----------
+    closure
+        Loop closure of the whole mechanism.
+    values
+        (variables,) the configuration (rad). If one curve passes through it, there are two
+        outgoing points, one on each side.
+
+    Returns
+    -------
+    (n, variables) configurations (rad), `RADIUS_RAD` away in the space of the variables. If
+    the configuration belongs to a surface of configurations, some points are returned.
     """
     _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
-    motions = right[int(np.sum(sizes >= MOVES * max(sizes[0], MOVES))) :]
+    rank = int(np.sum(sizes >= MOTION_RATIO * max(sizes[0], MOTION_RATIO)))
+    motions = right[rank:]
     if not len(motions):
         return motions
 
-    def change(here: Floats, _: Indices) -> Floats:
-        away = here - values
-        length = np.linalg.norm(away, axis=1)
-        borders = away / length[:, None]
-        return np.nan_to_num(bordered_step(closure.at(here), borders, RADIUS - length))
+    def step_to_sphere(points: Floats, _: Indices) -> Floats:
+        """Return Newton's step that closes the loops at the radius."""
+        offsets = points - values
+        distances = np.linalg.norm(offsets, axis=1)
+        directions = offsets / distances[:, None]
+        steps = bordered_step(closure.at(points), directions, RADIUS_RAD - distances)
+        return np.nan_to_num(steps)
 
-    start = values + RADIUS * _spread(len(motions)) @ motions
-    start, _ = newton(change, start, MOST_STEPS, trust=0.5 * RADIUS)
-    length = np.linalg.norm(start - values, axis=1)
-    closed = closure.at(start).gap < CLOSURE_TOLERANCE
-    closed &= np.abs(length - RADIUS) < SAME * RADIUS
-    ways: list[Floats] = []
-    for point in start[closed]:
-        if all(max_abs(point - other) > SAME * RADIUS for other in ways):
-            ways.append(point)
-    return np.array(ways).reshape(-1, len(values))
+    points = values + RADIUS_RAD * _spread_unit_vectors(len(motions)) @ motions
+    points, _ = newton(step_to_sphere, points, MAX_NEWTON_STEPS, trust=0.5 * RADIUS_RAD)
+    distances = np.linalg.norm(points - values, axis=1)
+    is_solution = closure.at(points).gap < CLOSURE_TOLERANCE
+    is_solution &= np.abs(distances - RADIUS_RAD) < SAME_POINT_RATIO * RADIUS_RAD
+    distinct: list[Floats] = []
+    for point in points[is_solution]:
+        if all(
+            max_abs(point - other) > SAME_POINT_RATIO * RADIUS_RAD for other in distinct
+        ):
+            distinct.append(point)
+    return np.array(distinct).reshape(-1, len(values))
 
 
-def _spread(count: int) -> Floats:
-    """Return unit vectors (n, count) spread over the sphere, the same ones every time."""
-    return unit_rows(np.random.default_rng(20240616).normal(size=(SPREAD, count)))
+def _spread_unit_vectors(count: int) -> Floats:
+    """Return unit vectors (n, count) spread over the sphere, the same in every call."""
+    random = np.random.default_rng(START_SEED)
+    return unit_rows(random.normal(size=(START_COUNT, count)))
 
 
-def _located(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
-    """Solve F = 0 and l . J t = 0, for all l and t that J loses, by Gauss and Newton."""
-    x, rank, error, settled = start.copy(), len(start) - freedoms, np.inf, False
-    for turn in range(MOST_STEPS + 1):
-        at = closure.at(x[None])
-        jacobian, residual = at.jacobian[0], at.residual[0]
+def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
+    """Solve the equations of a crossing with the Gauss-Newton method.
+
+    Parameters
+    ----------
+    closure
+        Loop closure of the whole mechanism.
+    start
+        (variables,) configuration (rad) near the crossing.
+    freedoms
+        Number k of independent motions at the crossing.
+
+    Returns
+    -------
+    The crossing, None if the method does not converge to one nearby.
+    """
+    x = start.copy()
+    rank = len(start) - freedoms
+    error = np.inf
+    has_converged = False
+    for iteration in range(MAX_NEWTON_STEPS + 1):
+        linearisation = closure.at(x[None])
+        jacobian = linearisation.jacobian[0]
+        residual = linearisation.residual[0]
         left, sizes, right = np.linalg.svd(jacobian)
-        lost, null = left[:, rank:], right[rank:]
-        bends = np.einsum("bma,ml,ka->lkb", jacobian_rates(closure, x), lost, null)
-        if settled or turn == MOST_STEPS:
+        left_null = left[:, rank:]
+        motions = right[rank:]
+        # b is the variable of the derivative, m an equation, l a left null vector, k a
+        # motion and a its variable.
+        rates = compute_jacobian_rates(closure, x)
+        bends = np.einsum("bma,ml,ka->lkb", rates, left_null, motions)
+        if has_converged or iteration == MAX_NEWTON_STEPS:
             break
         matrix = np.concatenate([jacobian, bends.reshape(-1, len(x))])
-        rest = np.append(residual, lost.T @ jacobian @ null.T)
-        step = np.linalg.lstsq(matrix, -rest, rcond=1e-12)[0]
-        before, error = error, float(max_abs(step))
+        right_side = np.append(residual, left_null.T @ jacobian @ motions.T)
+        # A crossing has more equations than variables.
+        step = np.linalg.lstsq(matrix, -right_side, rcond=1e-12)[0]
+        previous_error = error
+        error = float(max_abs(step))
         x = x + step
-        if not all_finite(x) or max_abs(x - start) > FAR:
+        if not all_finite(x) or max_abs(x - start) > MAX_CROSSING_DISTANCE_RAD:
             return None
-        settled = error < 4.0 * EPS or (error < 1e-11 and error > 0.25 * before)
+        # Steps that no longer become smaller are caused by rounding.
+        is_rounding = error < 1e-11 and error > 0.25 * previous_error
+        has_converged = error < 4.0 * EPS or is_rounding
     miss = float(max_abs(np.append(residual, sizes[rank:])))
-    if miss > MISSED or error > 1e-6:
+    if miss > CROSSING_TOLERANCE or error > MAX_CORRECTION_RAD:
         return None
-    forms = bends @ null.T
-    tangents = _directions(0.5 * (forms + np.swapaxes(forms, 1, 2)))
-    along = np.zeros((0, len(x))) if tangents is None else tangents @ null
-    return Crossing(x, freedoms, along, tangents is not None, miss, error)
+    forms = bends @ motions.T
+    directions = _find_directions(0.5 * (forms + np.swapaxes(forms, 1, 2)))
+    is_resolved = directions is not None
+    tangents = np.zeros((0, len(x))) if directions is None else directions @ motions
+    return Crossing(x, freedoms, tangents, is_resolved, miss, error)
 
 
-def jacobian_rates(closure: Closure, values: Floats) -> Floats:
+def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     """Return dJ/dx (variables, 3 loops, variables), the first index that of x.
 
-    Each variable moves alone, the loops not closed.
+    Each variable moves alone, so that loops are not kept closed.
     """
-    count, tree = len(values), closure.tree
-    at = closure.at(np.tile(values, (count, 1)))
-    first = at.body_rates(np.eye(count))[:, tree.firsts]
-    second = first.copy()
-    every = np.arange(count)
-    second[every, list(tree.owners)] += at.vectors[every, every]
-    return tree.jacobian(at.pair_rates(first, second))
+    count = len(values)
+    tree = closure.tree
+    linearisation = closure.at(np.tile(values, (count, 1)))
+    first_rates = linearisation.body_rates(np.eye(count))[:, tree.firsts]
+    # The second body of the pair that moves has the velocity of the pair in addition.
+    second_rates = first_rates.copy()
+    rows = np.arange(count)
+    second_rates[rows, list(tree.owners)] += linearisation.vectors[rows, rows]
+    return tree.jacobian(linearisation.pair_rates(first_rates, second_rates))
 
 
-def _directions(forms: Floats) -> Floats | None:
-    """Return unit vectors (assembly modes, k) on which all forms vanish, None if undecided.
+def _find_directions(forms: Floats) -> Floats | None:
+    """Return the directions y of the curves through a crossing.
 
-    Equations that repeat others give forms that vanish or repeat others.
+    Parameters
+    ----------
+    forms
+        (forms, k, k) the symmetric matrices B. Redundant closure equations give forms that
+        vanish or depend on the others.
+
+    Returns
+    -------
+    (curves, k) unit vectors, None if the forms do not determine them.
     """
     size = forms.shape[1]
     upper = np.triu_indices(size)
     if not len(forms):
         return None
     _, sizes, right = np.linalg.svd(forms[:, *upper])
-    if sizes[0] < DEGENERATE or size not in (2, 3):
+    if sizes[0] < MIN_SECOND_ORDER or size not in (2, 3):
         return None
-    if np.sum(sizes > DEGENERATE * sizes[0]) != size - 1:
+    # k - 1 independent forms have finitely many common zeros on the unit sphere.
+    if np.sum(sizes > MIN_SECOND_ORDER * sizes[0]) != size - 1:
         return None
-    kept = np.zeros((size - 1, size, size))
-    kept[:, *upper] = right[: size - 1]
-    kept[:, upper[1], upper[0]] = kept[:, *upper]
-    return _common(kept)
+    independent_forms = np.zeros((size - 1, size, size))
+    independent_forms[:, *upper] = right[: size - 1]
+    independent_forms[:, upper[1], upper[0]] = independent_forms[:, *upper]
+    return _find_common_zeros(independent_forms)
 
 
-def _common(forms: Floats) -> Floats | None:
-    """Return the common points of k - 1 forms (k - 1, k, k), unit vectors (n, k).
+def _find_common_zeros(forms: Floats) -> Floats | None:
+    """Return the unit vectors (n, k) at which k - 1 forms (k - 1, k, k) vanish.
 
-    Newton's method leads to each from vectors spread over the sphere. None where two points
-    are one, or nearly.
+    Newton's method starts from vectors spread over the sphere. A vector and its opposite
+    are one. The result is None if two zeros coincide, or nearly.
     """
-    y = _spread(forms.shape[1])
-    for _ in range(MOST_STEPS):
+    y = _spread_unit_vectors(forms.shape[1])
+    for _ in range(MAX_NEWTON_STEPS):
+        # f is a form, n a start vector. The last equation keeps the length of y.
         slopes = np.einsum("fij,nj->nfi", forms, y)
-        rest = np.append(np.sum(slopes * y[:, None], axis=2), np.zeros((len(y), 1)), axis=1)
+        form_values = np.sum(slopes * y[:, None], axis=2)
+        residuals = np.append(form_values, np.zeros((len(y), 1)), axis=1)
         inverse = left_inverse(np.concatenate([2.0 * slopes, y[:, None]], axis=1))
-        y = unit_rows(y - (inverse @ rest[..., None])[..., 0])
-    points: list[Floats] = []
-    for point, off, flat in zip(
-        y, max_abs(rest, axis=1), np.linalg.norm(inverse, axis=(1, 2)), strict=True
-    ):
-        if off < ON_ALL and not flat < MOST_FLAT:
+        y = unit_rows(y - (inverse @ residuals[..., None])[..., 0])
+    zeros: list[Floats] = []
+    largest_residuals = max_abs(residuals, axis=1)
+    inverse_norms = np.linalg.norm(inverse, axis=(1, 2))
+    for point, residual, norm in zip(y, largest_residuals, inverse_norms, strict=True):
+        if not residual < DIRECTION_TOLERANCE:
+            continue
+        if not norm < MAX_INVERSE_NORM:
             return None
-        if off < ON_ALL and all(abs(point @ other) < 1.0 - ON_ALL for other in points):
-            points.append(point)
-    return np.array(points).reshape(-1, len(y[0]))
+        if all(abs(point @ other) < 1.0 - DIRECTION_TOLERANCE for other in zeros):
+            zeros.append(point)
+    return np.array(zeros).reshape(-1, len(y[0]))

@@ -1,7 +1,8 @@
-"""Which pair of a mechanism to drive when all its configuration curves are wanted.
+"""Chooses the pair to drive when all configuration curves of a mechanism are searched.
 
-The configuration curves are the same whichever pair is driven; how the groups fall out
-is not. Driven at one pair a six-bar is two dyads, at another a triad.
+The configuration curves do not depend on which pair is driven, but the groups do. Driven at
+one pair a six-bar consists of two dyads, and at another pair of a triad, for which the
+inputs where modes meet take longer to compute.
 """
 
 from contextlib import suppress
@@ -13,30 +14,42 @@ from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.input_turning_points import meetings_of
 from spherekit.positions.position_solver import PositionSolver
 
-CHEAP = 2e-3
-"""A pair whose functions of meeting modes take less than this (s) is good enough."""
+ACCEPTABLE_COST_S = 2e-3
+"""Time of one value of the functions whose zeros are the meetings of modes.
+
+If the given pair takes less, no other is tried. Larger: slower pairs are accepted.
+Smaller: all pairs are tried more often.
+"""
 
 
-def easiest_drive(solver: PositionSolver) -> PositionSolver:
-    """Return a mechanism driven where the inputs at which modes meet are found easily.
+def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
+    """Return a solver of the same mechanism with the driving pair that costs least.
 
-    It is the given one where they are found easily too, or at no other pair.
+    The cost is the time to find the inputs at which assembly modes meet. The given solver
+    is returned if its cost is acceptable, if those inputs are unknown for every driving
+    pair, or if a group has contacts or redundant constraints.
     """
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):
         return solver
-
-    def cost(way: PositionSolver) -> float:
-        meetings = meetings_of(way, CHEAP)
-        return np.inf if meetings is None else meetings.cost
-
-    ways, costs = [solver], [cost(solver)]
-    if costs[0] < CHEAP:
+    solvers = [solver]
+    costs = [_estimate_cost(solver)]
+    if costs[0] < ACCEPTABLE_COST_S:
         return solver
     for pair in solver.mechanism.pairs:
         mechanism = solver.mechanism.with_inputs(pair.name)
-        with suppress(PlanError):
-            ways.append(PositionSolver(mechanism, plan_assembly(mechanism)))
-            costs.append(cost(ways[-1]))
+        with suppress(PlanError):  # The other pairs have no plan if this one is driven.
+            solvers.append(PositionSolver(mechanism, plan_assembly(mechanism)))
+            costs.append(_estimate_cost(solvers[-1]))
     if np.min(costs) < np.inf:
-        return ways[np.argmin(costs)]
-    return next((way for way in ways if meetings_of(way)), solver)
+        return solvers[np.argmin(costs)]
+    # Costly functions are better than none.
+    for candidate in solvers:
+        if meetings_of(candidate):
+            return candidate
+    return solver
+
+
+def _estimate_cost(solver: PositionSolver) -> float:
+    """Return the time (s) of one value of the functions, infinite if it is too costly."""
+    meetings = meetings_of(solver, ACCEPTABLE_COST_S)
+    return np.inf if meetings is None else meetings.cost

@@ -1,70 +1,108 @@
-"""Which whole turns of an input stand for one configuration, and which one is meant."""
+"""Inputs that differ by whole periods and belong to the same configuration.
+
+The configurations of a mechanism repeat when an input grows by its period: one revolution,
+or several if wheels roll. An infinite period means that they never repeat.
+"""
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
 
-ROUNDED = 1e-12
-"""An input outside a range by less (rad) is at its end."""
+RANGE_TOLERANCE_RAD = 1e-12
+"""An input that is outside a range by less is at its end, but for rounding."""
 
 
 def into_range(
     q: Floats, low: Floats | float, high: Floats | float, period: Floats | float
 ) -> Floats:
-    """Return inputs (rad) less whole periods so that they are in a range, or nearest to it.
+    """Return inputs shifted by whole periods into a range, or as near to it as possible.
 
-    Of several in the range the least. Shapes broadcast.
+    If several shifted inputs are in the range, the smallest is returned. An input with an
+    infinite period is not changed.
+
+    Parameters
+    ----------
+    q
+        Inputs (rad). The shapes of all parameters broadcast.
+    low, high
+        Ends of the range (rad).
+    period
+        Growth of the input (rad) after which configurations repeat.
     """
-    returns = np.isfinite(period)
-    period = np.where(returns, period, TURN)
-    above = low + np.mod(q - low + ROUNDED, period) - ROUNDED
+    is_periodic = np.isfinite(period)
+    period = np.where(is_periodic, period, TURN)
+    above = low + np.mod(q - low + RANGE_TOLERANCE_RAD, period) - RANGE_TOLERANCE_RAD
     below = above - period
-    nearer = (above > high + ROUNDED) & (low - below < above - high)
-    return np.where(returns, np.where(nearer, below, above), q)
+    is_outside = above > high + RANGE_TOLERANCE_RAD
+    below_is_nearer = is_outside & (low - below < above - high)
+    return np.where(is_periodic, np.where(below_is_nearer, below, above), q)
 
 
 def less_periods(differences: Floats, periods: Floats) -> Floats:
-    """Return differences of variables (..., variables) less whole periods."""
+    """Return differences (..., variables) of variables reduced by whole periods."""
     return differences - whole_laps(differences, periods)
 
 
 def whole_laps(differences: Floats, periods: Floats) -> Floats:
-    """Return the whole periods in differences (..., variables), zero without a period."""
-    finite = np.isfinite(periods)
-    scale = np.where(finite, periods, 1.0)
-    return np.where(finite, np.round(differences / scale) * scale, 0.0)
+    """Return the multiples of the periods that are nearest to differences of variables.
+
+    Parameters
+    ----------
+    differences
+        (..., variables) differences (rad).
+    periods
+        (variables,) periods (rad). The result is zero where the period is not finite.
+    """
+    is_periodic = np.isfinite(periods)
+    scale = np.where(is_periodic, periods, 1.0)
+    return np.where(is_periodic, np.round(differences / scale) * scale, 0.0)
 
 
 def turns_in_range(
     q: Floats, low: float, high: float, period: float
 ) -> tuple[Floats, Indices]:
-    """Return the whole periods (k,) of inputs (m,) that lie in a range, and whose they are.
+    """Return all inputs in a range that differ from given ones by whole periods.
 
-    Of an input without one the nearest. A range of whole periods ends where it begins.
+    Parameters
+    ----------
+    q
+        (m,) inputs (rad).
+    low, high
+        Ends of the range (rad). If its length is a whole number of periods, an input at
+        its low end is not repeated at its high end.
+    period
+        Growth of the input (rad) after which configurations repeat. If it is infinite,
+        each input is returned once.
 
     Returns
     -------
-    turned, which
-        Inputs (k,), those of one rising, and the positions (k,) of what they come from.
+    shifted
+        (k,) inputs (rad). Those of one given input follow each other in rising order. An
+        input that cannot be shifted into the range is returned as near to it as possible.
+    sources
+        (k,) positions of the given inputs from which they come.
     """
     first = into_range(q, low, high, period)
     if not np.isfinite(period):
         return first, np.arange(len(first))
-    most = (whole_periods(low, high, period) or np.inf) - 1
-    more = np.clip(np.floor((high - first + ROUNDED) / period), 0.0, most)
-    which, laps = np.nonzero(np.arange(np.max(more, initial=0.0) + 1) <= more[:, None])
-    return first[which] + period * laps, which
+    max_repeats = (whole_periods(low, high, period) or np.inf) - 1
+    repeats = np.floor((high - first + RANGE_TOLERANCE_RAD) / period)
+    repeats = np.clip(repeats, 0.0, max_repeats)
+    laps_to_try = np.arange(np.max(repeats, initial=0.0) + 1)
+    sources, laps = np.nonzero(laps_to_try <= repeats[:, None])
+    return first[sources] + period * laps, sources
 
 
 def whole_periods(low: float, high: float, period: float) -> int:
-    """Return how many whole periods a range has, 0 if it is not a whole number of them."""
+    """Return the number of periods in a range (rad), 0 if it is not a whole number."""
     if not np.isfinite(period):
         return 0
     count = round((high - low) / period)
-    return count if abs(high - low - count * period) <= ROUNDED * (1 + count) else 0
+    deviation = abs(high - low - count * period)
+    return count if deviation <= RANGE_TOLERANCE_RAD * (1 + count) else 0
 
 
 def in_range(q: Floats, low: Floats | float, high: Floats | float) -> Bools:
-    """Return whether inputs (rad) are in a range, its ends included."""
-    return (q >= low - ROUNDED) & (q <= high + ROUNDED)
+    """Return whether inputs (rad) are in a range, including its ends."""
+    return (q >= low - RANGE_TOLERANCE_RAD) & (q <= high + RANGE_TOLERANCE_RAD)

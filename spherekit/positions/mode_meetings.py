@@ -20,7 +20,7 @@ from spherekit.geometry.rotation import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.assembly_mode import AssemblyMode
-from spherekit.positions.curve_crossing import NEARLY_NULL, Crossing, crossing_near
+from spherekit.positions.curve_crossing import MAX_NULL_RATIO, Crossing, find_crossing
 from spherekit.positions.mode_predictor import ModeCurve
 from spherekit.positions.path_continuation import Nodes, nodes_at
 from spherekit.positions.position_solver import PositionSolver
@@ -101,10 +101,10 @@ def find_crossings(
             rank = len(values) - 1
             if (
                 len(singular_values) < rank
-                or singular_values[rank - 1] > NEARLY_NULL * singular_values[0]
+                or singular_values[rank - 1] > MAX_NULL_RATIO * singular_values[0]
             ):
                 continue
-            crossing = crossing_near(solver.closure, values)
+            crossing = find_crossing(solver.closure, values)
             if crossing is None or crossing.miss > MAX_MISS_RAD:
                 continue
             q = crossing.values[solver.input_variable]

@@ -17,7 +17,7 @@ import numpy as np
 from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.geometry.rotation import all_finite, max_abs, nans
 from spherekit.numerics.hermite import cubic_hermite
-from spherekit.positions.curve_crossing import ways_out
+from spherekit.positions.curve_crossing import find_outgoing_points
 from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.path_continuation import (
@@ -116,7 +116,7 @@ def _from_dead_centre(
     It has the dead centre for its end, unless no end is nearer to it than
     `NEAR_DEAD_CENTRE`. Ways that leave are tried in a definite order.
     """
-    around = ways_out(closure, values)
+    around = find_outgoing_points(closure, values)
     moved = around[np.abs(around[:, driven] - values[driven]) > AT_DEAD_CENTRE]
     ways = sorted(moved, key=lambda way: tuple(np.round(values - way, 6)))
     starts = _starts(closure, driven, np.array([*ways, values]))

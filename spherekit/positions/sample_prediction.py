@@ -1,12 +1,13 @@
-"""Samples predicted from nodes among them, all at once.
+"""Predicts the samples of a motion from a part of them, by splines.
 
-Where the samples of a block lie close together, every so many of them are nodes, found as
-any sample is; the others are read from splines through these. Nothing is taken for closed
-here: whoever asks has to look.
+If the samples of a path lie close together, every n-th of them is a node and is solved as
+usual. The others are read from splines through the nodes. The predictions are not verified
+here: the caller has to check that the loops are closed.
 """
 
 from collections.abc import Callable, Iterator
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,83 +17,125 @@ from spherekit.geometry.rotation import max_abs
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
-DEGREE = 7
-"""Of the splines."""
-APART = 0.01
-"""Inputs (rad) between two nodes: splines are then as good as rounding, but where modes
-meet."""
-FEWEST = 4
-"""With fewer samples than this to a node prediction does not pay."""
-MOST = 1024
-"""Samples to a node at most."""
-PORTION = 1024
-"""Nodes that are found at once."""
+SPLINE_DEGREE = 7
+"""Degree of the splines. A mode needs more nodes in a row than this."""
+NODE_DISTANCE_RAD = 0.01
+"""Largest change of an input between two nodes.
+
+Splines are then as accurate as rounding, except near inputs where modes meet. Larger: fewer
+nodes are solved, and more predictions fail. Smaller: more nodes are solved.
+"""
+MIN_SAMPLES_PER_NODE = 4
+"""With fewer samples per node, prediction takes longer than solving all samples."""
+MAX_SAMPLES_PER_NODE = 1024
+"""Most samples per node, also if the inputs hardly change."""
+NODES_PER_BLOCK = 1024
+"""Nodes that are solved together. Larger: more memory. Smaller: more calls."""
 
 
-Spline = Callable[[Floats], Floats]
+class ModeSpline(NamedTuple):
+    """A spline through successive nodes of one mode.
 
-
-def predictor(tracer: PositionAnalysis) -> Callable[[int, int, Floats], None] | None:
-    """Return what predicts samples of a tracer from nodes, every so many of its samples.
-
-    It writes the variables (variables, modes, samples) from one sample to before another
-    into an array, NaN where nothing is predicted. None where samples do not lie close
-    together along a path.
+    Attributes
+    ----------
+    mode
+        Position of the mode among the modes of the analysis.
+    first, last
+        The samples of the first and the last node.
+    evaluate
+        Returns the passive variables (n, passive) rad at sample numbers (n,).
     """
-    q = tracer.input_grid.q
-    if not tracer.input_grid.is_path or not tracer.assembly_modes:
+
+    mode: int
+    first: int
+    last: int
+    evaluate: Callable[[Floats], Floats]
+
+
+def make_sample_predictor(
+    position_analysis: PositionAnalysis,
+) -> Callable[[int, int, Floats], None] | None:
+    """Return a function that predicts samples, or None if they are not close together.
+
+    The function has the arguments start, stop and out. It writes the variables of the
+    samples from start up to, but without, stop into out (variables, modes, samples), in
+    rad. They are NaN if nothing is predicted. The nodes are solved when the function is
+    called for the first time.
+    """
+    q = position_analysis.input_grid.q
+    if not position_analysis.input_grid.is_path or not position_analysis.assembly_modes:
         return None
-    step = max(APART / MOST, max_abs(np.diff(q, axis=0)))
-    every = min(int(APART / step), (len(q) - 1) // DEGREE)
-    if every < FEWEST:
+    step = max(NODE_DISTANCE_RAD / MAX_SAMPLES_PER_NODE, max_abs(np.diff(q, axis=0)))
+    samples_per_node = min(int(NODE_DISTANCE_RAD / step), (len(q) - 1) // SPLINE_DEGREE)
+    if samples_per_node < MIN_SAMPLES_PER_NODE:
         return None
-    driven = list(tracer.solver.driven)
-    free = np.delete(np.arange(len(tracer.mechanism.variable_owners)), driven)
-    is_angle = np.isin(free, tracer.solver.angles)
+    driven = list(position_analysis.solver.driven)
+    variable_count = len(position_analysis.mechanism.variable_owners)
+    passive = np.delete(np.arange(variable_count), driven)
+    is_angle = np.isin(passive, position_analysis.solver.angles)
 
     @cache
-    def splines() -> list[tuple[int, int, int, Spline]]:
-        return list(_splines(tracer, every, free, is_angle))
+    def fit_once() -> list[ModeSpline]:
+        return list(_fit_splines(position_analysis, samples_per_node, passive, is_angle))
 
-    def read(start: int, stop: int, out: Floats) -> None:
+    def predict_samples(start: int, stop: int, out: Floats) -> None:
         out[:] = np.nan
         out[driven] = q[start:stop].T[:, None]
-        for mode, first, last, spline in splines():
-            low = max(start, first)
-            high = min(stop, last + 1)
+        for spline in fit_once():
+            low = max(start, spline.first)
+            high = min(stop, spline.last + 1)
             if low < high:
-                made = spline(np.arange(low, high, dtype=float)).T
-                angles = made[is_angle]
-                over = ~(np.abs(angles) < np.pi)
-                angles[over] -= TURN * np.ceil((angles[over] - np.pi) / TURN)
-                made[is_angle] = angles
-                out[free, mode, low - start : high - start] = made
+                values = spline.evaluate(np.arange(low, high, dtype=float)).T
+                # Only the few angles outside (-pi, pi) are reduced, which saves time.
+                angles = values[is_angle]
+                is_outside = ~(np.abs(angles) < np.pi)
+                angles[is_outside] -= TURN * np.ceil((angles[is_outside] - np.pi) / TURN)
+                values[is_angle] = angles
+                out[passive, spline.mode, low - start : high - start] = values
 
-    return read
+    return predict_samples
 
 
-def _splines(
-    tracer: PositionAnalysis, every: int, free: Indices, is_angle: Bools
-) -> Iterator[tuple[int, int, int, Spline]]:
-    """Yield splines by the number of the sample, with modes, first and last samples."""
+def _fit_splines(
+    position_analysis: PositionAnalysis,
+    samples_per_node: int,
+    passive: Indices,
+    is_angle: Bools,
+) -> Iterator[ModeSpline]:
+    """Solve the nodes, and yield a spline for each row of nodes of a mode that are OK.
+
+    Parameters
+    ----------
+    position_analysis
+        The samples and the modes.
+    samples_per_node
+        Every so many samples there is a node. The last sample is a node too.
+    passive
+        Numbers of the variables that are predicted.
+    is_angle
+        (passive,) whether a variable is an angle, which has to be made continuous.
+    """
     from scipy.interpolate import make_interp_spline
 
-    last = len(tracer.input_grid) - 1
-    modes = len(tracer.assembly_modes)
-    nodes = np.append(np.arange(0, last, every), last)
-    values = np.empty((modes, len(nodes), len(free)))
-    good = np.empty((modes, len(nodes)), dtype=bool)
-    for start in range(0, len(nodes), PORTION):
-        some = slice(start, start + PORTION)
-        motion = tracer.samples(nodes[some])
-        values[:, some] = motion.values[:, free].reshape(modes, -1, len(free))
-        good[:, some] = (motion.status == Status.OK).reshape(modes, -1)
-    for mode in range(modes):
-        edges = np.flatnonzero(np.diff(good[mode], prepend=False, append=False))
-        for first, stop in edges.reshape(-1, 2):
-            if stop - first <= DEGREE:
+    last_sample = len(position_analysis.input_grid) - 1
+    mode_count = len(position_analysis.assembly_modes)
+    nodes = np.append(np.arange(0, last_sample, samples_per_node), last_sample)
+    values = np.empty((mode_count, len(nodes), len(passive)))
+    is_ok = np.empty((mode_count, len(nodes)), dtype=bool)
+    for start in range(0, len(nodes), NODES_PER_BLOCK):
+        block = slice(start, start + NODES_PER_BLOCK)
+        motion = position_analysis.samples(nodes[block])
+        passive_values = motion.values[:, passive]
+        values[:, block] = passive_values.reshape(mode_count, -1, len(passive))
+        is_ok[:, block] = (motion.status == Status.OK).reshape(mode_count, -1)
+    for mode in range(mode_count):
+        # Positions at which a run of good nodes begins, and behind its end, alternately.
+        borders = np.flatnonzero(np.diff(is_ok[mode], prepend=False, append=False))
+        for first, stop in borders.reshape(-1, 2):
+            if stop - first <= SPLINE_DEGREE:
                 continue
-            along = values[mode, first:stop]
-            at = nodes[first:stop]
-            along[:, is_angle] = np.unwrap(along[:, is_angle], axis=0)
-            yield mode, at[0], at[-1], make_interp_spline(at, along, k=DEGREE)
+            run_values = values[mode, first:stop]
+            run_nodes = nodes[first:stop]
+            run_values[:, is_angle] = np.unwrap(run_values[:, is_angle], axis=0)
+            spline = make_interp_spline(run_nodes, run_values, k=SPLINE_DEGREE)
+            yield ModeSpline(mode, run_nodes[0], run_nodes[-1], spline)

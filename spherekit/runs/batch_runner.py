@@ -23,7 +23,7 @@ from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.mode_predictor import ModeCurve
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.positions.sample_prediction import predictor
+from spherekit.positions.sample_prediction import make_sample_predictor
 from spherekit.runs.kernel_columns import SLICE, ComputedColumns, LazyField, Part, slices_of
 from spherekit.runs.prefetch import each_at_once, in_turn
 from spherekit.runs.resource_checks import evaluation_memory
@@ -498,7 +498,9 @@ class BatchRunner:
             sampling=sampling,
             requests=requests,
             kernel=kernel,
-            predict=None if kernel.has_closed_form else predictor(position_analysis),
+            predict=None
+            if kernel.has_closed_form
+            else make_sample_predictor(position_analysis),
             is_recorded=is_recorded,
             looks_ahead=looks_ahead,
             needs_timing=needs_timing,

@@ -21,7 +21,7 @@ from spherekit.planning.pole_plan import Plan, Pole, ordered_pole, pole_of
 from spherekit.planning.pole_planner import plan
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import SINGULAR
-from spherekit.positions.curve_crossing import Crossing, crossing_near
+from spherekit.positions.curve_crossing import Crossing, find_crossing
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.curve_velocities import AT_REST, AlongCurve, LinkMotion
 from spherekit.singularities.geometric_conditions import TOLD, RelationAt, judged
@@ -273,7 +273,7 @@ class SingleFreedom:
                 if why != Status.AT_SINGULARITY:
                     continue
                 last = curve.nodes.values[node]
-                crossing = crossing_near(curve.closure, last)
+                crossing = find_crossing(curve.closure, last)
                 values = last if crossing is None else crossing.values
                 for _, there, ends in crossings:
                     if max_abs(curve.wrapped(values - there)) < SAME_CROSSING:
