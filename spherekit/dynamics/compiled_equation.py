@@ -177,10 +177,10 @@ def compile_equation(
             expressions = derive_multi_dof_equation(
                 common_mechanism, values, input_variables
             )
-        arguments = EquationArguments(
-            common_mechanism, tolerance, compact, coordinates, values
+        arguments = EquationArguments(mechanism, tolerance, compact, coordinates, values)
+        return _compile_expressions(
+            expressions, common_mechanism, step_tolerance, arguments
         )
-        return _compile_expressions(expressions, step_tolerance, arguments)
 
     equation = COMPILED.get(common_mechanism, key, compile_now)
     return equation, was_compiled
@@ -269,7 +269,10 @@ def _remove_run_data(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechan
 
 
 def _compile_expressions(
-    expressions: EquationExpressions, step_tolerance: float, arguments: EquationArguments
+    expressions: EquationExpressions,
+    mechanism: Mechanism,
+    step_tolerance: float,
+    arguments: EquationArguments,
 ) -> CompiledEquation:
     """Return the compiled equation of expressions.
 
@@ -277,13 +280,13 @@ def _compile_expressions(
     ----------
     expressions
         The equation of motion.
+    mechanism
+        The mechanism with its loads and joint limits, without data of a run.
     step_tolerance
         Tolerance of a step.
     arguments
-        The arguments of `compile_equation`. Loads and joint limits are those of their
-        mechanism.
+        The arguments of `compile_equation`, to be pickled.
     """
-    mechanism = arguments.mechanism
     compact = arguments.compact
     layout = expressions.layout
     equations = [*zip(layout.state, expressions.state_rates, strict=True)]
