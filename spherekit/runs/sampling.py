@@ -221,8 +221,8 @@ class Sampling:
 
         About 24 samples are used. None if the axes cancel each other.
         """
-        every_24th_part = np.arange(0, len(self), max(1, len(self) // 24))
-        motion = self.motion_at(every_24th_part)
+        spread_samples = np.arange(0, len(self), max(1, len(self) // 24))
+        motion = self.motion_at(spread_samples)
         is_first_mode = motion.assembly_mode == motion.assembly_mode[0]
         axes = motion.frames[~motion.failed & is_first_mode, :, :, 2]
         mean = np.sum(axes, axis=(0, 1))

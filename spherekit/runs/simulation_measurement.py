@@ -97,7 +97,7 @@ def tables_by(
     setting: Setting,
     toward: Sequence[PoleField] = (),
 ) -> Timed:
-    """Return the tables of an analysis over a sampling by a setting.
+    """Compute the tables of an analysis at all samples with a setting, and time it.
 
     The signs of directions follow from the samples, not from a setting. To compare
     errors they are turned `toward` those of a reference.
@@ -178,7 +178,7 @@ def timing_loop(
 def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
     """Return integrators and tolerances with their times and errors.
 
-    `plan` has the sampling of the study's simulation. The reference is a simulation in
+    `plan` has the samples of the study's simulation. The reference is a simulation in
     more digits than float64; where none can be made, the tightest float64 one, and the
     words say why.
     """

@@ -1,6 +1,6 @@
-"""Measuring the trade of speed for accuracy of one analysis of one mechanism.
+"""Measurement of the trade of speed for accuracy, for one analysis of one mechanism.
 
-The samples of a sampling at which errors are measured.
+`trade` is the public function. `places` chooses the samples at which errors are measured.
 """
 
 import time
@@ -81,7 +81,7 @@ def places(sampling: Sampling, most: int, wanted: Request) -> Indices:
 
 
 def at_places(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
-    """Return the sampling that runs through some samples of another only."""
+    """Return a sampling with a part of the samples of another, given by their numbers."""
     position_analysis = sampling.position_analysis
     only = (
         position_analysis.assembly_modes[0].number
