@@ -156,7 +156,7 @@ def _alone(
         requests = [request(made, x, every, every, by_rank=by) for x in tracer.inputs]
         rows = row_kernel(tracer.sparse(REFERENCE_SAMPLES), requests, engine)
         assert rows is not None
-        terms = rows.whole
+        terms = rows.all_columns
 
         def sliced(inputs: Floats, out: Floats) -> None:
             for start in range(0, inputs.shape[1], SLICE):

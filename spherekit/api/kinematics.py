@@ -43,7 +43,7 @@ from spherekit.velocities.direction_signs import to_sides
 from spherekit.velocities.pole_evaluation import evaluate as evaluate_poles
 from spherekit.velocities.pole_evaluation import vouched_field
 from spherekit.velocities.pole_request import ByIdentity
-from spherekit.velocities.row_kernel import REFERENCES, row_kernel
+from spherekit.velocities.row_kernel import REFERENCES, EvaluatedRow, row_kernel
 from spherekit.wording import counted, listing
 
 TABLE = Table(
@@ -477,7 +477,7 @@ def _one_row(
     # The order of elimination need not be the same in other modes.
     motion = motion.rows(motion.assembly_mode == mode.number)
     kernel = row_kernel(motion, [wanted], "numpy")
-    if kernel is None or not kernel.vouches or mechanism.has_contacts:
+    if kernel is None or not kernel.can_certify_rows or mechanism.has_contacts:
         return None
     low, high = tracer.range
     there = replace(
@@ -488,18 +488,20 @@ def _one_row(
         placed=None,
     )
 
-    def batch(q: float, values: Sequence[float], numbers: Sequence[float]) -> Batch:
-        residual, *side = numbers[:4]
-        columns = np.array(numbers[4:])[:, None]
-        every = np.array([values])
-        free = list(kernel.free)
+    def batch(q: float, evaluated: EvaluatedRow) -> Batch:
+        columns = np.array(evaluated.columns)[:, None]
+        every = np.array([evaluated.variables])
+        free = list(kernel.passive_variables)
         every[:, free] = wrap(every[:, free])
         row = replace(
-            there, inputs=np.array([[q]]), values=every, residual=np.array([residual])
+            there,
+            inputs=np.array([[q]]),
+            values=every,
+            residual=np.array([evaluated.residual]),
         )
-        (moving,) = kernel.moving
-        signed = moving.with_sign(columns)
-        signed *= to_sides(np.array([side]))(signed[:3], 0, 0)
+        (moving,) = kernel.input_columns
+        signed = moving.signed_part(columns)
+        signed *= to_sides(np.array([evaluated.axis_sum]))(signed[:3], 0, 0)
         return Batch(
             mechanism,
             (wanted.plan,),
@@ -518,8 +520,8 @@ def _one_row(
             if why != Status.OK:
                 return None
             given = predicted[0].tolist()
-        row = kernel.row(given)
-        return None if row is None else partial(batch, q, *row)
+        evaluated = kernel.evaluate_row(given)
+        return None if evaluated is None else partial(batch, q, evaluated)
 
     return at
 

@@ -38,8 +38,8 @@ from spherekit.velocities.direction_signs import (
     signs_at_stops,
 )
 from spherekit.velocities.dyad_expressions import given_by, lost_by
+from spherekit.velocities.input_columns import InputColumns
 from spherekit.velocities.pole_request import Request
-from spherekit.velocities.row_expressions import MovingTerms
 from spherekit.velocities.row_kernel import ColumnFunction, RowKernel, row_kernel
 
 MAX_NEWTON_STEP_RAD = 1e-6
@@ -132,7 +132,9 @@ class BlockRows:
         new_array = np.empty if kernel.has_closed_form else nans
         self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
         # The function that decides about rows: from inputs in closed form, or from values.
-        self._deciding = kernel.by_inputs if kernel.has_closed_form else kernel.judging
+        self._deciding = (
+            kernel.closed_form_quality if kernel.has_closed_form else kernel.row_quality
+        )
         slice_size = max(1, round(SLICE_NUMBERS / (self._deciding.width * SLICE))) * SLICE
         self.slices = slices_of(mode_count, n // mode_count, slice_size)
 
@@ -144,14 +146,14 @@ class BlockRows:
         For each slice with certified rows: the index of its mode, and possible reversals.
         """
         reversals_by_slice = each_at_once(
-            self._fill_slice, self.slices, self.kernel.in_threads
+            self._fill_slice, self.slices, self.kernel.is_compiled
         )
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
         if len(uncertified):
             self._solve_rows(samples, uncertified)
         self.is_certified &= self.status == Status.OK
 
-        judging = self.kernel.judging
+        judging = self.kernel.row_quality
         result: list[tuple[int, SliceReversals]] = []
         for (mode, part), reversals in zip(self.slices, reversals_by_slice, strict=True):
             rows = part.start + np.flatnonzero(self.is_certified[part])
@@ -185,21 +187,24 @@ class BlockRows:
         else:
             arguments[:] = self.values[:, rows]
         deciding(arguments, columns)
-        column_rows = deciding.places
+        column_rows = deciding.slices
         if has_closed_form:
             self.values[:, rows] = columns[column_rows["variables"]]
-        rounding = self.kernel.open_by_rounding
+        rounding = self.kernel.closure_rounding_rad
         closure = columns[column_rows["closure"]]
         self.closure[:, rows] = closure
         # Most slices are certified as a whole. This is faster than row by row.
-        if np.max(columns[column_rows["doubt"]]) <= 1.0 and np.max(closure[0]) <= rounding:
+        if (
+            np.max(columns[column_rows["uncertainty_sum"]]) <= 1.0
+            and np.max(closure[0]) <= rounding
+        ):
             return SliceReversals(self.kernel, deciding, columns, row_numbers)
 
         if has_closed_form:
             is_out_of_reach = lost_by(columns[column_rows["squares"]])
         else:
             # No prediction: the input may be beyond the end of the curve of the mode.
-            is_out_of_reach = np.isnan(arguments[self.kernel.free[0]])
+            is_out_of_reach = np.isnan(arguments[self.kernel.passive_variables[0]])
             guide = assembly_mode.guide
             if isinstance(guide, ModeCurve) and not assembly_mode.pieces:
                 status = guide.at(q[:, is_out_of_reach].T, None)[2]
@@ -209,7 +214,7 @@ class BlockRows:
             is_open = (closure[0] > rounding) & np.isfinite(closure[0])
             self._close_rows(columns, row_numbers, np.flatnonzero(is_open))
             self.closure[:, rows] = closure
-        is_certified = np.all(columns[column_rows["doubts"]] <= 1.0, axis=0) & (
+        is_certified = np.all(columns[column_rows["uncertainties"]] <= 1.0, axis=0) & (
             closure[0] <= rounding
         )
         self.is_certified[rows] = is_certified
@@ -231,12 +236,12 @@ class BlockRows:
             return
         before = self.values[:, row_numbers[open_rows]]
         after = before.copy()
-        after[list(self.kernel.free)] = self.kernel.closer(before)
+        after[list(self.kernel.passive_variables)] = self.kernel.newton_step(before)
         is_small = max_abs(after - before, axis=0) < MAX_NEWTON_STEP_RAD
         open_rows = open_rows[is_small]
         after = np.ascontiguousarray(after[:, is_small])
         self.values[:, row_numbers[open_rows]] = after
-        columns[:, open_rows] = self.kernel.judging(after)
+        columns[:, open_rows] = self.kernel.row_quality(after)
 
     def _solve_rows(self, samples: Indices, rows: Indices) -> None:
         """Solve rows by the position analysis, and let the kernel judge the result."""
@@ -256,10 +261,12 @@ class BlockRows:
             self.singular_error[mode_rows] = evaluated.singular_error
             residual[is_of_mode] = evaluated.residual
         solved = rows[np.isfinite(residual)]
-        judging = self.kernel.judging
+        judging = self.kernel.row_quality
         columns = judging(self.values[:, solved])
-        self.closure[:, solved] = columns[judging.places["closure"]]
-        self.is_certified[solved] = np.all(columns[judging.places["doubts"]] <= 1.0, axis=0)
+        self.closure[:, solved] = columns[judging.slices["closure"]]
+        self.is_certified[solved] = np.all(
+            columns[judging.slices["uncertainties"]] <= 1.0, axis=0
+        )
         # The residual of the solver is measured directly, and therefore kept.
         self.closure[0, rows] = residual
 
@@ -287,14 +294,14 @@ class SliceReversals:
         self.rows = rows[[0, -1]]
         self.end_velocities: list[Floats] = []
         self.gaps: list[Indices] = []
-        for input_index, moving in enumerate(kernel.moving):
-            spins = columns[deciding.places["spins", input_index]]
+        for input_index, moving in enumerate(kernel.input_columns):
+            spins = columns[deciding.slices["velocities", input_index]]
             gap_starts = _find_reversals(moving, spins)
-            self.end_velocities.append(moving.relative(spins[:, [0, -1]]))
+            self.end_velocities.append(moving.relative_velocities(spins[:, [0, -1]]))
             self.gaps.append(np.array([rows[gap_starts], rows[gap_starts + 1]]))
         self.errors = [
             np.max(columns[column_rows], axis=1, initial=0.0)
-            for key, column_rows in deciding.places.items()
+            for key, column_rows in deciding.slices.items()
             if "errors" in key
         ]
 
@@ -305,7 +312,7 @@ def _keeps_direction(first: Floats, second: Floats) -> Bools:
     return np.vecdot(first, second) >= MIN_DIRECTION_COSINE * np.sqrt(squared)
 
 
-def _find_reversals(moving: MovingTerms, spins: Floats) -> Indices:
+def _find_reversals(moving: InputColumns, spins: Floats) -> Indices:
     """Return the rows after which a pole direction may reverse.
 
     The relative angular velocities are in a box, from the least to the greatest value of
@@ -322,8 +329,8 @@ def _find_reversals(moving: MovingTerms, spins: Floats) -> Indices:
     """
     low = np.min(spins, axis=1)
     high = np.max(spins, axis=1)
-    least = moving.relative(low, high)
-    greatest = moving.relative(high, low)
+    least = moving.relative_velocities(low, high)
+    greatest = moving.relative_velocities(high, low)
     across = least * greatest
     least_squared = least * least
     greatest_squared = greatest * greatest
@@ -341,7 +348,7 @@ def _find_reversals(moving: MovingTerms, spins: Floats) -> Indices:
             _find_reversals(moving, spins[:, : half + 1]),
             _find_reversals(moving, spins[:, half:]) + half,
         )
-    velocities = np.moveaxis(moving.relative(spins), 1, 2)
+    velocities = np.moveaxis(moving.relative_velocities(spins), 1, 2)
     keeps = _keeps_direction(velocities[:, :-1], velocities[:, 1:])
     return np.flatnonzero(~np.all(keeps, axis=0))
 
@@ -492,7 +499,7 @@ class BatchRunner:
             requests,
             "compiled" if is_compiled else "numpy",
         )
-        if kernel is None or not kernel.vouches:
+        if kernel is None or not kernel.can_certify_rows:
             return None
         return cls(
             sampling=sampling,
@@ -511,7 +518,7 @@ class BatchRunner:
     def block_size(self) -> int:
         """Number of samples in a block, limited by memory."""
         position_analysis = self.sampling.position_analysis
-        bytes_per_row = 8 * self.kernel.kept
+        bytes_per_row = 8 * self.kernel.column_count
         if self.reads_frames:
             frame_bytes = evaluation_memory(position_analysis.mechanism, 1)
             bytes_per_row = max(bytes_per_row, frame_bytes)
@@ -553,13 +560,15 @@ class BatchRunner:
         self._last_columns = columns
         turnings: list[Turning] = []
         for input_index, (moving, memory) in enumerate(
-            zip(self.kernel.moving, sign_continuations, strict=False)
+            zip(self.kernel.input_columns, sign_continuations, strict=False)
         ):
             if motion.is_path:
                 velocities_at = partial(columns.relative_at, input_index)
                 stops = pending.stops[input_index]
                 turnings.append(
-                    signs_at_stops(motion, moving.signed, stops, velocities_at, memory)
+                    signs_at_stops(
+                        motion, moving.signed_poles, stops, velocities_at, memory
+                    )
                 )
             else:
                 turnings.append(sides_of(motion, pending.is_assembled, memory))

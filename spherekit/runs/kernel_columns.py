@@ -15,10 +15,9 @@ from spherekit.runs.prefetch import each_at_once
 from spherekit.status import Status
 from spherekit.velocities.direction_signs import Turning, turn_round
 from spherekit.velocities.pole_evaluation import add_locked, found
-from spherekit.velocities.pole_field import PoleField
+from spherekit.velocities.pole_field import REPORTED_ERRORS, PoleField
 from spherekit.velocities.pole_request import Request
 from spherekit.velocities.pole_sequence import PlannedPoles
-from spherekit.velocities.row_expressions import ERRORS
 from spherekit.velocities.row_kernel import RowKernel
 
 SLICE = 8184
@@ -64,9 +63,9 @@ class ComputedColumns:
         self._turned: Sequence[Turning] = ()
         if len(doubtful):
             rows = motion.rows(doubtful)
-            for wanted, at in zip(requests, kernel.moving, strict=True):
+            for wanted, at in zip(requests, kernel.input_columns, strict=True):
                 late = found(rows, replace(wanted, planes=frozenset()))
-                for pole in at.signed:
+                for pole in at.signed_poles:
                     turned = np.where(late.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
                     turn_round(late, pole, turned)
                 self.careful.append(late)
@@ -76,8 +75,8 @@ class ComputedColumns:
 
         With relative angular velocities and their derivatives, each (3, poles, k).
         """
-        parts = self.kernel.moving[number].with_sign(
-            self.kernel.whole(self._values[:, rows])
+        parts = self.kernel.input_columns[number].signed_part(
+            self.kernel.all_columns(self._values[:, rows])
         )
         unit, turn, (rate, change) = np.split(parts, [3, 6])
         with np.errstate(invalid="ignore", over="ignore"):  # of rows found with care
@@ -85,7 +84,9 @@ class ComputedColumns:
             dv = change * unit + rate * turn
         here = np.flatnonzero(np.isin(rows, self.doubtful))
         at = np.searchsorted(self.doubtful, rows[here])
-        for k, (i, j) in enumerate(self.kernel.moving[number].signed if len(here) else ()):
+        for k, (i, j) in enumerate(
+            self.kernel.input_columns[number].signed_poles if len(here) else ()
+        ):
             field = self.careful[number]
             unit[:, k, here] = field.direction[i, j][at].T
             v[:, k, here] = (field.w[j] - field.w[i])[at].T
@@ -97,7 +98,7 @@ class ComputedColumns:
         self._turned = turned
         rows = self.doubtful
         for number, field in enumerate(self.careful):
-            poles = self.kernel.moving[number].signed
+            poles = self.kernel.input_columns[number].signed_poles
             unit = np.array([field.direction[pole].T for pole in poles])
             unit = unit.reshape(-1, 3, len(rows)).swapaxes(0, 1)
             for pole, of_pole in zip(
@@ -108,15 +109,18 @@ class ComputedColumns:
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Have columns read, rows after rows."""
         self.was_read = True
-        places = [self.kernel.moving[k].of[name][of][c] for k, name, of, c in keys]
+        places = [
+            self.kernel.input_columns[k].column_indices[name][of][c]
+            for k, name, of, c in keys
+        ]
 
         def fill(part: Part) -> None:
             mode, rows = part
             given = np.ascontiguousarray(self._values[:, rows])
-            whole = np.empty((self.kernel.whole.width, given.shape[1]))
-            self.kernel.whole(given, whole)
-            for turned, at in zip(self._turned, self.kernel.moving, strict=False):
-                signed = at.with_sign(whole)
+            whole = np.empty((self.kernel.all_columns.width, given.shape[1]))
+            self.kernel.all_columns(given, whole)
+            for turned, at in zip(self._turned, self.kernel.input_columns, strict=False):
+                signed = at.signed_part(whole)
                 signs = turned(signed[:3], rows, mode)
                 for k in np.flatnonzero(np.any(signs < 0, axis=1)):
                     signed[:, k] *= signs[k]
@@ -128,7 +132,7 @@ class ComputedColumns:
                 ]
             reader(rows, made)
 
-        each_at_once(fill, self._parts, self.kernel.in_threads)
+        each_at_once(fill, self._parts, self.kernel.is_compiled)
 
     def _mended(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
         """Return what the kernel gives of some rows, with those it does not know."""
@@ -167,11 +171,11 @@ class LazyField:
         errors: Sequence[float],
     ) -> None:
         self._source, self._number, self._motion = source, number, motion
-        self._places = source.kernel.moving[number].of
+        self._places = source.kernel.input_columns[number].column_indices
         wanted = source.requests[number]
         rows = source.doubtful
         n = len(motion)
-        self.largest = dict(zip(ERRORS, errors, strict=True))
+        self.largest = dict(zip(REPORTED_ERRORS, errors, strict=True))
         status = motion.status
         by_equations, by_decimals = np.zeros((2, n), dtype=bool)
         loss = np.where(motion.failed, np.nan, 0.0)
@@ -228,7 +232,7 @@ class LazyField:
 
 
 def largest_errors(field: PoleField) -> dict[str, float]:
-    """Return the largest finite errors of rows that are well, by the names of `ERRORS`."""
+    """Return the largest finite `REPORTED_ERRORS` of rows that are well, by name."""
     well = field.status == Status.OK
     return {
         name: max(
@@ -238,7 +242,7 @@ def largest_errors(field: PoleField) -> dict[str, float]:
             ),
             default=-np.inf,
         )
-        for name in ERRORS
+        for name in REPORTED_ERRORS
     }
 
 

@@ -24,7 +24,7 @@ from spherekit.positions.motion import Motion
 from spherekit.positions.quad_positions import QuadAssembly, dot, rotated
 from spherekit.status import Status
 from spherekit.tolerances import EPS
-from spherekit.velocities.row_expressions import BOUNDS
+from spherekit.velocities.pole_field import POLE_ERRORS
 
 PLACEMENT_ERROR_RAD = 1e-30
 """Error bound of the orientation of a link in quad precision: some thousand rounding
@@ -148,7 +148,7 @@ class DecimalRates:
             angle is |v| divided by the sum of the speeds of both links, and 1 for a pair
             axis.
         errors
-            (4, n) error bounds, in the order of `BOUNDS`.
+            (4, n) error bounds, in the order of `POLE_ERRORS`.
         """
         i, j = pole
         v, dv = self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
@@ -193,8 +193,8 @@ class DecimalRates:
 
         Returns
         -------
-        (4, n) bounds, in the order of `BOUNDS`. The bound of the direction is infinite if v
-        may be zero within its error.
+        (4, n) bounds, in the order of `POLE_ERRORS`. The bound of the direction is infinite
+        if v may be zero within its error.
         """
         derivative_size = np.sqrt(dot(dv, dv)).astype(float)
         # v and dv are differences of two links.
@@ -220,7 +220,7 @@ class DecimalRates:
         }
         errors = {f"{name}_error": bounds[name] + rounding[name] for name in bounds}
         errors["error"] = errors.pop("direction_error")
-        return np.array([errors[name] for name in BOUNDS])
+        return np.array([errors[name] for name in POLE_ERRORS])
 
     @property
     def _largest_speed(self) -> Floats:

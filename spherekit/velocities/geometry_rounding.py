@@ -161,7 +161,7 @@ class GeometryRounding:
         -------
         (4, n) bounds of the errors of the direction, the velocity coefficient, the
         acceleration coefficient, and the derivative of the direction, in the order of
-        `spherekit.velocities.row_expressions.BOUNDS`. The bound of the direction is
+        `spherekit.velocities.pole_field.POLE_ERRORS`. The bound of the direction is
         infinite if v and dv may both be zero within their errors.
         """
         i, j = pole

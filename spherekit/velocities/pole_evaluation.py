@@ -28,16 +28,16 @@ from spherekit.velocities.elimination_order import (
     inverse_sizes,
 )
 from spherekit.velocities.geometry_rounding import GeometryRounding
-from spherekit.velocities.pole_field import TURN_KNOWN, PoleField, axis_pairs
+from spherekit.velocities.input_columns import (
+    MAX_CERTIFIED_DW_ERROR,
+    MAX_CERTIFIED_ERROR_RAD,
+    InputColumns,
+)
+from spherekit.velocities.pole_field import POLE_ERRORS, TURN_KNOWN, PoleField, axis_pairs
 from spherekit.velocities.pole_request import ROUTES, Request, Route
 from spherekit.velocities.pole_sequence import PlannedPoles
-from spherekit.velocities.row_expressions import (
-    BOUNDS,
-    LARGEST_ERROR,
-    LARGEST_PART,
-    MovingTerms,
-)
-from spherekit.velocities.row_kernel import NEARLY_FLAT, RowKernel, row_kernel
+from spherekit.velocities.quad_precision_rows import recompute_in_quad
+from spherekit.velocities.row_kernel import MIN_RECIPROCAL_CONDITION, RowKernel, row_kernel
 from spherekit.wording import listing, nearest
 
 INCONSISTENT = 1e-10
@@ -132,7 +132,7 @@ class _Rows:
     """What the terms give at the rows of a motion.
 
     The kernel vouches for rows (n,) that are `sure`; `wide` ones are computed in quad
-    precision. `errors[pole]` (4, n) bound what `BOUNDS` names, in its order; `loss` (n,)
+    precision. `errors[pole]` (4, n) are its `POLE_ERRORS`, in this order; `loss` (n,)
     is the part of the largest rate or derivative that may be off, infinite where they are
     lost. Rows `by_decimals` (n,) are those of the decimal sizes of the file, where the
     rounding of these leaves nothing of the rates. Rows that follow the sequence have the
@@ -165,15 +165,18 @@ class _Rows:
             self.status[self.status == Status.OK] = Status.AT_SINGULARITY
             return
         values = motion.values.T
-        self._columns, self._aside = kernel.whole(values), kernel.aside(values)
-        self._places = kernel.aside.places
-        self._of, self._signed = kernel.moving[0].of, kernel.moving[0].signed
+        self._columns, self._aside = kernel.all_columns(values), kernel.row_bounds(values)
+        self._places = kernel.row_bounds.slices
+        self._of = kernel.input_columns[0].column_indices
+        self._signed = kernel.input_columns[0].signed_poles
         for pole in self._of["error"]:
-            self.errors[pole] = np.concatenate([self.part(name, pole) for name in BOUNDS])
+            self.errors[pole] = np.concatenate(
+                [self.part(name, pole) for name in POLE_ERRORS]
+            )
         self.sure = self._vouched() & ~motion.failed & (engine != "extended")
         self.wide = ~self.sure & ~motion.failed
         if order is None:
-            self.reordered = self._reorder(self._aside[self._places["shape"]][0])
+            self.reordered = self._reorder(self._bound("condition_number"))
             for _, rows in self.reordered:
                 self.wide[rows] = False
         if np.any(self.wide):
@@ -187,10 +190,13 @@ class _Rows:
         for links, errors in self.errors.items():
             pole = wanted.plan.pole(*links)
             if pole and wanted.plan.rounds[pole] and pairs.get(pole) in rounded:
-                slack = SAME_AXIS_SINE * self._aside[-2]
+                slack = SAME_AXIS_SINE * self._bound("rate_size")
                 self.apart[links] = slack / norm(self.relative(links)[0])
                 dv = norm(self.relative(links)[1])
-                bent = SAME_AXIS_SINE * self._aside[-1] + self.apart[links] * dv
+                bent = (
+                    SAME_AXIS_SINE * self._bound("acceleration_size")
+                    + self.apart[links] * dv
+                )
                 turned = (bent + self.apart[links] * dv) / norm(self.relative(links)[0])
                 errors += self.apart[links], slack, bent, turned
         lost = np.isinf(self.loss) & (self.status == Status.OK)
@@ -240,7 +246,9 @@ class _Rows:
             (n,) those of the equations by the kernel: the size of the Jacobian times that
             of the inverse that its order gives. NaN where a pivot is zero.
         """
-        doubtful = ~(condition_numbers <= 1.0 / NEARLY_FLAT) & ~self.motion.failed
+        doubtful = (
+            ~(condition_numbers <= 1.0 / MIN_RECIPROCAL_CONDITION) & ~self.motion.failed
+        )
         rows = np.flatnonzero(doubtful)
         if not len(rows):
             return []
@@ -258,17 +266,21 @@ class _Rows:
             )
         ]
 
+    def _bound(self, name: str) -> Floats:
+        """Return a quantity (n,) of `RowKernel.row_bounds` by its name."""
+        return self._aside[self._places[name]][0]
+
     def _vouched(self) -> Bools:
         """Return which rows (n,) norms vouch for: each pole is known or surely none."""
-        flatness, _, curved = self._aside[self._places["shape"]]
-        good = (flatness <= 1.0 / NEARLY_FLAT) & (curved <= 1.0)
-        good &= self._aside[self._places["left"]][0] <= LARGEST_PART
+        good = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
+        good &= self._bound("curvature_uncertainty") <= 1.0
+        good &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
         for pole in self._signed:
             direction, rate, change, _ = self.errors[pole]
             v, dv = map(norm, self.relative(pole))
-            doubt = direction + 2.0 * LARGEST_ERROR / TURN_KNOWN * change / v
+            doubt = direction + 2.0 * MAX_CERTIFIED_ERROR_RAD / TURN_KNOWN * change / v
             none = (v <= rate) & (dv <= change) & (change <= NO_MOTION)
-            good &= (doubt <= LARGEST_ERROR) | none
+            good &= (doubt <= MAX_CERTIFIED_ERROR_RAD) | none
         return good
 
     def _widen(self, kernel: RowKernel, rows: Indices) -> None:
@@ -278,22 +290,25 @@ class _Rows:
         the rounded numbers of the geometry (`GeometryRounding`).
         """
         tree = self.motion.linearisation.tree
-        columns, aside, spreads, closed = kernel.wide(self.motion.values[rows].T)
-        self._columns[:, rows], self._aside[:, rows] = columns, aside
-        flatness, bend, _ = aside[self._places["shape"]]
-        _, over, over_bent, fast, swings = aside[self._places["left"]]
-        gap = np.where(
-            closed, EPS * (2.0 + tree.longest_loop), self.motion.residual_bound[rows]
-        )
+        quad_rows = recompute_in_quad(kernel, self.motion.values[rows].T)
+        columns = quad_rows.columns
+        self._columns[:, rows] = columns
+        self._aside[:, rows] = quad_rows.bounds
+        condition_number = self._bound("condition_number")[rows]
+        rate_size = self._bound("rate_size")[rows]
+        acceleration_size = self._bound("acceleration_size")[rows]
+        # Rows that Newton's method did not close stay open as they were.
+        closed_gap = EPS * (2.0 + tree.longest_loop)
+        gap = np.where(quad_rows.is_closed, closed_gap, self.motion.residual_bound[rows])
 
         ways = 3 * len(tree.chords)
-        inverse = aside[self._places["inverse"]].reshape(
+        inverse = quad_rows.bounds[self._places["inverse"]].reshape(
             len(self.motion.passive_variables), ways, len(rows)
         )
         has_contacts = self.motion.mechanism.has_contacts
 
         def spread(name: str, key: Any) -> Floats:
-            return np.sum(spreads[self._of[name][key]], axis=0)
+            return np.sum(quad_rows.opening_changes[self._of[name][key]], axis=0)
 
         links = self._of["w"]
         rounding = GeometryRounding(
@@ -306,15 +321,19 @@ class _Rows:
             dw_spread=np.array([spread("dw", link) for link in links]),
             turns=self._turns_of_links(rows, inverse),
             moved=np.max(np.sum(np.abs(inverse), axis=1), axis=0, initial=0.0),
-            profile_speed=fast if has_contacts else np.zeros_like(gap),
-            profile_bend=swings if has_contacts else np.zeros_like(gap),
+            profile_speed=rate_size if has_contacts else np.zeros_like(gap),
+            profile_bend=acceleration_size if has_contacts else np.zeros_like(gap),
         )
         loss = rounding.loss
-        left = np.maximum(over / np.maximum(fast, 1.0), over_bent / np.maximum(swings, 1.0))
-        held = (loss <= TRUSTED_CHANGE) & (left < INCONSISTENT)
-        held &= flatness * SINGULAR_RATIO <= 1.0
+        # Residuals of the equations relative to their terms, or to 1 if these are smaller.
+        relative_residual = np.maximum(
+            self._bound("rate_residual")[rows] / np.maximum(rate_size, 1.0),
+            self._bound("acceleration_residual")[rows] / np.maximum(acceleration_size, 1.0),
+        )
+        held = (loss <= TRUSTED_CHANGE) & (relative_residual < INCONSISTENT)
+        held &= condition_number * SINGULAR_RATIO <= 1.0
         self.loss[rows] = np.where(held, loss, np.inf)
-        more = SECOND_ORDER * np.fmin(bend, 0.5)
+        more = SECOND_ORDER * np.fmin(self._bound("kantorovich_number")[rows], 0.5)
         for pole, errors in self.errors.items():
             v, dv = (part[:, rows] for part in self.relative(pole))
             errors[:, rows] = rounding.pole_errors(
@@ -428,10 +447,10 @@ def _add_pole(
 
 
 def vouched_field(
-    moving: MovingTerms, columns: Floats, motion: Motion, wanted: Request
+    moving: InputColumns, columns: Floats, motion: Motion, wanted: Request
 ) -> PoleField:
     """Return the poles of rows by all columns (columns, n), for which a kernel vouches."""
-    directions, n = moving.of["direction"], len(motion)
+    directions, n = moving.column_indices["direction"], len(motion)
     field = PoleField(
         status=motion.status,
         pole_status=dict.fromkeys(directions, motion.status),
@@ -440,7 +459,7 @@ def vouched_field(
         by_decimals=np.zeros(n, dtype=bool),
         loss=np.zeros(n),
     )
-    for name, places in moving.of.items():
+    for name, places in moving.column_indices.items():
         for key, at in places.items():
             part = columns[at]
             getattr(field, name)[key] = part.T if len(at) > 1 else part[0]
@@ -453,7 +472,7 @@ def add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that inputs at rest hold together: there is none."""
     good, n = field.status == Status.OK, len(motion)
     field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
-    for name in (*SIGNED, "angle", *BOUNDS):
+    for name in (*SIGNED, "angle", *POLE_ERRORS):
         count = (3,) * (SIGNED.get(name) == 3)
         rest = np.where(good, 0.0, np.nan) if "coefficient" in name else nans((n, *count))
         getattr(field, name)[pole] = rest

@@ -10,6 +10,17 @@ from spherekit.planning.pole_plan import Plan, Pole, PrimaryPole
 TURN_KNOWN = 1e-6
 """Relative error to which the derivative of an axis is known where it is given."""
 
+REPORTED_ERRORS = (
+    "error",
+    "velocity_coefficient_error",
+    "acceleration_coefficient_error",
+)
+"""Error bounds of a `PoleField` whose largest values a run reports: those of the direction
+(rad), of the velocity coefficient and of the acceleration coefficient (1/rad)."""
+
+POLE_ERRORS = (*REPORTED_ERRORS, "direction_dq_error")
+"""All error bounds of a pole. The last one is that of the derivative of the direction."""
+
 
 def axis_pairs(plan: Plan) -> dict[Pole, int]:
     """Return the poles of bodies that are the axis or contact line of a pair, and those."""

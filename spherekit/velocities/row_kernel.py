@@ -1,22 +1,19 @@
-"""The functions that give a run its rows: what decides about them, then all columns.
+"""Compiled functions that evaluate all output columns of many configurations at once.
 
-Rows in quad precision: the same terms, Newton's method included.
-
-Where float64 leaves too little of a row, its loops are closed to 33 digits and all columns
-computed again. What they may be off by is then what the numbers of the file are rounded by,
-which is measured: every way in which loops can stay open is gone by a small step.
+A `RowKernel` first computes a few quality measures per row (closure residual,
+uncertainties, error bounds). For the rows that pass, it then computes every column. Rows
+that do not pass are recomputed in quad precision by `quad_precision_rows.py`.
 """
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.rotation import max_abs
-from spherekit.numerics.quad_precision import quad
 from spherekit.positions.motion import Motion
 from spherekit.symbolic.expression_graph import (
     Expr,
@@ -35,76 +32,135 @@ from spherekit.velocities.elimination_order import (
     EliminationOrder,
     assign_elimination_orders,
 )
+from spherekit.velocities.input_columns import ColumnList, InputColumns
+from spherekit.velocities.pole_field import REPORTED_ERRORS
 from spherekit.velocities.pole_request import Request
-from spherekit.velocities.row_expressions import (
-    ERRORS,
-    LARGEST_ERROR,
-    MovingTerms,
-    RowTerms,
-    curved,
-)
+from spherekit.velocities.row_expressions import RowExpressions, curvature_uncertainties
 
-NEARLY_FLAT = 1e-3
-"""Rows whose equations are flatter than this are not vouched for."""
+MIN_RECIPROCAL_CONDITION = 1e-3
+"""Reciprocal condition number of the loop equations below which a row is not certified.
+
+Larger: more rows are recomputed in quad precision. Smaller: float64 gives rows nearer to
+singular configurations, with looser bounds.
+"""
+
 REFERENCES = 32
-"""Configurations at most that say in which order variables are eliminated. More: the order
-suits more rows, and takes longer to find."""
+"""Most configurations from which the elimination order is chosen.
+
+Larger: the order suits more rows, and takes longer to find.
+"""
+
+MAX_NEWTON_STEPS = 8
+"""Most steps of Newton's method that close the loops of a single row."""
+
+MAX_KANTOROVICH_NUMBER = 0.5
+"""Largest number in Kantorovich's theorem for which exactly one solution is near."""
 
 Engine = Literal["numpy", "compiled"]
-STEPS = 8
-"""Of Newton's method at most."""
-SURE = 0.5
-"""Loops that bend less than this have one solution near."""
-NEAR = 1e-4
-"""A solution farther away (rad) is not the one meant."""
-CLOSED = 1e-25
-"""A last step that is smaller (rad) has closed the loops."""
-SMALL = 1e-30
-"""How far loops are opened (rad)."""
-WIDE_PIECE = 256
-"""Rows computed at once."""
-
-
-WideRows = tuple[Floats, Floats, Floats, Bools]
-"""All columns (columns, n) of rows, rounded, and those aside; by how much columns change as
-loops open by one radian, all ways added up; where (n,) Newton's method closed them."""
 
 
 class ColumnFunction:
-    """The function of some parts, by name, of variables and columns of `profiles`.
+    """A function of configurations whose output columns are grouped by name.
 
-    `places` name its columns, `width` is their number.
+    Attributes
+    ----------
+    slices
+        The rows of the output that belong to each name.
+    width
+        Number of rows of the output.
+    function
+        The function of variables and profile columns, without the series of profiles.
     """
 
     def __init__(
         self,
         parts: Mapping[Any, Sequence[Expr]],
-        given: Sequence[ExpressionNode],
+        variables: Sequence[ExpressionNode],
         profiles: Sequence[ProfileSide],
         compiled: bool = False,
     ) -> None:
+        """Make the function.
+
+        Parameters
+        ----------
+        parts
+            The output expressions by name, in order.
+        variables
+            The symbols that are inputs.
+        profiles
+            Profiles whose columns are inputs after these.
+        compiled
+            Whether heyoka compiles the function. NumPy evaluates it otherwise.
+        """
         outputs: list[Expr] = []
-        self.places: dict[Any, slice] = {}
-        for key, items in parts.items():
-            self.places[key] = slice(len(outputs), len(outputs) + len(items))
-            outputs += items
-        self.width, self._profiles = len(outputs), profiles
-        given = [*given, *(term for profile in profiles for term in profile.column_symbols)]
-        self.function = term_function(outputs, given, compiled)
+        self.slices: dict[Any, slice] = {}
+        for name, expressions in parts.items():
+            self.slices[name] = slice(len(outputs), len(outputs) + len(expressions))
+            outputs += expressions
+        self.width = len(outputs)
+        self._profiles = profiles
+        column_symbols = [x for profile in profiles for x in profile.column_symbols]
+        self.function = term_function(outputs, [*variables, *column_symbols], compiled)
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
-        """Return all columns (width, n) of variables (variables, n)."""
+        """Return the output (width, n), in `out` if given, at values (variables, n)."""
         return self.function(append_profile_columns(values, self._profiles), out)
 
 
-class RowKernel:
-    """What gives the rows of a run, see `row_kernel`; functions are made when asked for.
+@dataclass(frozen=True)
+class EvaluatedRow:
+    """One certified row.
 
-    `moving` say where the columns of each input are, `free` are the variables that are no
-    inputs, from which all follow where it `has_closed_form`; `vouches` says that rows need
-    not be looked at by others. Loops that are no more than `open_by_rounding` open (rad)
-    are closed. It has `kept` columns; threads call it at the same time where its calls are
-    few and long.
+    Attributes
+    ----------
+    variables
+        Values (rad) of all variables.
+    residual
+        Closure residual (rad).
+    axis_sum
+        (3,) sum of the vectors of all variables, in ground axes. Directions of poles start
+        on its side.
+    columns
+        All columns of the kernel.
+    """
+
+    variables: Sequence[float]
+    residual: float
+    axis_sum: Sequence[float]
+    columns: Sequence[float]
+
+
+class RowKernel:
+    """The functions that evaluate the rows of a run. Each is made when it is first used.
+
+    A row is certified if its loops are closed up to rounding and all its *uncertainties*
+    are at most 1. An uncertainty is the ratio of a condition number or of an error bound to
+    the largest allowed one.
+
+    Attributes
+    ----------
+    engine
+        What evaluates the expressions.
+    passive_variables
+        Numbers of the variables that no input sets.
+    input_columns
+        For each input that moves, which columns hold its velocities and poles.
+    closure_rounding_rad
+        Loops with a smaller closure residual (rad) are closed up to rounding.
+    can_certify_rows
+        Whether certified rows need no other check. It is false if there are no passive
+        variables, since the bounds follow from these, or if poles are uncertain.
+    has_closed_form
+        Whether all variables follow from the inputs and the signs of dyads.
+    is_compiled
+        Whether heyoka compiles the functions. Their calls are long and release the lock of
+        the interpreter, so threads may call them at the same time.
+    column_count
+        Number of columns.
+    profiles
+        Profiles whose columns are inputs of the functions.
+    loop_count
+        Number of independent loops.
     """
 
     def __init__(
@@ -114,206 +170,196 @@ class RowKernel:
         pivots: EliminationOrder,
         engine: Engine,
     ) -> None:
-        mechanism, self.engine, self.free = (
-            motion.mechanism,
-            engine,
-            motion.passive_variables,
-        )
+        """Write the expressions; see `row_kernel` for the parameters."""
+        mechanism = motion.mechanism
+        self.engine = engine
+        self.passive_variables = motion.passive_variables
         self._variables = symbols(mechanism.variable_names)
-        given = mechanism, self._variables, pivots, motion.assembly.inputs
-        rows, columns = RowTerms(*given), dict[Any, int]()
-        self._rows, self.open_by_rounding = rows, rows.open_by_rounding
-        self.moving = [MovingTerms(rows, item, columns) for item in requests]
-        self._columns = [x[1] if isinstance(x, tuple) else x for x in columns]
-        doubts = (moving.in_doubt for moving in self.moving)
-        self.vouches = bool(motion.passive_variables) and not any(doubts)
-        self._profiles = rows.pairs.sides_with_columns
-        self._form = None if self._profiles else closed_form(mechanism, motion.assembly)
-        self.in_threads, self.kept = engine == "compiled", len(self._columns)
-        self.has_closed_form = self._form is not None
-        worst = [moving.worst / LARGEST_ERROR for moving in self.moving]
-        self._doubts = [rows.flatness * NEARLY_FLAT, *worst, *curved(rows)]
+
+        self._rows = RowExpressions(
+            mechanism, self._variables, pivots, inputs=motion.assembly.inputs
+        )
+        self.closure_rounding_rad = self._rows.closure_rounding_rad
+        self.loop_count = len(self._rows.tree.chords)
+
+        # One set of columns per input that moves while the others are locked. The sets
+        # share columns: each distinct expression is listed once.
+        shared_columns = ColumnList()
+        self.input_columns = [
+            InputColumns(self._rows, request, shared_columns) for request in requests
+        ]
+        self._columns = shared_columns.expressions
+        self.column_count = len(self._columns)
+
+        # Rows without passive variables have no error estimate, so other code checks them.
+        self.can_certify_rows = bool(self.passive_variables) and not any(
+            columns.has_uncertain_poles for columns in self.input_columns
+        )
+        self.profiles = self._rows.pairs.sides_with_columns
+        self._closed_form = (
+            None if self.profiles else closed_form(mechanism, motion.assembly)
+        )
+        self.has_closed_form = self._closed_form is not None
+        self.is_compiled = engine == "compiled"
+        self._uncertainties = [
+            self._rows.condition_number * MIN_RECIPROCAL_CONDITION,
+            *(columns.uncertainty for columns in self.input_columns),
+            *curvature_uncertainties(self._rows),
+        ]
 
     @cached_property
     def is_constant(self) -> Bools:
-        """(columns,) which columns are numbers for every configuration."""
+        """(columns,) whether a column is the same number for every configuration."""
         return np.array([not isinstance(x, ExpressionNode) for x in self._columns], bool)
 
     @cached_property
-    def of_floats(self) -> FloatFunction:
-        """All variables and columns, of inputs and signs of dyads, or of all variables.
+    def _scalar_function(self) -> FloatFunction:
+        """Function of the numbers of one row, for single rows.
 
-        Without a closed form variables are those after a step of Newton's method. Then
-        follow how much loops bend, a measure of doubt, by how much loops are open, and the
-        side (3,) where the sum of all axes lies, before all columns.
+        With a closed form its inputs are the inputs and the signs of dyads. Otherwise they
+        are all variables. Its outputs are the variables (without a closed form after a step
+        of Newton's method), the number in Kantorovich's theorem, the sum of the
+        uncertainties, the closure residual, the sum (3,) of the vectors of all variables,
+        and all columns.
         """
         rows = self._rows
-        decide = [rows.bend, sum(self._doubts, 0.0), rows.residual]
-        columns = [*decide, *vector_sum(rows.vectors), *self._columns]
-        if self._form is None:
-            closer = dict(zip(self.free, rows.closer, strict=True))
-            after = [closer.get(v, x) for v, x in enumerate(self._variables)]
-            return float_function([*after, *columns], self._variables)
-        given, variables, _ = self._form
-        stand_in = dict(zip(self._variables, variables, strict=True))
-        return float_function([*variables, *substituted(columns, stand_in)], given)
+        columns = [
+            rows.kantorovich_number,
+            sum(self._uncertainties, 0.0),
+            rows.residual,
+            *vector_sum(rows.vectors),
+            *self._columns,
+        ]
+        if self._closed_form is None:
+            passive = dict(zip(self.passive_variables, rows.newton_step, strict=True))
+            after_step = [passive.get(v, x) for v, x in enumerate(self._variables)]
+            return float_function([*after_step, *columns], self._variables)
+        inputs, variables, _ = self._closed_form
+        by_variable = dict(zip(self._variables, variables, strict=True))
+        return float_function([*variables, *substituted(columns, by_variable)], inputs)
 
-    def row(self, given: Sequence[float]) -> tuple[Sequence[float], list[float]] | None:
-        """Return the variables of a row, and the side with all columns; None in doubt.
-
-        `given` are inputs and signs of dyads, or variables near by: steps of Newton's
-        method close loops as long as these say that there is one solution near
-        (Kantorovich's theorem).
-        """
-        count, closed = len(self._variables), self.has_closed_form
-        for _ in range(STEPS):
-            try:
-                made = self.of_floats(given)
-            except (ArithmeticError, ValueError):
-                return None
-            bend, doubt, residual = made[count : count + 3]
-            if not bend <= SURE:
-                return None
-            if residual <= self.open_by_rounding:
-                values = made[:count] if closed else given
-                return (values, made[count + 2 :]) if doubt <= 1.0 else None
-            if closed:
-                return None
-            given = made[:count]
-        return None
-
-    def _made(
-        self, parts: Mapping[Any, Sequence[Expr]], compiled: bool = False
-    ) -> ColumnFunction:
-        return ColumnFunction(parts, self._variables, self._profiles, compiled)
-
-    @property
-    def _deciding(self) -> dict[Any, Sequence[Expr]]:
-        """What decides about rows, by name.
-
-        What is at most 1 where a row is not doubtful, added up; by how much loops are open
-        with what the configuration is off by; what is in doubt, one by one; for each input
-        how links turn, and the largest errors of directions, rates and changes.
-        """
-        rows = self._rows
-        parts: dict[Any, Sequence[Expr]] = {
-            "doubt": [sum(self._doubts, 0.0)],
-            "closure": [rows.residual, rows.moved_by],
-            "doubts": self._doubts,
-        }
-        for k, moving in enumerate(self.moving):
-            parts["spins", k] = moving.spins
-            parts["errors", k] = [
-                largest(self._columns[at] for (at,) in moving.of[name].values())
-                for name in ERRORS
-            ]
-        return parts
-
-    @cached_property
-    def judging(self) -> ColumnFunction:
-        """What decides about rows, of all pair variables."""
-        # With a closed form, it is for few rows.
-        return self._made(self._deciding, self.in_threads and not self.has_closed_form)
-
-    @cached_property
-    def by_inputs(self) -> ColumnFunction:
-        """All variables and what decides about rows, of inputs and signs of dyads."""
-        assert self._form is not None
-        given, variables, squares = self._form
-        stand_in = dict(zip(self._variables, variables, strict=True))
-        parts = {key: substituted(x, stand_in) for key, x in self._deciding.items()}
-        every = {"variables": variables, **parts, "squares": squares}
-        return ColumnFunction(every, given, (), self.in_threads)
-
-    @cached_property
-    def whole(self) -> ColumnFunction:
-        """The function of all columns."""
-        return self._made({"columns": self._columns}, self.in_threads)
-
-    @cached_property
-    def closer(self) -> ColumnFunction:
-        """Those `free`, by a step of Newton's method closer to where loops close."""
-        return self._made({"free": self._rows.closer}, self.in_threads)
-
-    @cached_property
-    def aside(self) -> ColumnFunction:
-        """What else decides about a row, of the first input."""
-        rows, first = self._rows, self.moving[0]
-        return self._made(
-            {
-                "shape": [rows.flatness, rows.bend, sum(curved(rows), 0.0)],
-                "turns": rows.turns,
-                "inverse": [*rows.inverse[rows.free].flat],
-                "left": [first.part, first.over, first.over_bent, first.fast, first.swings],
-            }
-        )
-
-    def wide(self, values: Floats) -> WideRows:
-        """Return rows of nearly closed variables (variables, n) by quad precision.
-
-        Only arrays have it, not what is compiled.
-        """
-        starts = range(0, values.shape[1], WIDE_PIECE)
-        parts = (self._piece(values[:, k : k + WIDE_PIECE]) for k in starts)
-        columns, aside, spread, closed = map(np.hstack, zip(*parts, strict=True))
-        return columns, aside, spread, closed
-
-    def _piece(self, values: Floats) -> WideRows:
-        free = list(self.free)
-        closer, whole, aside = (x.function for x in (self.closer, self.whole, self.aside))
-        start = values.astype(quad())
-        x = start.copy()
-        for _ in range(STEPS):
-            after = closer(append_profile_columns(x, self._profiles, values))
-            step = max_abs((after - x[free]).astype(float), axis=0)
-            x[free] = after
-            if not np.any(step > CLOSED):
-                break
-        closed = (step <= CLOSED) & (max_abs((x - start).astype(float), axis=0) < NEAR)
-        x[:, ~closed] = start[:, ~closed]
-        given = append_profile_columns(x, self._profiles, values)
-        columns, others = whole(given).astype(float), aside(given).astype(float)
-        inverse = others[self.aside.places["inverse"]]
-        ways = 3 * len(self._rows.tree.chords)
-        inverse = inverse.reshape(len(free), ways, values.shape[1])
-        spread = self._add_up_changes(x.astype(float), inverse)
-        return columns, others, spread, closed
-
-    def _add_up_changes(self, values: Floats, inverse: Floats) -> Floats:
-        """Return by how much columns change as loops open, all ways added up.
-
-        The derivatives are those of a step that is imaginary (Squire and Trapp 1998).
+    def evaluate_row(self, values: Sequence[float]) -> EvaluatedRow | None:
+        """Return a single row, or None if it cannot be certified.
 
         Parameters
         ----------
         values
-            (variables, n) rad, closed configurations.
-        inverse
-            (free variables, ways, n) by how much variables move as loops open, rad per rad.
-
-        Returns
-        -------
-        (columns, n) sizes of the changes, per rad.
+            With a closed form, the inputs and the signs of dyads. Otherwise variables near
+            a closed configuration. Newton's method closes their loops as long as
+            Kantorovich's theorem says that exactly one solution is near.
         """
-        free = list(self.free)
-        ways, count = inverse.shape[1:]
-        changes = np.zeros((len(self._columns), count))
-        # One call takes several ways: of a few rows, each call costs about as much as the
-        # numbers of `WIDE_PIECE` rows.
-        together = max(1, WIDE_PIECE // max(count, 1))
-        for start in range(0, ways, together):
-            some = inverse[:, start : start + together]
-            repeated = np.tile(values, some.shape[1])
-            stepped = repeated.astype(complex)
-            stepped.imag[free] = SMALL * some.reshape(len(free), -1)
-            columns = self.whole.function(
-                append_profile_columns(stepped, self._profiles, repeated)
-            )
-            sizes = np.abs(columns.imag).reshape(len(columns), some.shape[1], count)
-            # Way after way, so that sums round as they do for one way at a time.
-            for size in sizes.swapaxes(0, 1):
-                changes += size / SMALL
-        return changes
+        count = len(self._variables)
+        for _ in range(MAX_NEWTON_STEPS):
+            try:
+                numbers = self._scalar_function(values)
+            except (ArithmeticError, ValueError):
+                return None
+            kantorovich_number, uncertainty_sum, residual = numbers[count : count + 3]
+            if not kantorovich_number <= MAX_KANTOROVICH_NUMBER:
+                return None
+            if residual <= self.closure_rounding_rad:
+                if not uncertainty_sum <= 1.0:
+                    return None
+                # Columns belong to the values before the last step.
+                variables = numbers[:count] if self.has_closed_form else values
+                axis_sum = numbers[count + 3 : count + 6]
+                return EvaluatedRow(variables, residual, axis_sum, numbers[count + 6 :])
+            if self.has_closed_form:
+                return None
+            values = numbers[:count]
+        return None
+
+    def _make_function(
+        self, parts: Mapping[Any, Sequence[Expr]], compiled: bool = False
+    ) -> ColumnFunction:
+        """Return a function of all variables."""
+        return ColumnFunction(parts, self._variables, self.profiles, compiled)
+
+    @property
+    def _quality_expressions(self) -> dict[Any, Sequence[Expr]]:
+        """Expressions that decide whether a row is certified, by name.
+
+        - ``"uncertainty_sum"``: the row is certified at once if it is at most 1.
+        - ``"closure"``: closure residual and error of the configuration (rad).
+        - ``"uncertainties"``: one by one.
+        - ``("velocities", k)``: `InputColumns.velocity_components` of input k, which show
+          where directions may reverse.
+        - ``("errors", k)``: the largest of all poles for each of `REPORTED_ERRORS`.
+        """
+        rows = self._rows
+        parts: dict[Any, Sequence[Expr]] = {
+            "uncertainty_sum": [sum(self._uncertainties, 0.0)],
+            "closure": [rows.residual, rows.configuration_error],
+            "uncertainties": self._uncertainties,
+        }
+        for k, columns in enumerate(self.input_columns):
+            parts["velocities", k] = columns.velocity_components
+            parts["errors", k] = [
+                largest(
+                    self._columns[index]
+                    for (index,) in columns.column_indices[name].values()
+                )
+                for name in REPORTED_ERRORS
+            ]
+        return parts
+
+    @cached_property
+    def row_quality(self) -> ColumnFunction:
+        """The quality measures of rows, as a function of all variables."""
+        # With a closed form this function is called for few rows, so it is not compiled.
+        compiled = self.is_compiled and not self.has_closed_form
+        return self._make_function(self._quality_expressions, compiled)
+
+    @cached_property
+    def closed_form_quality(self) -> ColumnFunction:
+        """All variables and the quality measures, as a function of inputs and signs.
+
+        The output also has the squares of the triple products of dyads, which are negative
+        if arcs do not reach each other.
+        """
+        assert self._closed_form is not None
+        inputs, variables, squares = self._closed_form
+        by_variable = dict(zip(self._variables, variables, strict=True))
+        quality = {
+            name: substituted(expressions, by_variable)
+            for name, expressions in self._quality_expressions.items()
+        }
+        parts = {"variables": variables, **quality, "squares": squares}
+        return ColumnFunction(parts, inputs, (), self.is_compiled)
+
+    @cached_property
+    def all_columns(self) -> ColumnFunction:
+        """All columns, as a function of all variables."""
+        return self._make_function({"columns": self._columns}, self.is_compiled)
+
+    @cached_property
+    def newton_step(self) -> ColumnFunction:
+        """The passive variables after a step of Newton's method that closes the loops."""
+        return self._make_function({"passive_variables": self._rows.newton_step})
+
+    @cached_property
+    def row_bounds(self) -> ColumnFunction:
+        """Condition of the loops, their inverse, and residuals for the first input.
+
+        Rows that are not certified, and rows in quad precision, are judged by these. The
+        inverse (passive variables, loops, 3) is flattened. `RowExpressions` and
+        `InputColumns` explain the other quantities.
+        """
+        rows = self._rows
+        first_input = self.input_columns[0]
+        return self._make_function(
+            {
+                "condition_number": [rows.condition_number],
+                "kantorovich_number": [rows.kantorovich_number],
+                "curvature_uncertainty": [sum(curvature_uncertainties(rows), 0.0)],
+                "inverse": [*rows.inverse[rows.passive_variables].flat],
+                "dw_error": [first_input.dw_error],
+                "rate_residual": [first_input.rate_residual],
+                "acceleration_residual": [first_input.acceleration_residual],
+                "rate_size": [first_input.rate_size],
+                "acceleration_size": [first_input.acceleration_size],
+            }
+        )
 
 
 def row_kernel(
@@ -322,7 +368,7 @@ def row_kernel(
     engine: Engine,
     order: EliminationOrder | None = None,
 ) -> RowKernel | None:
-    """Return the kernel that computes what `requests` ask of a mechanism's rows.
+    """Return the kernel that computes the requested quantities of a mechanism's rows.
 
     Parameters
     ----------
@@ -331,46 +377,51 @@ def row_kernel(
     requests
         One for each input that moves.
     engine
-        What runs the expressions.
+        What evaluates the expressions.
     order
-        The order in which variables are eliminated; by default the one that is regular at
+        The order in which variables are eliminated. By default the order that is regular at
         most rows of the motion.
 
     Returns
     -------
     RowKernel or None
-        None where no order is regular at any row.
+        None if no order is regular at any row.
     """
     pivots = choose_order(motion) if order is None else order
     if pivots is None:
         return None
 
-    wanted = [(item.plan.input, item.poles, sorted(item.links)) for item in requests]
-    key = repr(("rows", wanted, pivots, engine))
-    given = motion, requests, pivots, engine
-    with suppress(ZeroDivisionError):  # a pivot that is zero as a term, not by its numbers
-        return COMPILED.get(motion.mechanism, key, lambda: RowKernel(*given))
+    quantities = [
+        (request.plan.input, request.poles, sorted(request.links)) for request in requests
+    ]
+    key = repr(("rows", quantities, pivots, engine))
+    # A pivot can be zero as an expression although its value at the samples is not.
+    with suppress(ZeroDivisionError):
+        return COMPILED.get(
+            motion.mechanism, key, lambda: RowKernel(motion, requests, pivots, engine)
+        )
     return None
 
 
 def choose_order(motion: Motion) -> EliminationOrder | None:
     """Return the elimination order that is regular at most rows of a motion, if any is.
 
-    One order need not be regular in all assembly modes: where loops repeat equations of
-    others, which of them do may depend on the mode.
+    No single order needs to be regular in all assembly modes. If equations of some loops
+    repeat those of others, which of them do can depend on the mode.
     """
     if not motion.passive_variables:
         return []
-    good = np.flatnonzero(~motion.failed & (motion.float64_error < 1e-6))
-    if not len(good):
-        good = np.flatnonzero(~motion.failed)
-    if not len(good):
+    accurate = np.flatnonzero(~motion.failed & (motion.float64_error < 1e-6))
+    if not len(accurate):
+        accurate = np.flatnonzero(~motion.failed)
+    if not len(accurate):
         return None
-    chosen = good[np.unique(np.linspace(0, len(good) - 1, REFERENCES).astype(int))]
+    spread = np.unique(np.linspace(0, len(accurate) - 1, REFERENCES).astype(int))
+    references = accurate[spread]
     assigned = assign_elimination_orders(
-        motion.linearisation.jacobian[chosen], motion.passive_variables
+        motion.linearisation.jacobian[references], motion.passive_variables
     )
     if not assigned:
         return None
-    # Of orders with as many rows the first: it was chosen by all rows together.
-    return max(assigned, key=lambda part: len(part[1]))[0]
+    # Of orders with equally many rows the first: it was chosen by all rows together.
+    return max(assigned, key=lambda order_and_rows: len(order_and_rows[1]))[0]

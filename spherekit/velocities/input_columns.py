@@ -1,0 +1,453 @@
+"""Columns of a row while one input moves: velocities, poles and their error bounds.
+
+Symbols: q is the moving input, and all derivatives are with respect to q while the other
+inputs rest. w are the angular velocities of links per unit rate of q, dw their derivatives.
+v and dv are the differences of these for the two links of a pole, and u is the direction of
+the pole. The velocity coefficient is v . u, the acceleration coefficient dv . u.
+
+The bounds follow the errors of axes through the velocity equations (sum of a_i r_i = 0
+around each loop, with the vectors a_i and rates r_i of the variables) and through their
+derivative. They use norms only; see `row_expressions.py`.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.planning.pole_plan import Pole
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot
+from spherekit.symbolic.vector_algebra import Exprs
+from spherekit.velocities.carried_vectors import CarriedVector, absolute, root
+from spherekit.velocities.direction_signs import SIGNED
+from spherekit.velocities.pole_field import POLE_ERRORS, TURN_KNOWN, axis_pairs
+from spherekit.velocities.pole_request import Request
+from spherekit.velocities.pose_expressions import sum_along_paths
+from spherekit.velocities.row_expressions import RowExpressions
+
+MAX_CERTIFIED_ERROR_RAD = 1e-9
+"""Largest error bound of a direction in a row that a kernel certifies.
+
+Larger: more rows are taken from float64, with looser bounds. Smaller: more rows are
+recomputed in quad precision, where bounds are measured instead of estimated by norms.
+"""
+
+MAX_CERTIFIED_DW_ERROR = 1e-8
+"""The same for the derivatives dw, relative to those of all links together, or to 1."""
+
+FIELD_PARTS = (*SIGNED, "angle", *POLE_ERRORS, "w", "dw")
+"""Fields of a `PoleField` that are columns."""
+
+
+@dataclass(frozen=True)
+class ColumnList:
+    """Distinct expressions that become the output columns of a kernel.
+
+    Attributes
+    ----------
+    expressions
+        The expression of each column.
+    """
+
+    expressions: list[Expr] = field(default_factory=list)
+    _indices: dict[Expr, int] = field(default_factory=dict)
+
+    def add_shared(self, items: Iterable[Expr]) -> list[int]:
+        """Return the column of each expression. Equal expressions share one column."""
+        indices: list[int] = []
+        for item in items:
+            if item not in self._indices:
+                self._indices[item] = len(self.expressions)
+                self.expressions.append(item)
+            indices.append(self._indices[item])
+        return indices
+
+    def add_unshared(self, item: Expr) -> int:
+        """Add a column that no other expression shares, and return its index."""
+        self.expressions.append(item)
+        return len(self.expressions) - 1
+
+
+@dataclass(frozen=True)
+class RelativeMotion:
+    """The motion of a link relative to another one, as expressions.
+
+    Attributes
+    ----------
+    v, dv
+        (3,) relative angular velocity per unit rate of the input, and its derivative.
+    v_error, dv_error
+        Bounds of the errors of the components of v and dv along an axis.
+    dv_bound
+        Bound of the length of dv.
+    """
+
+    v: Exprs
+    dv: Exprs
+    v_error: Expr
+    dv_error: Expr
+    dv_bound: Expr
+
+
+class InputColumns:
+    """Velocities and poles while one input moves, and their places among all columns.
+
+    Attributes
+    ----------
+    column_indices
+        Indices of the columns by name of the field (`FIELD_PARTS`), then by pole or link.
+    signed_poles
+        Poles that are not the axis of a pair. Their direction follows from v, and its sign
+        is chosen later (`direction_signs.py`).
+    velocity_components
+        Distinct expressions of the components of w of all links.
+    uncertainty
+        Expression that is at most 1 for rows whose errors are small enough.
+    rate_residual, acceleration_residual
+        Norms of the residuals of the velocity equations, and of their derivative.
+    rate_size, acceleration_size
+        Sums of the sizes of all terms of these equations.
+    dw_error
+        Bound of the error of dw, summed over all links and relative to their size, or 1.
+    """
+
+    def __init__(self, rows: RowExpressions, request: Request, columns: ColumnList) -> None:
+        """Write the expressions and add them to `columns`."""
+        self._rows = rows
+        self._request = request
+        tree = rows.tree
+        moving_variable = rows.owned[request.plan.input][0]
+        # The moving input opens the loops at the rate of its own vector.
+        self._rates = rows.answers(
+            {request.plan.input: -1.0 * rows.vectors[moving_variable]}
+        )
+        self._rates[moving_variable] = 1.0
+        pair_velocities = rows.parts(self._rates)
+        self._w = sum_along_paths(tree, pair_velocities)
+        self._accelerations, pair_accelerations = rows.accelerated(self._rates, self._w)
+        self._dw = sum_along_paths(tree, pair_accelerations)
+        self.rate_residual = self._loop_residual(self._w, pair_velocities)
+        self.acceleration_residual = self._loop_residual(self._dw, pair_accelerations)
+        self._set_error_bounds()
+        self._add_columns(columns)
+
+    def _loop_residual(
+        self, link_vectors: Sequence[Exprs], pair_vectors: Sequence[Exprs]
+    ) -> Expr:
+        """Return the norm of the residual of the equations of all loops.
+
+        In each loop, the vectors of the two links of the closing pair must differ by the
+        vector of this pair.
+        """
+        tree = self._rows.tree
+        residuals: list[Exprs] = []
+        for chord in tree.chords:
+            first, second = tree.ends[chord]
+            residuals.append(
+                link_vectors[first] - link_vectors[second] + pair_vectors[chord]
+            )
+        return root(sum((dot(x, x) for x in residuals), 0.0))
+
+    def _set_error_bounds(self) -> None:
+        """Set bounds of the errors of rates, w, their derivatives, and of axes."""
+        rows = self._rows
+        self._speeds = [absolute(rate) for rate in self._rates]
+        acceleration_sizes = [absolute(change) for change in self._accelerations]
+        self._w_bounds = rows.turns_along_paths(self._speeds)
+
+        # Velocity equations: the error of each axis changes the term a_i r_i.
+        rate_term_errors = [
+            speed * axis_error
+            for speed, axis_error in zip(self._speeds, rows.axis_errors, strict=True)
+        ]
+        self._w_errors, rate_errors = self._solution_errors(
+            rate_term_errors, self.rate_residual
+        )
+
+        # Acceleration equations: their terms are a_i dr_i + da_i r_i.
+        self._axis_derivative_errors: list[Expr] = []
+        term_errors: list[Expr] = []
+        term_sizes: list[Expr] = []
+        for v, carried in enumerate(rows.carried):
+            speed = self._speeds[v]
+            axis_derivative = carried.length * self._w_bounds[carried.link]
+            axis_derivative = axis_derivative + speed * carried.slide_length
+            axis_derivative_error = self._axis_derivative_error(
+                carried, speed, rate_errors[v], rows.axis_errors[v], rows.slide_errors[v]
+            )
+            self._axis_derivative_errors.append(axis_derivative_error)
+            term_errors.append(
+                acceleration_sizes[v] * rows.axis_errors[v]
+                + speed * axis_derivative_error
+                + axis_derivative * rate_errors[v]
+            )
+            term_sizes.append(
+                acceleration_sizes[v] * carried.length + speed * axis_derivative
+            )
+        self._dw_errors, acceleration_errors = self._solution_errors(
+            term_errors, self.acceleration_residual
+        )
+
+        # Along the axis of a pair, the error of the term counts too.
+        self._rate_errors = [
+            error + term_error
+            for error, term_error in zip(rate_errors, rate_term_errors, strict=True)
+        ]
+        self._acceleration_errors = [
+            error + term_error
+            for error, term_error in zip(acceleration_errors, term_errors, strict=True)
+        ]
+        self._dw_bounds = rows.sum_along_paths(term_sizes)
+        self.acceleration_size = sum(term_sizes, 0.0)
+        self.rate_size = dot(self._speeds, [carried.length for carried in rows.carried])
+
+        dw_square = sum((dot(dw, dw) for dw in self._dw), 0.0)
+        self.dw_error = sum(self._dw_errors, 0.0) / root(1.0 + dw_square)
+        # Errors of directions are added to this sum when the poles are written. The sum is
+        # at most `MAX_CERTIFIED_ERROR_RAD` only if no single error exceeds its limit.
+        self._error_sum = self.dw_error * (MAX_CERTIFIED_ERROR_RAD / MAX_CERTIFIED_DW_ERROR)
+
+    @property
+    def uncertainty(self) -> Expr:
+        """A number that is at most 1 if all errors are within the certified limits."""
+        return self._error_sum / MAX_CERTIFIED_ERROR_RAD
+
+    def _axis_derivative_error(
+        self,
+        carried: CarriedVector,
+        speed: Expr,
+        rate_error: Expr,
+        axis_error: Expr,
+        slide_error: Expr,
+    ) -> Expr:
+        """Return a bound of the error of the derivative of a carried vector.
+
+        The derivative is w x a + r s, with the angular velocity w of the link, the vector
+        a, its slide s and the rate r of the variable. `speed` is the absolute value of r.
+        """
+        w_bound = self._w_bounds[carried.link]
+        error = carried.length * self._w_errors[carried.link] + w_bound * axis_error
+        return error + carried.slide_length * rate_error + speed * slide_error
+
+    def _solution_errors(
+        self, term_errors: Sequence[Expr], residual: Expr
+    ) -> tuple[list[Expr], list[Expr]]:
+        """Return error bounds of the solution of the velocity or acceleration equations.
+
+        Parameters
+        ----------
+        term_errors
+            Error of the term of each variable in the equations.
+        residual
+            Norm of the residual of the equations.
+
+        Returns
+        -------
+        Error bounds of the vectors of all links, and of the values of all variables.
+        """
+        rows = self._rows
+        equation_error = residual + dot(rows.loop_counts, term_errors)
+        link_errors = [
+            turn * equation_error + path_error
+            for turn, path_error in zip(
+                rows.link_turns, rows.sum_along_paths(term_errors), strict=True
+            )
+        ]
+        return link_errors, [shift * equation_error for shift in rows.variable_shifts]
+
+    def _add_columns(self, columns: ColumnList) -> None:
+        """Add all columns: first those of the signed poles, which are not shared.
+
+        The signed columns are in the order of `SIGNED`: the first component of all poles,
+        then the second, and so on. A change of sign must not reach other columns, so none
+        of them is shared.
+        """
+        plan = self._request.plan
+        pairs = axis_pairs(plan)
+        shared_parts: dict[tuple[str, Any], Iterable[Expr]] = {}
+        signed_parts: dict[Pole, list[Expr]] = {}
+        for pole in self._request.poles:
+            body_pole = plan.pole(*pole)
+            if body_pole in pairs:
+                parts = self._pair_axis_parts(pole, pairs[body_pole])
+            elif body_pole is not None:
+                signed_parts[pole], parts = self._relative_pole_parts(*pole)
+            else:
+                continue
+            shared_parts |= {(name, pole): items for name, items in parts.items()}
+        for link in sorted(self._request.links):
+            shared_parts |= {("w", link): self._w[link], ("dw", link): self._dw[link]}
+
+        first = len(columns.expressions)
+        pole_count = len(signed_parts)
+        for item in chain.from_iterable(zip(*signed_parts.values(), strict=True)):
+            columns.add_unshared(item)
+        self.signed_poles = tuple(signed_parts)
+        self._signed_columns = slice(first, len(columns.expressions))
+        self._pole_ends = np.array(self.signed_poles, dtype=np.intp).reshape(-1, 2).T
+
+        components = ColumnList()
+        # (links, 3) indices into `velocity_components`.
+        self._component_indices = np.array([components.add_shared(w) for w in self._w])
+        self.velocity_components = components.expressions
+
+        self.column_indices: dict[str, dict[Any, list[int]]] = {
+            name: {} for name in FIELD_PARTS
+        }
+        for k, pole in enumerate(signed_parts):
+            index = first + k
+            for name, size in SIGNED.items():
+                stop = index + size * pole_count
+                self.column_indices[name][pole] = list(range(index, stop, pole_count))
+                index = stop
+        for (name, key), items in shared_parts.items():
+            self.column_indices[name][key] = columns.add_shared(items)
+
+    def relative_velocities(
+        self, components: Floats, first_components: Floats | None = None
+    ) -> Floats:
+        """Return v (poles, 3, ...) of the signed poles.
+
+        Parameters
+        ----------
+        components
+            (k, ...) values of the `velocity_components`.
+        first_components
+            (k, ...) values for the first link of each pole, whose w is subtracted. By
+            default those in `components`. Lower and upper bounds of components give bounds
+            of v in this way.
+        """
+        first, second = self._pole_ends
+        if first_components is None:
+            first_components = components
+        return (
+            components[self._component_indices[second]]
+            - first_components[self._component_indices[first]]
+        )
+
+    def signed_part(self, columns: Floats) -> Floats:
+        """Return a view (8, poles, n) of the signed columns, from all columns.
+
+        Index 0 to 7 is a component of the quantities in `SIGNED`.
+        """
+        signed = columns[self._signed_columns]
+        return signed.reshape(8, len(self.signed_poles), columns.shape[1])
+
+    @property
+    def has_uncertain_poles(self) -> bool:
+        """Whether poles are undefined for every configuration, or axes nearly coincide.
+
+        This is the case if links that no pair joins rest relative to each other, or if
+        axes are equal but for rounding.
+        """
+        for i, j in self.signed_poles:
+            v = self._w[j] - self._w[i]
+            if not any(isinstance(x, ExpressionNode) for x in v):
+                return True
+        return bool(self._request.plan.rounded_axes)
+
+    def _pair_axis_parts(self, pole: Pole, pair: int) -> dict[str, Iterable[Expr]]:
+        """Return the fields of a pole that is the axis or the contact line of a pair."""
+        rows = self._rows
+        i, j = pole
+        (variable,) = rows.owned[pair]
+        first, second = rows.tree.ends[pair]
+        carried = rows.carried[variable]
+        axis_error = rows.axis_errors[variable]
+        axis_derivative_error = self._axis_derivative_errors[variable]
+        if pair in rows.lines:
+            # A rolling contact: the vector of its variable is a multiple of this line.
+            carried = rows.lines[pair]
+            axis_error, slide_error = rows.position_errors(
+                carried, rows.variable_shifts[variable]
+            )
+            axis_derivative_error = self._axis_derivative_error(
+                carried,
+                self._speeds[variable],
+                self._rate_errors[variable],
+                axis_error,
+                slide_error,
+            )
+        unit = carried.vector
+        unit_derivative = carried.derivative(self._w[carried.link], self._rates[variable])
+        if {i, j} == {first, second} and pair not in rows.lines:
+            # The links of the pair itself: the coefficient is the rate of its variable.
+            sense = 1.0 if i == first else -1.0
+            coefficient = sense * self._rates[variable]
+            derivative = sense * self._accelerations[variable]
+            coefficient_error = self._rate_errors[variable]
+            derivative_error = self._acceleration_errors[variable]
+        else:
+            motion = self._relative_motion(i, j)
+            coefficient = dot(motion.v, unit)
+            derivative = dot(motion.dv, unit)
+            coefficient_error = motion.v_error
+            derivative_error = motion.dv_error + axis_error * motion.dv_bound
+        return {
+            "direction": [*unit],
+            "direction_dq": [*unit_derivative],
+            "velocity_coefficient": [coefficient],
+            "acceleration_coefficient": [derivative],
+            "angle": [1.0],
+            **_error_parts(
+                axis_error, coefficient_error, derivative_error, axis_derivative_error
+            ),
+        }
+
+    def _relative_motion(self, i: int, j: int) -> RelativeMotion:
+        """Return the motion of link j relative to link i."""
+        v_error = self._w_errors[i] + self._w_errors[j]
+        dv_error = self._dw_errors[i] + self._dw_errors[j] + v_error
+        return RelativeMotion(
+            v=self._w[j] - self._w[i],
+            dv=self._dw[j] - self._dw[i],
+            v_error=v_error,
+            dv_error=dv_error,
+            dv_bound=self._dw_bounds[i] + self._dw_bounds[j],
+        )
+
+    def _relative_pole_parts(
+        self, i: int, j: int
+    ) -> tuple[list[Expr], dict[str, Iterable[Expr]]]:
+        """Return the fields of a pole that lies along v: those with a sign, and the others.
+
+        The error bounds of the direction are added to the error sum of the row.
+        """
+        motion = self._relative_motion(i, j)
+        length = root(dot(motion.v, motion.v))
+        if length == 0.0:
+            # The links rest relative to each other at every configuration.
+            errors = _error_parts(1.0, motion.v_error, motion.dv_error, np.nan)
+            return [*[np.nan] * 6, 0.0, 0.0], {"angle": [0.0], **errors}
+        inverse_length = 1.0 / length
+        unit = motion.v * inverse_length
+        derivative = dot(motion.dv, unit)
+        unit_derivative = (motion.dv - derivative * unit) * inverse_length
+        w_sizes = [root(dot(w, w)) for w in (self._w[i], self._w[j])]
+        # How far w_i and w_j are from cancelling, from 0 to 1.
+        conditioning = length / (w_sizes[0] + w_sizes[1]) if all(w_sizes) else 1.0
+
+        direction_error = motion.v_error * inverse_length
+        # The acceleration coefficient is dv . u. An error of u multiplies the part of dv
+        # that is perpendicular to u, which can be large even if v is small.
+        transverse = direction_error * motion.dv_bound
+        derivative_error = motion.dv_error + transverse
+        unit_derivative_error = (derivative_error + transverse) * inverse_length
+        # Of the error of the derivative of u, this part is compared with `TURN_KNOWN`.
+        turn_uncertainty = (
+            derivative_error * inverse_length * (2.0 * MAX_CERTIFIED_ERROR_RAD / TURN_KNOWN)
+        )
+        self._error_sum = self._error_sum + direction_error + turn_uncertainty
+        errors = _error_parts(
+            direction_error, motion.v_error, derivative_error, unit_derivative_error
+        )
+        signed_items = [*unit, *unit_derivative, length, derivative]
+        return signed_items, {"angle": [conditioning], **errors}
+
+
+def _error_parts(*bounds: Expr) -> dict[str, Iterable[Expr]]:
+    """Return error bounds by name, in the order of `POLE_ERRORS`."""
+    return {name: [bound] for name, bound in zip(POLE_ERRORS, bounds, strict=True)}

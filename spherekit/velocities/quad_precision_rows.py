@@ -1,0 +1,151 @@
+"""Recomputes rows in quad precision when float64 loses too many digits.
+
+Newton's method closes the loops to 33 digits and the same expressions are evaluated again.
+The remaining error is then caused by the rounding of the input file. It is measured with a
+complex step along each loop-closure error.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats
+from spherekit.geometry.rotation import max_abs
+from spherekit.numerics.quad_precision import quad
+from spherekit.velocities.axis_rotations import append_profile_columns
+from spherekit.velocities.row_kernel import MAX_NEWTON_STEPS, RowKernel
+
+MAX_DISTANCE_RAD = 1e-4
+"""Largest movement of a variable in Newton's method for which a row keeps its solution.
+
+Larger: a solution of another assembly mode could be taken. Smaller: nearly singular rows,
+which are open by more in float64, are not closed.
+"""
+
+CLOSED_STEP_RAD = 1e-25
+"""Largest last step of Newton's method of a closed configuration.
+
+The steps converge quadratically, so the next one is below the rounding of quad precision.
+"""
+
+COMPLEX_STEP_RAD = 1e-30
+"""Opening of a loop by which derivatives are computed.
+
+A complex step has no cancellation, so it can be smaller than the rounding of the values.
+"""
+
+BATCH_ROWS = 256
+"""Rows that are computed at once. Larger: fewer calls, more memory."""
+
+
+@dataclass(frozen=True)
+class QuadPrecisionRows:
+    """Rows that were computed in quad precision, rounded to float64.
+
+    Attributes
+    ----------
+    columns
+        (columns, n) all columns of the kernel.
+    bounds
+        (bounds, n) output of `RowKernel.row_bounds`.
+    opening_changes
+        (columns, n) sum of the sizes of the changes of each column as the loops open by 1
+        rad, over all directions: three axes for each loop.
+    is_closed
+        (n,) whether Newton's method closed the loops. Other rows keep their variables.
+    """
+
+    columns: Floats
+    bounds: Floats
+    opening_changes: Floats
+    is_closed: Bools
+
+
+def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
+    """Return all columns of rows by quad precision.
+
+    Parameters
+    ----------
+    kernel
+        A kernel whose functions are not compiled, since only arrays have quad precision.
+    values
+        (variables, n) nearly closed configurations (rad).
+    """
+    batches = [
+        _recompute_batch(kernel, values[:, start : start + BATCH_ROWS])
+        for start in range(0, values.shape[1], BATCH_ROWS)
+    ]
+    return QuadPrecisionRows(
+        columns=np.hstack([batch.columns for batch in batches]),
+        bounds=np.hstack([batch.bounds for batch in batches]),
+        opening_changes=np.hstack([batch.opening_changes for batch in batches]),
+        is_closed=np.hstack([batch.is_closed for batch in batches]),
+    )
+
+
+def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
+    """Return at most `BATCH_ROWS` rows by quad precision."""
+    passive = list(kernel.passive_variables)
+    start = values.astype(quad())
+    x = start.copy()
+    for _ in range(MAX_NEWTON_STEPS):
+        extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
+        passive_values = kernel.newton_step.function(extended)
+        step_sizes = max_abs((passive_values - x[passive]).astype(float), axis=0)
+        x[passive] = passive_values
+        if not np.any(step_sizes > CLOSED_STEP_RAD):
+            break
+    distances = max_abs((x - start).astype(float), axis=0)
+    is_closed = (step_sizes <= CLOSED_STEP_RAD) & (distances < MAX_DISTANCE_RAD)
+    x[:, ~is_closed] = start[:, ~is_closed]
+
+    extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
+    columns = kernel.all_columns.function(extended).astype(float)
+    bounds = kernel.row_bounds.function(extended).astype(float)
+    inverse = bounds[kernel.row_bounds.slices["inverse"]].reshape(
+        len(passive), 3 * kernel.loop_count, values.shape[1]
+    )
+    opening_changes = _sum_opening_changes(kernel, x.astype(float), inverse)
+    return QuadPrecisionRows(columns, bounds, opening_changes, is_closed)
+
+
+def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> Floats:
+    """Return the sizes of the changes of columns as loops open, summed over directions.
+
+    The derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and
+    Trapp 1998).
+
+    Parameters
+    ----------
+    kernel
+        The kernel.
+    values
+        (variables, n) closed configurations (rad).
+    inverse
+        (passive variables, directions, n) movement of the variables per unit opening of a
+        loop in each direction, rad per rad.
+
+    Returns
+    -------
+    (columns, n) sums of sizes, per rad.
+    """
+    passive = list(kernel.passive_variables)
+    direction_count, count = inverse.shape[1:]
+    changes = np.zeros((kernel.column_count, count))
+    # One call takes several directions. For few rows, a call takes about as long as it does
+    # for `BATCH_ROWS` rows.
+    directions_per_call = max(1, BATCH_ROWS // max(count, 1))
+    for start in range(0, direction_count, directions_per_call):
+        movements = inverse[:, start : start + directions_per_call]
+        repeated = np.tile(values, movements.shape[1])
+        stepped = repeated.astype(complex)
+        stepped.imag[passive] = COMPLEX_STEP_RAD * movements.reshape(len(passive), -1)
+        columns = kernel.all_columns.function(
+            append_profile_columns(stepped, kernel.profiles, expansion_point=repeated)
+        )
+        # (columns, directions, n)
+        sizes = np.abs(columns.imag).reshape(len(columns), movements.shape[1], count)
+        # One direction after another, so that the sums round as with one call for each.
+        for size in sizes.swapaxes(0, 1):
+            changes += size / COMPLEX_STEP_RAD
+    return changes
