@@ -276,9 +276,10 @@ def _profile_side(
             ]
         )
         chain = JointTransform((np.eye(3), np.eye(3)), (_moving_frame(columns),))
-        curvature = columns[PROFILE_COLUMNS.index("k")]
-        slope = columns[PROFILE_COLUMNS.index("dk")]
-        return ProfileSide(track, chain, curvature, slope, tuple(columns), last_derivative)
+        *_, column_curvature, column_slope = columns
+        return ProfileSide(
+            track, chain, column_curvature, column_slope, tuple(columns), last_derivative
+        )
     # The moving frame A of a curve with constant curvature k turns about n + k p, which is
     # fixed in the link (by the derivatives of n and p). So
     # A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T, where the third column of U is the unit vector
