@@ -21,7 +21,7 @@ from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.link_bodies import rigid_bodies
 from spherekit.exchange.source_languages import source
 from spherekit.files.mechanism_reader import load
-from spherekit.mechanism.inertia import moments_of_point
+from spherekit.mechanism.inertia import point_mass_inertia
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.row_quantities import sample_names
@@ -223,7 +223,7 @@ def _peers(
         along = _square(z, ahead[0], x) if ahead else x
         shifts.append(np.arctan2(np.cross(x, along) @ z, x @ along) - hinge.value)
         turn = np.column_stack([along, np.cross(z, along), z])
-        tensor = turn.T @ (body.tensor + moments_of_point(body.mass, body.centre)) @ turn
+        tensor = turn.T @ (body.tensor + point_mass_inertia(body.mass, body.centre)) @ turn
         placed = _rounded(base.T @ np.column_stack([x, np.cross(z, x), z]))
         numbers = " ".join(f"{x:.17g}" for x in (*placed.flat, *tensor.flat))
         text += f"{[*frames].index(hinge.parent)} {numbers}\n"

@@ -19,7 +19,7 @@ from spherekit.dynamics.simulation_start import PoseStart
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.mechanism_reader import load
 from spherekit.files.study import Start
-from spherekit.mechanism.cache import Cache
+from spherekit.mechanism.cache import MechanismCache
 from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.mechanism import Mass, Mechanism
@@ -492,7 +492,7 @@ def test_bad_input_is_refused_before_any_integration(call):
 
 
 def test_a_cache_with_a_limit_forgets_what_was_wanted_longest_ago():
-    kept, made = Cache(most=2), []
+    kept, made = MechanismCache(max_results=2), []
 
     def get(name):
         kept.get(load("four_bar"), name, lambda: made.append(name))
@@ -500,5 +500,5 @@ def test_a_cache_with_a_limit_forgets_what_was_wanted_longest_ago():
     for name in ("a", "b", "a", "c", "a", "b"):
         get(name)
     assert made == ["a", "b", "c", "b"]
-    assert kept.known(load("four_bar"), "a") and not kept.known(load("four_bar"), "c")
-    assert not kept.known(load("watt"), "a")
+    assert kept.has(load("four_bar"), "a") and not kept.has(load("four_bar"), "c")
+    assert not kept.has(load("watt"), "a")

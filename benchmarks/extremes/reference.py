@@ -149,7 +149,7 @@ class Reference:
                 continue
             profiles = self.mechanism.pairs[k].profiles
             assert profiles is not None
-            for which, curve in enumerate(track.curve for track in joint.tracks):
+            for which, curve in enumerate(track.curve for track in joint.contact_profiles):
                 profile = profiles[which]
                 if profile.kind not in ("circle", "great_circle"):
                     raise ModelError(
@@ -177,7 +177,7 @@ class Reference:
             c, s = mp.cos(value), mp.sin(value)
             x, y, z = frame.T
             return np.stack([c * x + s * y, c * y - s * x, z], axis=-1), mp.mpf(0)
-        start = joint.tracks[which].start
+        start = joint.contact_profiles[which].start
         turn, radius = int(data.turns[which, pair]), data.radii[which, pair]
         sine, cosine = mp.sin(radius), mp.cos(radius)
         angle = turn * (value + start) / sine
@@ -198,7 +198,7 @@ class Reference:
         vectors_in: list[list[Exact]] = []
         at = 0
         for pair, joint in enumerate(self.joints):
-            last = at + joint.freedoms - 1
+            last = at + joint.variable_count - 1
             first, k1 = self._own(data, 0, pair, values[at])
             second, k2 = self._own(data, 1, pair, values[last])
             own.append((first, second))

@@ -21,7 +21,7 @@ from spherekit.files.toml_document import Document, parse, read_text
 from spherekit.files.toml_lines import KeyPath
 from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.tilt_torsion import from_tilt_torsion, pointing
-from spherekit.mechanism.sizes import in_radians
+from spherekit.mechanism.sizes import to_radians
 
 SAMPLES = 181
 DESIGNS = 16384
@@ -81,7 +81,7 @@ def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sp
     variations = [between(key, *map(float, ends)) for key, ends in data["vary"].items()]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
     subject = named_in(data["mechanism"], Path(path).parent)
-    missed, points = _missed(document, in_radians(1.0, angle_unit_of(subject)))
+    missed, points = _missed(document, to_radians(1.0, angle_unit_of(subject)))
     sweep = sweep_of(
         subject,
         DesignSpace.of(variations, designs, "sobol", seed),

@@ -22,7 +22,7 @@ from spherekit.files.study import Crossings, Study
 from spherekit.files.study_reader import Subject, study_of
 from spherekit.files.toml_document import Document
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.sizes import in_radians
+from spherekit.mechanism.sizes import to_radians
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.resources import usable_cores
 from spherekit.runs.figure_of_merit import FigureOfMerit, parse_merit
@@ -150,7 +150,7 @@ def sweep_of(
     if crossings is not None:
         study = replace(study, crossings=crossings)
     document = _document(study.mechanism, subject if source is None else source)
-    unit = in_radians(1.0, document.data["angle_unit"])
+    unit = to_radians(1.0, document.data["angle_unit"])
     merits: dict[str, FigureOfMerit] = {}
     for analysis in analyses:
         offered = analysis.merits(study.mechanism)

@@ -23,7 +23,7 @@ from spherekit.errors import (
 from spherekit.files.study import Crossings, Study
 from spherekit.files.time_law import ConstantSpeed
 from spherekit.geometry.rotation import all_finite, nans
-from spherekit.mechanism.joint import Track
+from spherekit.mechanism.joint import ContactProfile
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions, wrap
 from spherekit.numerics.array_rows import ArrayRows
@@ -268,7 +268,7 @@ class KernelFigures:
         turns: Floats,
         modes: Any,
         claim: str,
-        tracks: Sequence[Track] = (),
+        tracks: Sequence[ContactProfile] = (),
     ) -> Evaluated:
         """Return the figures of the rows (n,) that close at a sample, by their numbers.
 

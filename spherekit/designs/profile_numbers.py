@@ -18,7 +18,7 @@ from spherekit.geometry.curve_variation import (
 )
 from spherekit.geometry.rotation import all_finite, nans
 from spherekit.mechanism.elements import PoseGeometry, Profile
-from spherekit.mechanism.joint import Track
+from spherekit.mechanism.joint import ContactProfile
 from spherekit.mechanism.joint_construction import PROFILE_GAP_RAD, make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.pair_states import contact_tracks
@@ -91,7 +91,7 @@ class ProfileNumbers:
 
         return profiles
 
-    def _tracks(self, values: Floats) -> list[Track] | None:
+    def _tracks(self, values: Floats) -> list[ContactProfile] | None:
         """Return the profiles of a design (variables,), None if there is no such design."""
         try:
             return tracks_of(designed(self.document, self.variables, values), APART)
@@ -156,7 +156,7 @@ class ProfileNumbers:
         return np.concatenate([numbers_of(profile) for profile, _ in profiles_of(made)])
 
 
-def tracks_of(mechanism: Mechanism, apart: float = PROFILE_GAP_RAD) -> list[Track]:
+def tracks_of(mechanism: Mechanism, apart: float = PROFILE_GAP_RAD) -> list[ContactProfile]:
     """Return the profiles of all contacts.
 
     They have the order of `PairRotations.sides_with_columns`.
@@ -213,7 +213,7 @@ def _along(columns: Floats) -> Floats:
 
 
 def _nearest(
-    tracks: tuple[Track, Track],
+    tracks: tuple[ContactProfile, ContactProfile],
     curves: tuple[CurveDerivative | None, CurveDerivative | None],
 ) -> Floats:
     """Return how the places (2,) move where two profiles are nearest, as these change.
@@ -236,7 +236,9 @@ def _nearest(
     return np.linalg.lstsq(np.stack(columns, axis=1), -turned, rcond=None)[0]
 
 
-def columns_of(tracks: Sequence[Track], values: Floats, last: bool = True) -> Floats:
+def columns_of(
+    tracks: Sequence[ContactProfile], values: Floats, last: bool = True
+) -> Floats:
     """Return the columns (9 profiles, n) of profiles at pair variables (n, w).
 
     With the `last` of each, or NaN there; NaN where variables are.

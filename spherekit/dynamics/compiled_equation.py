@@ -212,7 +212,7 @@ def estimate_compile_seconds(
         heyoka()
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     common_mechanism = _remove_run_data(mechanism, coordinates)
-    if COMPILED.known(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):
+    if COMPILED.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):
         return 0.0
     variables = len(mechanism.variable_names)
     loads_on_links = sum("pair" not in load.keys for load in mechanism.loads)

@@ -25,7 +25,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.dynamics.motion_expressions import EquationExpressions, EquationLayout
-from spherekit.mechanism.link_inertia import tensors
+from spherekit.mechanism.link_inertia import link_inertia_tensors
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.compiler import EventFunction
 from spherekit.symbolic.expression_graph import Expr, array_function, dot, varies
@@ -44,7 +44,9 @@ coordinates are changed, and equations compiled, more often.
 
 def total_moment_of_inertia(mechanism: Mechanism) -> float:
     """Return the sum of the largest principal moments of inertia of all links, kg m2."""
-    link_tensors = [tensor for link, tensor in tensors(mechanism).items() if link]
+    link_tensors = [
+        tensor for link, tensor in link_inertia_tensors(mechanism).items() if link
+    ]
     return float(np.sum(np.linalg.norm(link_tensors, 2, axis=(1, 2))))
 
 
@@ -81,7 +83,7 @@ def derive_multi_dof_equation(
 
     load_state = layout.make_load_state(coordinate_rates, variable_rates)
     forces_of_load = [generalised_forces(load, load_state) for load in mechanism.loads]
-    moments = InputMoments(coordinate_rates, tensors(mechanism), mass_scale)
+    moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism), mass_scale)
     link_accelerations = coordinate_rates.bias(variable_rates, w)
     velocity_forces = moments.pull(link_accelerations, scaled_speeds)
     net_forces = [

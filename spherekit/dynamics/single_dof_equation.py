@@ -16,7 +16,7 @@ coordinate, and I_j its inertia tensor about the centre of the sphere.
 """
 
 from spherekit.dynamics.motion_expressions import EquationExpressions, EquationLayout
-from spherekit.mechanism.link_inertia import tensors
+from spherekit.mechanism.link_inertia import link_inertia_tensors
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.compiler import EventFunction
 from spherekit.symbolic.expression_graph import dot, power
@@ -30,7 +30,7 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     structure = Structure.of(mechanism, mechanism.inputs[0].pair)
     (momentum,) = layout.momenta
     coordinate_rates = CoordinateRates(structure, layout.variables)
-    moments = InputMoments(coordinate_rates, tensors(mechanism))
+    moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism))
     (tau,) = coordinate_rates.tau
 
     # The momentum in the state is p over its unit.

@@ -19,7 +19,7 @@ from spherekit.arrays import Floats
 from spherekit.errors import ModelError
 from spherekit.geometry.rotation import unit_rows
 from spherekit.geometry.triangle import arc
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 
 SAME_AXIS_SINE = 1e-6
 """Sine of the angle below which two axes are one. Larger: gears with tiny pitch cones are
@@ -341,7 +341,7 @@ def _paths(
     links = sorted({link for pair in ends for link in pair})
     for start in links:
         paths: dict[int, list[tuple[int, float]]] = {start: []}
-        for hinge, parent, child in spanning(ends, [start]):
+        for hinge, parent, child in find_spanning_tree(ends, [start]):
             sense = 1.0 if ends[hinge][0] == parent else -1.0
             paths[child] = [*paths[parent], (hinge, sense)]
         for end, path in paths.items():

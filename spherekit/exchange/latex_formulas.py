@@ -15,7 +15,7 @@ from spherekit.errors import EngineError
 from spherekit.escaping import latex_text
 from spherekit.exchange.latex_text import number
 from spherekit.mechanism.elements import SizeGeometry
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.load import Component, TorqueTable, expression_of
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Group, plan_assembly
@@ -249,7 +249,7 @@ class Formulas:
             )
         )
         self._frame(0, k, j, self._axes[0][1], i)
-        ways = spanning(mechanism.ends, [0], self.inputs)
+        ways = find_spanning_tree(mechanism.ends, [0], self.inputs)
         for pair, parent, child in ways:
             self._drive(pair, parent, child)
         left = {*self.inputs}.difference(pair for pair, *_ in ways)

@@ -17,8 +17,8 @@ from spherekit.conventions import Lines
 from spherekit.errors import ModelError
 from spherekit.geometry.rotation import all_finite
 from spherekit.mechanism.elements import Pair
-from spherekit.mechanism.graph import joined, spanning
-from spherekit.mechanism.inertia import moments_of_point
+from spherekit.mechanism.graph import component_labels, find_spanning_tree
+from spherekit.mechanism.inertia import point_mass_inertia
 from spherekit.mechanism.joint import Joint
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
@@ -241,7 +241,7 @@ def _tree(mechanism: Mechanism, wanted: Iterable[str]) -> list[tuple[int, int, i
     """
     ends, links = mechanism.ends, mechanism.links
     turning = [k for k, pair in enumerate(mechanism.pairs) if pair.kind.has_axis]
-    usual = spanning(ends, pairs=turning)
+    usual = find_spanning_tree(ends, pairs=turning)
     if len(usual) + 1 < len(links):
         held = {0, *(child for _, _, child in usual)}
         lost = listing(link for k, link in enumerate(links) if k not in held)
@@ -252,10 +252,10 @@ def _tree(mechanism: Mechanism, wanted: Iterable[str]) -> list[tuple[int, int, i
     kept: list[int] = []
     named = (mechanism.pair_number[name] for name in wanted)
     for pair in [*named, *(pair for pair, _, _ in usual)]:
-        piece = joined(len(links), [ends[k] for k in kept])
+        piece = component_labels(len(links), [ends[k] for k in kept])
         if pair in turning and piece[ends[pair][0]] != piece[ends[pair][1]]:
             kept.append(pair)
-    ways = spanning(ends, pairs=kept)
+    ways = find_spanning_tree(ends, pairs=kept)
 
     def beyond(link: int) -> list[tuple[int, int, int]]:
         return [x for way in ways if way[1] == link for x in (way, *beyond(way[2]))]
@@ -311,5 +311,5 @@ def _body(
         spread, directions = np.linalg.eigh(moments)
         mass = float(np.trace(moments))
         at = 0.5 * np.sqrt(spread[-1] / mass) * directions[:, -1]
-    tensor = about_O - moments_of_point(mass, at)
+    tensor = about_O - point_mass_inertia(mass, at)
     return BodyInertia(link, mass, at, 0.5 * (tensor + tensor.T), bool(stated))

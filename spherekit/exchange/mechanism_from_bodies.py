@@ -25,8 +25,8 @@ from spherekit.exchange.gear_couplings import (
 )
 from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.geometry.rotation import max_abs
-from spherekit.mechanism.graph import joined, spanning
-from spherekit.mechanism.inertia import moved_to_sphere_centre
+from spherekit.mechanism.graph import component_labels, find_spanning_tree
+from spherekit.mechanism.inertia import shift_to_sphere_centre
 from spherekit.positions.linearisation import LoopTree
 from spherekit.wording import listing, numbered
 
@@ -235,7 +235,7 @@ class ForeignTables:
         free = set[int]()
         for ball, body in body_of.items():
             ends = self.link[self.m.body_parentid[body]], self.link[body]
-            piece = joined(self.m.nbody, couples)
+            piece = component_labels(self.m.nbody, couples)
             if piece[ends[0]] == piece[ends[1]]:
                 free |= set(self.model.balls[ball])
                 self.notes.append(
@@ -287,7 +287,7 @@ class ForeignTables:
             self.comments["pairs", name] = f"Closes a loop: holds {held} at a point."
         if not pairs:
             raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
-        piece = joined(len(self.link), (pair.links for pair in pairs))
+        piece = component_labels(len(self.link), (pair.links for pair in pairs))
         lost = {k for pair in pairs for k in pair.links if piece[k]}
         if lost:
             raise FileError(
@@ -438,7 +438,7 @@ class ForeignTables:
         """Return the numbers of the links at the ends of the chains, as `_outputs` says."""
         ends = [pair.links for pair in self.pairs]
         distance = {0: 0}
-        for _, near, far in spanning(ends):
+        for _, near, far in find_spanning_tree(ends):
             distance[far] = distance[near] + 1
         on_one_pair = [
             link for link in self.links[1:] if sum(link in pair for pair in ends) == 1
@@ -494,7 +494,7 @@ class ForeignTables:
             arms, turns = self.d.xipos[heavy] - self.centre, self.d.ximat[heavy]
             turns = turns.reshape(-1, 3, 3)
             about = turns * m.body_inertia[heavy][:, None] @ np.swapaxes(turns, 1, 2)
-            tensor = np.sum([*map(moved_to_sphere_centre, about, masses, arms)], axis=0)
+            tensor = np.sum([*map(shift_to_sphere_centre, about, masses, arms)], axis=0)
             tensor = tensor + rotors.pop(link, 0.0)
             mass, most = np.sum(masses), max_abs(tensor)
             table: Table = {"tensor": [[plain(x, most, THIN) for x in r] for r in tensor]}

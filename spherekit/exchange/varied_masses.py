@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.files.toml_document import Document
 from spherekit.files.toml_lines import KeyPath
-from spherekit.mechanism.inertia import Mass, moved_to_sphere_centre
+from spherekit.mechanism.inertia import Mass, shift_to_sphere_centre
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function
 from spherekit.symbolic.frame_expressions import cross
@@ -67,7 +67,7 @@ def _mass(
         if "centre" in item:
             centre = vector([stated("centre", k) for k in range(3)])
         if key == "tensor_at_centre":
-            tensor = moved_to_sphere_centre(tensor, kilograms, centre)
+            tensor = shift_to_sphere_centre(tensor, kilograms, centre)
         if "frame" in item:
             frame = _frame(*map(axis, item["frame"]))
             tensor = frame @ tensor @ frame.T

@@ -38,7 +38,7 @@ from spherekit.mechanism.inertia import (
     Mass,
     axes_frame,
     check_tensor,
-    moved_to_sphere_centre,
+    shift_to_sphere_centre,
     uniform_arc,
 )
 from spherekit.mechanism.joint import Links
@@ -252,7 +252,7 @@ class _Reader:
             tensor = np.array(item[key])
             check_tensor(f"mass.{link}.{key}", tensor)
             if key == "tensor_at_centre":
-                tensor = moved_to_sphere_centre(tensor, item["mass"], np.array(centre))
+                tensor = shift_to_sphere_centre(tensor, item["mass"], np.array(centre))
             if "frame" in item:
                 frame = framed("frame", axes_frame)
                 tensor = frame @ tensor @ frame.T

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
-from spherekit.mechanism.elements import need_rows
+from spherekit.mechanism.elements import check_table_rows
 from spherekit.mechanism.joint import Numbers
-from spherekit.mechanism.sizes import need_finite
+from spherekit.mechanism.sizes import check_finite
 
 States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
@@ -27,7 +27,7 @@ SPLINE_DEGREE = 5
 def _need_finite_fields(made: Any) -> None:
     """Refuse a law or a start of which a number is not finite."""
     for key, given in vars(made).items():
-        need_finite(key, given if isinstance(given, tuple) else [given])
+        check_finite(key, given if isinstance(given, tuple) else [given])
 
 
 @checked_class(ModelError, "at")
@@ -115,7 +115,7 @@ class Tabulated:
         _need_finite_fields(self)
         least = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
         more = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
-        need_rows("", "angles", self.times, self.angles, least, more)
+        check_table_rows("", "angles", self.times, self.angles, least, more)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape.

@@ -1,4 +1,4 @@
-"""What was computed for mechanisms before, kept for the life of the process."""
+"""Cache of results that were computed for mechanisms, for the life of the process."""
 
 from collections.abc import Callable
 from threading import RLock
@@ -6,31 +6,57 @@ from typing import Any, TypeVar
 
 from spherekit.mechanism.mechanism import Mechanism
 
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 
-class Cache:
-    """What was made for a mechanism's content and a request; the last `most`, if given."""
+class MechanismCache:
+    """Results by the content of a mechanism and a request.
 
-    def __init__(self, most: int | None = None) -> None:
-        self._most = most
-        self._kept: dict[tuple[str, str], Any] = {}
-        self._making = RLock()  # held meanwhile, so that two threads do not make it twice
+    Two mechanisms of equal content share their results.
 
-    def get(self, mechanism: Mechanism, request: str, make: Callable[[], Made]) -> Made:
-        """Return what was made before for this content and request, or make it now."""
+    Parameters
+    ----------
+    max_results
+        Number of results that are kept. If it is exceeded, the result that was not used for
+        the longest time is removed. None keeps all.
+    """
+
+    def __init__(self, max_results: int | None = None) -> None:
+        self._max_results = max_results
+        # A dict keeps the order of insertion: the least recently used result comes first.
+        self._results: dict[tuple[str, str], Any] = {}
+        # Locked also during a computation, so that two threads do not compute a result
+        # twice.
+        self._lock = RLock()
+
+    def get(
+        self, mechanism: Mechanism, request: str, compute: Callable[[], Result]
+    ) -> Result:
+        """Return the result of a request, computed only if it is not in the cache.
+
+        Parameters
+        ----------
+        mechanism
+            Mechanism whose content is part of the key.
+        request
+            Text that states everything else on which the result depends.
+        compute
+            Function that computes the result.
+        """
         key = mechanism.content, request
-        with self._making:
-            made: Made = self._kept.pop(key) if key in self._kept else make()
-            self._kept[key] = made
-            if self._most is not None and len(self._kept) > self._most:
-                del self._kept[next(iter(self._kept))]
-        return made
+        with self._lock:
+            # Removing and inserting the result again makes it the most recently used one.
+            is_cached = key in self._results
+            result: Result = self._results.pop(key) if is_cached else compute()
+            self._results[key] = result
+            if self._max_results is not None and len(self._results) > self._max_results:
+                del self._results[next(iter(self._results))]
+        return result
 
-    def known(self, mechanism: Mechanism, request: str) -> bool:
-        """Return whether something was made before for this content and request."""
-        return (mechanism.content, request) in self._kept
+    def has(self, mechanism: Mechanism, request: str) -> bool:
+        """Return whether the cache has the result of a request."""
+        return (mechanism.content, request) in self._results
 
     def clear(self) -> None:
-        """Forget everything."""
-        self._kept.clear()
+        """Remove all results."""
+        self._results.clear()

@@ -1,4 +1,7 @@
-"""What a mechanism is made of: pairs with their profiles, sizes, inputs and outputs."""
+"""The parts of a mechanism without masses and loads.
+
+These are pairs with their profiles, sizes of links, inputs, outputs and the source.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -10,38 +13,53 @@ import numpy as np
 from spherekit.conventions import Names
 from spherekit.errors import ModelError
 from spherekit.mechanism.joint import KINDS, Ends, Kind, Links, Numbers, PairType
-from spherekit.mechanism.sizes import AngleUnit, Sizes, Vector, in_radians
+from spherekit.mechanism.sizes import AngleUnit, Sizes, Vector, to_radians
 from spherekit.wording import choices, counted
 
 Angles = Mapping[str, float]
 """Angles (rad) of pairs, by their names."""
 
 
-def need_rows(
-    key: str, name: str, times: Numbers, values: Numbers, least: int, more: str = ""
+def check_table_rows(
+    key: str, name: str, times: Numbers, values: Numbers, min_rows: int, hint: str = ""
 ) -> None:
-    """Refuse a table of values at times (s) that do not increase, or too short.
+    """Check a table of values at times (s).
 
-    `key` begins what faults say, `name` is that of the values, `more` says how fewer rows
-    than the `least` would do.
+    Parameters
+    ----------
+    key
+        Beginning of the keys in messages, such as "loads.push.".
+    name
+        Key of the values.
+    times, values
+        The columns of the table. Times must increase.
+    min_rows
+        Smallest number of rows.
+    hint
+        Text that the message on a short table ends with. It says how fewer rows suffice.
+
+    Raises
+    ------
+    ModelError
+        If the table is not such a table.
     """
-    has = len(times)
-    if has != len(values):
-        rows = counted(len(values), "value")
-        raise ModelError(f"{key}{name}: has {rows}, but times has {has}")
-    if has < least:
-        rows = counted(has, "value")
-        raise ModelError(f"{key}times: has {rows}, needs at least {least}{more}")
-    for number, (one, other) in enumerate(pairwise(times)):
-        if not other > one:
+    row_count = len(times)
+    if row_count != len(values):
+        value_count = counted(len(values), "value")
+        raise ModelError(f"{key}{name}: has {value_count}, but times has {row_count}")
+    if row_count < min_rows:
+        value_count = counted(row_count, "value")
+        raise ModelError(f"{key}times: has {value_count}, needs at least {min_rows}{hint}")
+    for row, (time, next_time) in enumerate(pairwise(times)):
+        if not next_time > time:
             raise ModelError(
-                f"{key}times: must increase, but {other:g} s follows {one:g} s at "
-                f"positions {number} and {number + 1}"
+                f"{key}times: must increase, but {next_time:g} s follows {time:g} s at "
+                f"positions {row} and {row + 1}"
             )
 
 
 def as_vector(numbers: Iterable[float]) -> Vector:
-    """Return three numbers as floats."""
+    """Return three numbers as a tuple of floats."""
     x, y, z = map(float, numbers)
     return x, y, z
 
@@ -70,22 +88,38 @@ class Profile:
 
     @property
     def round_axis(self) -> Vector | None:
-        """What a circle, a great circle too, is round about; None for other curves."""
+        """Axis (unit vector) of a circle or great circle. None for other curves."""
         return self.centre if self.kind in ("circle", "great_circle") else None
 
 
 @dataclass(frozen=True)
 class Pair:
-    """A kinematic pair; its variable moves the second link relative to the first.
+    """A kinematic pair. Its variable moves the second link relative to the first.
 
-    `profiles`, for contact pairs, are the curves of the two links in that order. In an
-    external contact the two bodies lie on opposite sides of the common tangent, in an
-    internal one on the same side, the first within the second. `start` are the arc
-    lengths (rad) along both profiles at which the variable of a rolling contact is zero. A
-    `one_sided` contact can press and not pull: a simulation ends where it lifts off. The
-    force of a contact acts at `distance` (m) from the centre of the sphere, where it is
-    said. Teeth with a `pressure_angle` (rad) press the wheels apart by its tangent times
-    what they turn them by.
+    Attributes
+    ----------
+    name
+        Name of the pair.
+    type
+        "R" revolute, "Cr" rolling contact, "Cs" sliding contact.
+    links
+        Names of the first and the second link.
+    profiles
+        Curves of the first and the second link of a contact. None for an R pair.
+    contact
+        External: the two bodies are on opposite sides of the common tangent. Internal: they
+        are on the same side, and the first is inside the second.
+    start
+        Arc lengths (rad) along both profiles at which the variable of a rolling contact is
+        zero.
+    one_sided
+        Whether the contact can press but not pull. A simulation ends when it lifts off.
+    distance
+        Distance (m) from the centre of the sphere at which the contact force acts. None if
+        it is not stated.
+    pressure_angle
+        Pressure angle (rad) of the teeth of a rolling contact. The force that presses the
+        wheels apart is its tangent times the force that rotates them.
     """
 
     name: str
@@ -100,32 +134,43 @@ class Pair:
 
     @property
     def kind(self) -> Kind:
-        """What all pairs of its type have in common."""
+        """The joint class of the pair's type."""
         return KINDS[self.type]
 
     @property
     def constraints(self) -> int:
-        """How many relative freedoms it takes away, of three."""
-        return 3 - self.kind.freedoms
+        """Number of relative degrees of freedom, of three, that the pair removes."""
+        return 3 - self.kind.variable_count
 
     @property
     def rolls(self) -> bool:
-        """Whether its links roll on each other, which may repeat constraints of others."""
-        return not self.kind.has_axis and self.kind.freedoms == 1
+        """Whether the pair is a rolling contact.
+
+        Its constraints may repeat constraints of other pairs.
+        """
+        return not self.kind.has_axis and self.kind.variable_count == 1
 
 
 @dataclass(frozen=True)
 class LinkSizes:
-    """Where the axes sit in one link, as arcs and angles (rad).
+    """Positions of the axes in one link, as arcs and angles (rad).
 
-    The first of `axes` is the z axis of the link's frame. `arcs[k]` is the arc from
-    it to `axes[k + 1]`. The arc to `axes[1]` lies in the half-plane of positive y (the
-    frame of Di Gregorio 2024, Fig. 3); `angles[k]` is the angle, counter-clockwise
-    about the first axis, from that arc to the arc to `axes[k + 2]`. `unpaired` are those
-    of the axes that carry no pair: they stay because frames and zeros refer to them.
-
-    Arcs are between 0 and pi, unless they are `signed`: one below 0 or above pi runs on
-    around its great circle, to an axis on the other side of the first one.
+    Attributes
+    ----------
+    axes
+        Names of the axes, which are those of their pairs. The first is the z axis of the
+        link. The second is in the half-plane x = 0, y > 0 (the frame of Di Gregorio 2024,
+        Fig. 3).
+    arcs
+        `arcs[k]` is the arc from the first axis to `axes[k + 1]`.
+    angles
+        `angles[k]` is the angle from the arc to `axes[1]` to the arc to `axes[k + 2]`,
+        counter-clockwise about the first axis.
+    unpaired
+        Axes that carry no pair. They remain because frames and zeros refer to them.
+    signed
+        Whether arcs may be below 0 or above pi. Such an arc continues along its great
+        circle to an axis on the other side of the first one.
     """
 
     axes: Names
@@ -135,42 +180,62 @@ class LinkSizes:
     signed: bool = False
 
 
-def resized(
+def resize_link(
     where: str,
     link: LinkSizes,
     kind: str,
-    given: Sizes,
+    new_sizes: Sizes,
     unit: AngleUnit,
 ) -> LinkSizes:
-    """Return a link with other arcs or angles, all or some by the pair they lead to.
+    """Return a link with other arcs or angles.
+
+    Parameters
+    ----------
+    where
+        Beginning of the error message.
+    link
+        The link whose sizes change.
+    kind
+        "arcs" or "angles".
+    new_sizes
+        All sizes of this kind, or some of them by the pair to which they lead.
+    unit
+        Unit of the new sizes.
 
     Raises
     ------
     ModelError
-        If none leads to a pair that is named; `where` says which are meant.
+        If no size leads to a pair that is named.
     """
     values: Iterable[float]
-    if isinstance(given, Mapping):
+    if isinstance(new_sizes, Mapping):
+        # Arcs lead to all axes but the first one, angles to all but the first two.
         pairs = link.axes[1 if kind == "arcs" else 2 :]
-        for name in given.keys() - set(pairs):
-            said = choices(name, pairs, "they lead to")
-            raise ModelError(f'{where}: none leads to "{name}"{said}')
+        for name in new_sizes.keys() - set(pairs):
+            hint = choices(name, pairs, "they lead to")
+            raise ModelError(f'{where}: none leads to "{name}"{hint}')
         sizes = dict(zip(pairs, getattr(link, kind), strict=True))
-        sizes |= {name: in_radians(size, unit) for name, size in given.items()}
+        sizes |= {name: to_radians(size, unit) for name, size in new_sizes.items()}
         values = sizes.values()
     else:
-        values = (in_radians(size, unit) for size in np.ravel(given).tolist())
-    changed: dict[str, Any] = {kind: tuple(values)}
-    return replace(link, **changed)
+        values = (to_radians(size, unit) for size in np.ravel(new_sizes).tolist())
+    changes: dict[str, Any] = {kind: tuple(values)}
+    return replace(link, **changes)
 
 
 @dataclass(frozen=True)
 class SizeGeometry:
-    """Geometry given within the links; assembly modes are to be found.
+    """Geometry given by the sizes of the links. Its assembly modes have to be computed.
 
-    `zeros[pair]` is the angle (rad) about the pair's axis, from the reference arc of
-    the first link to that of the second, at which the pair variable reads zero. The
-    reference arc of a link at an axis leads to the first other axis it lists.
+    Attributes
+    ----------
+    links
+        Sizes of each link, by name.
+    zeros
+        Angle (rad) of each pair at which its variable reads zero, by name. It is measured
+        about the axis of the pair from the reference arc of the first link to that of the
+        second. The reference arc of a link at an axis leads to the first other axis in
+        `LinkSizes.axes`. Pairs that are missing have zero.
     """
 
     links: Mapping[str, LinkSizes]
@@ -181,8 +246,15 @@ class SizeGeometry:
 class PoseGeometry:
     """Geometry given by the axes of all pairs in one reference pose.
 
-    `axes[pair]` is a unit vector in ground axes; the frames of all links coincide with
-    the ground's there. `values[pair]` is the pair variable (rad) in that pose.
+    The axes of all links coincide with the ground axes in this pose.
+
+    Attributes
+    ----------
+    axes
+        Axis of each R pair, a unit vector in ground axes, by name.
+    values
+        Variable (rad) of each R pair in the pose, by name. Pairs that are missing have
+        zero.
     """
 
     axes: Mapping[str, Vector]
@@ -193,8 +265,9 @@ class PoseGeometry:
 class Input:
     """A driven pair and the range (rad) of its variable, from `start` to `stop`.
 
-    It may fall: `stop` is then below `start`. The input is the default one if its mechanism
-    was made without inputs. It equals the same input stated explicitly.
+    If `stop` is below `start`, the variable falls. `is_default` is true if the mechanism
+    was constructed without inputs. The default input equals the same input stated
+    explicitly.
     """
 
     pair: str
@@ -204,7 +277,7 @@ class Input:
 
     @property
     def range(self) -> Ends:
-        """The least and the greatest value (rad)."""
+        """The smallest and the largest value (rad)."""
         return min(self.start, self.stop), max(self.start, self.stop)
 
     @property
@@ -217,7 +290,8 @@ class Input:
 class Output:
     """A link whose motion relative to another one is of interest.
 
-    `direction` is the unit vector, in axes of the link, of what it points with.
+    `direction` is the pointing direction, a unit vector in link axes. None if the output is
+    an orientation.
     """
 
     name: str
@@ -228,7 +302,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Source:
-    """Where a mechanism comes from, and what had to be assumed."""
+    """The publication that a mechanism is taken from, and the assumptions added to it."""
 
     citation: str
     assumed: str = ""

@@ -1,4 +1,7 @@
-"""Graph views of a mechanism; the only module that imports networkx, when called."""
+"""Graphs of links and pairs: spanning trees, connected components, and a drawing.
+
+This is the only module that uses networkx. It imports networkx only when a graph is drawn.
+"""
 
 from collections.abc import Collection, Iterable, Sequence
 from typing import Any
@@ -8,78 +11,124 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.mechanism.mechanism import Mechanism
 
+NODE_GAP = 0.12
+"""Smallest distance of two nodes in a drawing, in units of the drawing's width.
 
-def spanning(
+Larger: nodes are pushed farther apart. Smaller: nodes cover each other's names.
+"""
+
+MAX_NODE_SHIFTS = 100
+"""Number of times that nodes are pushed apart at most.
+
+Larger: crowded drawings take longer. Smaller: some nodes may stay too close to each other.
+"""
+
+
+def find_spanning_tree(
     ends: Sequence[tuple[int, int]],
     start: Iterable[int] = (0,),
     pairs: Collection[int] | None = None,
 ) -> tuple[tuple[int, int, int], ...]:
-    """Return how bodies are reached from some of them, breadth first.
+    """Return the spanning tree of bodies, breadth first from the start bodies.
 
-    Each way is the number of a pair, the body it starts at, and the new one that it leads
-    to. `ends` are the bodies of every pair; only `pairs` are used, where they are given.
+    Parameters
+    ----------
+    ends
+        Numbers of the two bodies of every pair.
+    start
+        Bodies that need not be reached. Several of them are roots of several trees.
+    pairs
+        Numbers of the pairs that may be used. By default all.
+
+    Returns
+    -------
+    The branches in the order in which they are found: the number of the pair, the body from
+    which it leads, and the body that it reaches. Bodies that no pair reaches are missing.
     """
-    used = range(len(ends)) if pairs is None else sorted(pairs)
+    usable_pairs = range(len(ends)) if pairs is None else sorted(pairs)
     reached = list(dict.fromkeys(start))
-    ways = []
-    for body in reached:
-        for pair in used:
-            one, two = ends[pair]
-            other = two if one == body else one
-            if body in (one, two) and other not in reached:
-                reached.append(other)
-                ways.append((pair, body, other))
-    return tuple(ways)
+    branches = []
+    for body in reached:  # new bodies are appended during the loop
+        for pair in usable_pairs:
+            first, second = ends[pair]
+            next_body = first if second == body else second
+            if body in (first, second) and next_body not in reached:
+                reached.append(next_body)
+                branches.append((pair, body, next_body))
+    return tuple(branches)
 
 
-def joined(count: int, couples: Iterable[tuple[int, int]]) -> list[int]:
-    """Return for each of so many things the smallest of those that couples join it to."""
-    owner = list(range(count))
+def component_labels(count: int, couples: Iterable[tuple[int, int]]) -> list[int]:
+    """Return the connected component of each node of a graph.
+
+    Parameters
+    ----------
+    count
+        Number of nodes, which are numbered from 0.
+    couples
+        The two nodes of every edge.
+
+    Returns
+    -------
+    (count,) the smallest node of the component, for each node.
+    """
+    labels = list(range(count))
     for couple in couples:
-        low, high = sorted(owner[k] for k in couple)
-        owner = [low if label == high else label for label in owner]
-    return owner
+        low, high = sorted(labels[node] for node in couple)
+        labels = [low if label == high else label for label in labels]
+    return labels
 
 
-def clusters(count: int, couples: Iterable[tuple[int, int]]) -> list[list[int]]:
-    """Return so many things, those together that couples join, by their smallest."""
-    owner = joined(count, couples)
-    return [[k for k in range(count) if owner[k] == one] for one in sorted(set(owner))]
+def connected_components(count: int, couples: Iterable[tuple[int, int]]) -> list[list[int]]:
+    """Return the nodes of each connected component, sorted by their smallest node.
+
+    See `component_labels` for the parameters.
+    """
+    labels = component_labels(count, couples)
+    return [
+        [node for node in range(count) if labels[node] == label]
+        for label in sorted(set(labels))
+    ]
 
 
-def layout(mechanism: Mechanism) -> Floats:
-    """Return positions (links + pairs, 2) for drawing the graph, about the unit square."""
+def layout_graph(mechanism: Mechanism) -> Floats:
+    """Return positions for a drawing of the graph of links and pairs.
+
+    Returns
+    -------
+    (links + pairs, 2) positions of the nodes. They fill about the unit square, and no two
+    nodes cover each other.
+    """
     import networkx as nx
 
     graph: nx.Graph[Any] = nx.Graph()
-    links = [("link", name) for name in mechanism.links]
-    graph.add_nodes_from(links)
+    link_nodes = [("link", name) for name in mechanism.links]
+    pair_nodes = [("pair", pair.name) for pair in mechanism.pairs]
+    graph.add_nodes_from(link_nodes)
     for pair in mechanism.pairs:
         graph.add_edges_from((("pair", pair.name), ("link", name)) for name in pair.links)
-    planar, _ = nx.check_planarity(graph)
-    start = nx.planar_layout(graph) if planar else nx.circular_layout(graph)
-    spread = nx.kamada_kawai_layout(graph, pos=start)
-    nodes = [*links, *(("pair", pair.name) for pair in mechanism.pairs)]
-    places = np.array([spread[node] for node in nodes])
-    extent = np.ptp(places, axis=0)
-    places = (places - places.min(axis=0)) / np.where(extent > 0.0, extent, 1.0)
-    return _apart(places)
+    # The spring model of Kamada and Kawai keeps the order of its start. From a planar start
+    # it gives a drawing with few crossings.
+    is_planar, _ = nx.check_planarity(graph)
+    start = nx.planar_layout(graph) if is_planar else nx.circular_layout(graph)
+    position_of = nx.kamada_kawai_layout(graph, pos=start)
+    positions = np.array([position_of[node] for node in (*link_nodes, *pair_nodes)])
+    extent = np.ptp(positions, axis=0)
+    positions = (positions - positions.min(axis=0)) / np.where(extent > 0.0, extent, 1.0)
+    return _separate_nodes(positions)
 
 
-NODE_GAP = 0.12
-"""Nodes nearer than this would cover each other's names."""
-
-
-def _apart(places: Floats) -> Floats:
-    """Return places (n, 2), pushed from each other until none covers another."""
-    # Those that coincide go upwards.
-    places = places + 1e-6 * np.arange(len(places))[:, None] * [0.0, 1.0]
-    for _ in range(100):
-        away = places[:, None] - places
-        size = np.linalg.norm(away, axis=2, keepdims=True)
-        push = np.where(size < NODE_GAP, 0.5 * (NODE_GAP - size) + 1e-3, 0.0)
-        moved = np.sum(push * away / np.maximum(size, 1e-9), axis=1)
-        if not np.any(moved):
+def _separate_nodes(positions: Floats) -> Floats:
+    """Return positions (n, 2) of nodes, pushed apart until none covers another."""
+    # Nodes at the same position have no direction in which to push them. A tiny offset that
+    # grows with the number of the node moves them upwards.
+    positions = positions + 1e-6 * np.arange(len(positions))[:, None] * [0.0, 1.0]
+    for _ in range(MAX_NODE_SHIFTS):
+        differences = positions[:, None] - positions
+        distances = np.linalg.norm(differences, axis=2, keepdims=True)
+        push = np.where(distances < NODE_GAP, 0.5 * (NODE_GAP - distances) + 1e-3, 0.0)
+        shifts = np.sum(push * differences / np.maximum(distances, 1e-9), axis=1)
+        if not np.any(shifts):
             break
-        places = places + moved
-    return places
+        positions = positions + shifts
+    return positions

@@ -1,4 +1,4 @@
-"""Inertia tensors of links about the centre of the sphere."""
+"""Inertia of links: tensors about the centre O of the sphere, and their checks."""
 
 from dataclasses import dataclass
 
@@ -8,84 +8,45 @@ from spherekit.arrays import Floats
 from spherekit.errors import ModelError
 from spherekit.geometry.rotation import cross, max_abs
 from spherekit.geometry.triangle import frame_from
-from spherekit.mechanism.sizes import Vector, need_finite
+from spherekit.mechanism.sizes import Vector, check_finite
 
-PARALLEL = 1e-9
-"""Below this sine two axes count as one line, which has no arc and gives no frame."""
+PARALLEL_AXES_SINE = 1e-9
+"""Sine of the angle below which two axes lie on one line, and define neither arc nor frame.
 
+Larger: more links are refused. Smaller: frames may consist of rounding errors.
+"""
 
-def moments_of_point(mass: float, place: Floats) -> Floats:
-    """Return the tensor (3, 3), kg m2, about O of a mass (kg) at a place (3,), m."""
-    return mass * (place @ place * np.eye(3) - np.outer(place, place))
+MOMENT_TOLERANCE = 1e-3
+"""Largest violation of the conditions on principal moments, relative to the largest entry.
 
+The moments of a thin arc are exactly on the limit, and published tables print few digits.
+Larger: wrong tensors pass. Smaller: correct tensors with few digits are refused.
+"""
 
-def moved_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Floats:
-    """Return the tensor (3, 3) about O, given that about the centre of mass (kg m2).
+ASYMMETRY_TOLERANCE = 1e-12
+"""Largest difference of two mirrored entries of a tensor, relative to the largest entry.
 
-    `mass` is in kg, `centre` (3,) in m from O. Steiner's theorem.
-    """
-    return tensor + moments_of_point(mass, centre)
-
-
-def axes_frame(first: Floats, second: Floats) -> Floats:
-    """Return the frame (3, 3) with z along `first` and `second` at x = 0, y > 0.
-
-    The columns are x, y, z, as the frame of Di Gregorio 2024, Fig. 3, on the two axes.
-
-    Raises
-    ------
-    ModelError
-        If the axes, unit vectors (3,), are parallel.
-    """
-    across = cross(second, first)
-    length = np.linalg.norm(across)
-    if length < PARALLEL:
-        raise ModelError(
-            "the two axes are parallel, so that no plane and no arc is theirs; name "
-            "others, or give tensor in link axes"
-        )
-    return frame_from(first, across / length)
-
-
-def uniform_arc(
-    first: Floats, second: Floats, mass: float, radius: float
-) -> tuple[Floats, Floats]:
-    """Return tensor about O (kg m2) and centre of mass (m) of a thin uniform arc.
-
-    The mass (kg) is spread evenly over the shorter great-circle arc of a radius (m) from
-    the unit vector `first` (3,) to `second`.
-
-    Raises
-    ------
-    ModelError
-        If the two axes are parallel.
-
-    Notes
-    -----
-    With the length a of the arc, means over it along and across the direction e of its
-    middle are <cos^2> = 1/2 + sin a / (2 a) and <sin^2> = 1/2 - sin a / (2 a); the centre
-    is at radius sin(a/2) / (a/2) along e.
-    """
-    frame = axes_frame(first, second)
-    length = np.arctan2(second @ frame[:, 1], second @ first)
-    half = length / 2
-    middle = np.cos(half) * frame[:, 2] + np.sin(half) * frame[:, 1]
-    across = np.cos(half) * frame[:, 1] - np.sin(half) * frame[:, 2]
-    spread = np.sin(length) / (2 * length)
-    taken = (0.5 + spread) * np.outer(middle, middle)
-    taken += (0.5 - spread) * np.outer(across, across)
-    return mass * radius**2 * (np.eye(3) - taken), radius * np.sin(half) / half * middle
-
+Larger: typing errors in small entries pass. Smaller: rounding errors are refused.
+"""
 
 Tensor = tuple[Vector, Vector, Vector]
+"""Inertia tensor (kg m2) as three rows."""
 
 
 @dataclass(frozen=True)
 class Mass:
     """Inertia of a link, in link axes.
 
-    `tensor` is the inertia tensor about the centre of the sphere (kg m2). `mass` (kg) and
-    `centre`, the centre of mass (m), are needed by gravity only.
+    Attributes
+    ----------
+    link
+        Name of the link.
+    tensor
+        Inertia tensor about the centre of the sphere (kg m2).
+    mass
+        Mass (kg). Only gravity needs it.
+    centre
+        Centre of mass (m) from the centre of the sphere. Only gravity needs it.
     """
 
     link: str
@@ -94,19 +55,97 @@ class Mass:
     centre: Vector | None = None
 
 
-MOMENT_TOLERANCE = 1e-3
-"""Excess of a principal moment that passes for rounding, as part of the largest entry.
-
-The moments of a thin arc stand exactly on the limit, and tables print few digits.
-"""
+def point_mass_inertia(mass: float, point: Floats) -> Floats:
+    """Return the inertia tensor (3, 3) about O (kg m2) of a point mass (kg) at (3,) m."""
+    return mass * (point @ point * np.eye(3) - np.outer(point, point))
 
 
-ASYMMETRY = 1e-12
-"""Difference of two mirrored entries that passes for rounding, as part of the largest."""
+def shift_to_sphere_centre(tensor: Floats, mass: float, centre: Floats) -> Floats:
+    """Return the inertia tensor (3, 3) about O, by Steiner's theorem.
+
+    Parameters
+    ----------
+    tensor
+        (3, 3) inertia tensor about the centre of mass (kg m2), in link axes.
+    mass
+        Mass (kg).
+    centre
+        (3,) centre of mass (m) from O, in link axes.
+    """
+    return tensor + point_mass_inertia(mass, centre)
+
+
+def axes_frame(first: Floats, second: Floats) -> Floats:
+    """Return the frame (3, 3) with z along `first` and with `second` at x = 0, y > 0.
+
+    Its columns are the axes x, y, z. It is the frame of Di Gregorio 2024, Fig. 3, on two
+    axes (3,), which are unit vectors.
+
+    Raises
+    ------
+    ModelError
+        If the axes are parallel.
+    """
+    normal = cross(second, first)
+    sine = np.linalg.norm(normal)
+    if sine < PARALLEL_AXES_SINE:
+        raise ModelError(
+            "the two axes are parallel, so that no plane and no arc is theirs; name "
+            "others, or give tensor in link axes"
+        )
+    return frame_from(first, normal / sine)
+
+
+def uniform_arc(
+    first: Floats, second: Floats, mass: float, radius: float
+) -> tuple[Floats, Floats]:
+    """Return the inertia of a thin arc of uniform density.
+
+    Parameters
+    ----------
+    first, second
+        (3,) unit vectors to the ends of the arc. It is the shorter great-circle arc.
+    mass
+        Mass of the arc (kg).
+    radius
+        Distance of the arc from O (m).
+
+    Returns
+    -------
+    tensor
+        (3, 3) inertia tensor about O (kg m2), in the axes of the two vectors.
+    centre
+        (3,) centre of mass (m) from O.
+
+    Raises
+    ------
+    ModelError
+        If the two axes are parallel.
+
+    Notes
+    -----
+    A point of the arc at the angle phi from its middle has the unit vector
+    cos(phi) e + sin(phi) f, where e points to the middle and f is perpendicular to it in
+    the plane of the arc. Over an arc of the angle a, the means are <cos^2> = 1/2 + sin a /
+    (2 a) and <sin^2> = 1/2 - sin a / (2 a). The centre of mass is at the distance radius
+    sin(a/2) / (a/2) along e.
+    """
+    frame = axes_frame(first, second)
+    arc = np.arctan2(second @ frame[:, 1], second @ first)
+    half_arc = arc / 2
+    middle = np.cos(half_arc) * frame[:, 2] + np.sin(half_arc) * frame[:, 1]
+    tangent = np.cos(half_arc) * frame[:, 1] - np.sin(half_arc) * frame[:, 2]
+    half_mean_difference = np.sin(arc) / (2 * arc)
+    # Mean of the dyadic product of the unit vectors along the arc.
+    mean_dyad = (0.5 + half_mean_difference) * np.outer(middle, middle)
+    mean_dyad += (0.5 - half_mean_difference) * np.outer(tangent, tangent)
+    tensor = mass * radius**2 * (np.eye(3) - mean_dyad)
+    centre = radius * np.sin(half_arc) / half_arc * middle
+    return tensor, centre
 
 
 def check_mass(mass: Mass) -> None:
-    """Refuse an inertia that no body has.
+    """Raise an error if no body can have this inertia.
 
     Raises
     ------
@@ -117,7 +156,7 @@ def check_mass(mass: Mass) -> None:
     """
     key = f"mass.{mass.link}"
     if mass.mass is not None:
-        need_finite(f"{key}.mass", [mass.mass])
+        check_finite(f"{key}.mass", [mass.mass])
         if not mass.mass > 0:
             raise ModelError(f"{key}.mass: found {mass.mass:g} kg, needs more than 0")
     tensor = np.array(mass.tensor, dtype=np.float64)
@@ -126,14 +165,18 @@ def check_mass(mass: Mass) -> None:
         return
     if mass.mass is None:
         raise ModelError(f"{key}.centre: needs a mass with it, in kg")
-    need_finite(f"{key}.centre", mass.centre)
-    moved = tensor - moments_of_point(mass.mass, np.array(mass.centre))
+    check_finite(f"{key}.centre", mass.centre)
+    central_tensor = tensor - point_mass_inertia(mass.mass, np.array(mass.centre))
     about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
-    _need_moments(key, moved, MOMENT_TOLERANCE * max_abs(tensor), about)
+    # The difference of two tensors has their rounding errors. The tolerance is therefore
+    # relative to the tensor about O, which is the larger one.
+    _check_principal_moments(key, central_tensor, MOMENT_TOLERANCE * max_abs(tensor), about)
 
 
 def check_tensor(key: str, tensor: Floats) -> None:
-    """Refuse an inertia tensor that no body has about any point; `key` says where it is.
+    """Raise an error if no body has such an inertia tensor (3, 3) about any point.
+
+    `key` is the beginning of the message.
 
     Raises
     ------
@@ -143,22 +186,37 @@ def check_tensor(key: str, tensor: Floats) -> None:
     """
     if tensor.shape != (3, 3):
         raise ModelError(f"{key}: has the shape {tensor.shape}, needs (3, 3)")
-    need_finite(key, tensor.ravel())
+    check_finite(key, tensor.ravel())
     largest = max_abs(tensor)
-    for i, j in np.argwhere(np.abs(tensor - tensor.T) > ASYMMETRY * largest):
+    for i, j in np.argwhere(np.abs(tensor - tensor.T) > ASYMMETRY_TOLERANCE * largest):
         raise ModelError(
             f"{key}: not symmetric: row {i + 1}, column {j + 1} has {tensor[i, j]}, "
             f"row {j + 1}, column {i + 1} has {tensor[j, i]}"
         )
-    _need_moments(key, tensor, MOMENT_TOLERANCE * largest, "")
+    _check_principal_moments(key, tensor, MOMENT_TOLERANCE * largest, "")
 
 
-def _need_moments(key: str, tensor: Floats, slack: float, about: str) -> None:
+def _check_principal_moments(
+    key: str, tensor: Floats, tolerance: float, about: str
+) -> None:
+    """Raise `ModelError` if the principal moments of a tensor are not those of a body.
+
+    Parameters
+    ----------
+    key
+        Beginning of the message.
+    tensor
+        (3, 3) symmetric tensor (kg m2).
+    tolerance
+        Violation (kg m2) that is accepted.
+    about
+        The point to which the tensor refers, as the message states it.
+    """
     small, middle, large = np.linalg.eigvalsh(tensor)
     excess = large - middle - small
-    if small < -slack:
+    if small < -tolerance:
         what = f"smallest principal moment{about} is {small:.6g} kg m2; none is below 0"
-    elif excess > slack:
+    elif excess > tolerance:
         what = (
             f"largest principal moment{about} exceeds the sum of the others by "
             f"{excess:.6g} kg m2 ({large:.6g} > {middle:.6g} + {small:.6g}); check units, "

@@ -1,9 +1,12 @@
-"""The joints of pairs: all in which one kind of pair differs from another.
+"""Joints: the kinematics of each kind of pair.
 
-An R pair has one variable, the angle about its axis; a rolling contact one arc length
-that runs along both profiles; a sliding contact one arc length for each profile. The
-frame (tangent t, normal n, point p) of a profile with geodesic curvature k moves with its
-arc length by dp/ds = t, dt/ds = k n - p, dn/ds = -k t.
+An R pair has one variable, the angle about its axis. A rolling contact has one, the arc
+length along both profiles. A sliding contact has two, the arc length along each profile.
+
+A profile is a curve on the unit sphere. Its moving frame has the columns tangent t, normal
+n and point p. With the geodesic curvature k, the derivatives by the arc length s are
+
+    dp/ds = t,    dt/ds = k n - p,    dn/ds = -k t.
 """
 
 from abc import ABC, abstractmethod
@@ -26,19 +29,36 @@ Ends = tuple[float, float]
 Links = tuple[str, str]
 Numbers = tuple[float, ...]
 
-MOST_TEETH = 10_000
-"""Ratios of wheels are of whole numbers up to this, or none."""
-SAME_RATIO = 1e-12
-"""Ratios of two lengths that differ by less, relative, are the same."""
+MAX_TEETH = 10_000
+"""Largest denominator of a ratio of two wheels that counts as a ratio of whole numbers.
+
+Larger: more pairs of wheels have a finite period, which can be very long. Smaller: wheels
+with many teeth never return to the same configuration.
+"""
+
+RATIO_TOLERANCE = 1e-12
+"""Largest relative difference of a ratio of lengths from a ratio of whole numbers.
+
+Larger: wheels of irrational ratio can get a finite period. Smaller: rounding errors of the
+lengths hide the ratio of the numbers of teeth.
+"""
 
 
 class PairStates(NamedTuple):
-    """Pairs of n samples as their variables have them.
+    """Frames and curvatures of pairs, evaluated at n samples of their variables.
 
-    `first`, `second`: (n, pairs, 3, 3) frames in the axes of the pair's two bodies, which
-    coincide in space. `curvatures`, `curvature_rates`: (n, pairs, 2) of the two profiles
-    and their derivatives by arc length, zero without profiles. `inside`: (n, pairs)
-    whether the contact lies on both profiles.
+    Attributes
+    ----------
+    first, second
+        (n, pairs, 3, 3) frames of the pair in the link axes of its first and its second
+        link. In space the two frames coincide.
+    curvatures
+        (n, pairs, 2) geodesic curvatures of the profiles of both links at the contact. Zero
+        for R pairs.
+    curvature_rates
+        (n, pairs, 2) derivatives of the curvatures by the arc length of their profile.
+    inside
+        (n, pairs) whether the contact point is on both profiles, not beyond their ends.
     """
 
     first: Floats
@@ -49,7 +69,7 @@ class PairStates(NamedTuple):
 
     @staticmethod
     def blank(n: int, pairs: int) -> "PairStates":
-        """Return states without profiles whose frames are still to be set."""
+        """Return states of n samples without profiles. Their frames are not set yet."""
         return PairStates(
             np.empty((n, pairs, 3, 3)),
             np.empty((n, pairs, 3, 3)),
@@ -60,18 +80,27 @@ class PairStates(NamedTuple):
 
     def take(self, pairs: slice | list[int]) -> "PairStates":
         """Return the states of some of the pairs."""
-        return PairStates._make(part[:, pairs] for part in self)
+        return PairStates._make(array[:, pairs] for array in self)
 
-    def put(self, pairs: slice | list[int], part: "PairStates") -> None:
-        """Replace the states of some of the pairs."""
-        for mine, its in zip(self, part, strict=True):
-            mine[:, pairs] = its
+    def put(self, pairs: slice | list[int], states: "PairStates") -> None:
+        """Replace the states of some of the pairs, in place."""
+        for array, new_values in zip(self, states, strict=True):
+            array[:, pairs] = new_values
 
 
-class Track(NamedTuple):
-    """A profile of a contact, which lies on it at the variable plus `start` (rad).
+class ContactProfile(NamedTuple):
+    """A profile of a contact, and the position of the contact point along it.
 
-    `variable` is the number of the variable, among those of the joint.
+    The contact point is at the arc length (rad) of the variable plus `start`.
+
+    Attributes
+    ----------
+    curve
+        The profile, in the axes of its link.
+    variable
+        Index of the variable among those of the joint.
+    start
+        Arc length (rad) at which the variable is zero.
     """
 
     curve: Curve
@@ -80,135 +109,179 @@ class Track(NamedTuple):
 
 
 class Joint(ABC):
-    """A pair with its geometry: R_second = R_first A_first A_second^T.
+    """A pair with its geometry, base class of all kinds of pairs.
 
-    A_first and A_second (3, 3) are the frames of the pair in its two links, which follow
-    from its variables; R_link leads from link axes to ground axes. The static methods
-    take m joints of one kind at n samples: values (n, m, variables), frames (n, m, 3, 3),
-    curvatures (n, m, 2).
+    With the frames A_first and A_second (3, 3) of the pair in its two links, which depend
+    on its variables, the orientations of the links are related by
+
+        R_second = R_first A_first A_second^T,
+
+    where R_link is the rotation from link axes to ground axes.
+
+    The class and static methods evaluate m joints of one kind at n samples at once. Values
+    have the shape (n, m, variables), frames (n, m, 3, 3) and curvatures (n, m, 2).
     """
 
-    words: ClassVar[str]
-    """What such a pair is called."""
-    freedoms: ClassVar[int]
-    """How many variables it has: the relative freedoms that it leaves, of three."""
+    description: ClassVar[str]
+    """Name of the kind of pair in messages."""
+    variable_count: ClassVar[int]
+    """Number of variables, which is the number of relative degrees of freedom, 1 or 2."""
     has_axis: ClassVar[bool]
-    """Whether its variable is the angle about an axis that is fixed in both links: such a
-    pair can be driven, and carry torques and joint limits."""
+    """Whether the variable is the angle about an axis that is fixed in both links.
+
+    Only such pairs can be driven, and have torques and joint limits.
+    """
     pole_line: ClassVar[str | None]
-    """What of it is the pole of its links; None where that is only known to lie in the
-    plane of the contact."""
-    axis: ClassVar[int]
-    """Which column of its frame is its axis, contact line, or normal of the contact."""
-    carriers: ClassVar[int]
-    """How many of its links, from the first, its axis moves with."""
+    """The line of the pair that is the pole of its two links: "axis" or "contact line".
+
+    None if the pole depends on the motion, as in a sliding contact.
+    """
+    axis_column: ClassVar[int]
+    """Column of the frame that holds the axis, the contact line, or the common tangent.
+
+    Zero is the first column.
+    """
 
     @staticmethod
     @abstractmethod
     def variable_names(pair: str, links: Links) -> list[str]:
-        """Return the names of the variables of a pair of this name."""
+        """Return the names of the variables of a pair with this name and these links."""
 
     @property
     @abstractmethod
     def periods(self) -> Numbers:
-        """By how much each variable grows until all returns; infinite if it never does."""
+        """Period of each variable (rad), after which the pair returns to the same state.
+
+        Infinite if it never does.
+        """
 
     @property
     @abstractmethod
-    def starts(self) -> tuple[Ends, ...]:
-        """The range of each variable from which random starts are drawn."""
+    def start_ranges(self) -> tuple[Ends, ...]:
+        """The range (rad) of each variable from which random start values are drawn."""
 
     @property
-    def tracks(self) -> tuple[Track, ...]:
-        """The profiles of both links, none where the pair has no contact."""
+    def contact_profiles(self) -> tuple[ContactProfile, ...]:
+        """The profiles of both links. Empty for an R pair."""
         return ()
 
     @property
-    def laps(self) -> Numbers:
-        """Lengths of wheels: a variable that grows by one counts a turn more of it."""
+    def closed_lengths(self) -> Numbers:
+        """Lengths (rad) of the closed profiles of a rolling contact.
+
+        If the variable grows by one of these lengths, this wheel has made one revolution.
+        """
         return ()
 
     @property
-    def rolled(self) -> tuple[int, ...]:
-        """The variables, by number, that say how far wheels have rolled."""
+    def rolling_variables(self) -> tuple[int, ...]:
+        """Indices of the variables that count how far two profiles have rolled."""
         return ()
 
     @classmethod
-    def states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
-        """Return the states (n, m) of joints at values (n, m, variables): of contacts."""
-        made = PairStates.blank(len(values), len(joints))
-        finite = values if all_finite(values) else np.nan_to_num(values)
+    def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
+        """Return the states (n, m) of joints at the values (n, m, variables).
+
+        This method is for contacts; R pairs override it. Variables that are not finite are
+        replaced by finite numbers, because curves are defined at finite arc lengths only.
+        """
+        states = PairStates.blank(len(values), len(joints))
+        frames = (states.first, states.second)
+        finite_values = values if all_finite(values) else np.nan_to_num(values)
         for k, joint in enumerate(joints):
-            for side, track in enumerate(joint.tracks):
-                point = track.curve.at(finite[:, k, track.variable] + track.start)
-                (made.first, made.second)[side][:, k] = point.frame
-                made.curvatures[:, k, side] = point.curvature
-                made.curvature_rates[:, k, side] = point.curvature_rate
-                made.inside[:, k] &= point.inside
-        return made
+            for side, profile in enumerate(joint.contact_profiles):
+                arc_lengths = finite_values[:, k, profile.variable] + profile.start
+                point = profile.curve.at(arc_lengths)
+                frames[side][:, k] = point.frame
+                states.curvatures[:, k, side] = point.curvature
+                states.curvature_rates[:, k, side] = point.curvature_rate
+                states.inside[:, k] &= point.inside
+        return states
 
     @staticmethod
     @abstractmethod
-    def vectors(frames: Floats, curvatures: Floats) -> Floats:
-        """Return the vectors (n, m, variables, 3) of the variables.
+    def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
+        """Return the velocity vector (n, m, variables, 3) of each variable.
 
-        A variable's vector is the angular velocity of the second link relative to the
-        first per unit rate of the variable, in the axes of `frames`.
+        This is the angular velocity of the second link relative to the first per unit rate
+        of the variable.
+
+        Parameters
+        ----------
+        frames
+            (n, m, 3, 3) frames of the pairs in any common axes, such as ground axes. The
+            vectors are in the same axes.
+        curvatures
+            (n, m, 2) geodesic curvatures of the profiles of both links.
         """
 
     @staticmethod
     @abstractmethod
-    def rates(
+    def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        """Return how the vectors (n, m, variables, 3) change.
+        """Return the time derivatives (n, m, variables, 3) of the velocity vectors.
 
-        `first_w`, `second_w` (n, m, 3) are angular velocities of the links in the axes of
-        `frames`.
+        Parameters
+        ----------
+        frames
+            (n, m, 3, 3) frames of the pairs, in the axes of the result.
+        states
+            States of the pairs, of which the curvatures and their rates are used.
+        first_w, second_w
+            (n, m, 3) angular velocities (rad/s) of the first and the second links, in the
+            same axes.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class Revolute(Joint):
-    """An R pair: its frame in both links, columns zero direction, its side, axis.
+    """An R pair (hinge).
 
-    A_first = first Z(v) with Z a rotation by the variable about z, A_second = second.
+    Its frames are A_first = first Z(v) and A_second = second, where Z(v) is the rotation by
+    the variable v (rad) about z.
+
+    Attributes
+    ----------
+    first, second
+        (3, 3) frames of the pair in the axes of its first and its second link. The z column
+        is the axis, and the x column is the zero direction of the variable.
     """
 
-    words = "revolute"
-    freedoms = 1
+    description = "revolute"
+    variable_count = 1
     has_axis = True
     pole_line = "axis"
-    axis = 2
-    carriers = 1
+    axis_column = 2
 
     first: Floats
     second: Floats
 
     periods = (2.0 * np.pi,)
-    starts = ((-np.pi, np.pi),)
+    start_ranges = ((-np.pi, np.pi),)
 
     @staticmethod
     def variable_names(pair: str, links: Links) -> list[str]:
         return [f"theta_{pair}"]
 
     @classmethod
-    def states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
-        made = PairStates.blank(len(values), len(joints))
-        (x, y, axis), second = _still(tuple(joints))
-        c, s = np.cos(values), np.sin(values)
-        made.first[..., 0] = c * x + s * y
-        made.first[..., 1] = c * y - s * x
-        made.first[..., 2] = axis
-        made.second[:] = second
-        return made
+    def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
+        states = PairStates.blank(len(values), len(joints))
+        (x, y, axis), second = _stacked_frames(tuple(joints))
+        c = np.cos(values)
+        s = np.sin(values)
+        states.first[..., 0] = c * x + s * y
+        states.first[..., 1] = c * y - s * x
+        states.first[..., 2] = axis
+        states.second[:] = second
+        return states
 
     @staticmethod
-    def vectors(frames: Floats, curvatures: Floats) -> Floats:
+    def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
         return frames[:, :, None, :, 2]
 
     @staticmethod
-    def rates(
+    def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
         return cross(first_w, frames[..., 2])[:, :, None]
@@ -216,18 +289,17 @@ class Revolute(Joint):
 
 @dataclass(frozen=True, eq=False)
 class Sliding(Joint):
-    """A sliding contact: the curves of both links, with tangents that agree.
+    """A sliding contact of two profiles, whose tangents agree at the contact point.
 
-    A_first and A_second are the moving frames of the curves, each with its own arc
-    length.
+    A_first and A_second are the moving frames of the two curves. Each has its own arc
+    length as variable.
     """
 
-    words = "sliding contact"
-    freedoms = 2
+    description = "sliding contact"
+    variable_count = 2
     has_axis = False
     pole_line = None
-    axis = 0
-    carriers = 2
+    axis_column = 0
 
     first: Curve
     second: Curve
@@ -237,114 +309,139 @@ class Sliding(Joint):
         return [f"s_{pair}_{link}" for link in links]
 
     @cached_property
-    def tracks(self) -> tuple[Track, ...]:
-        return Track(self.first, 0, 0.0), Track(self.second, 1, 0.0)
+    def contact_profiles(self) -> tuple[ContactProfile, ...]:
+        return ContactProfile(self.first, 0, 0.0), ContactProfile(self.second, 1, 0.0)
 
     @property
     def periods(self) -> Numbers:
-        return tuple(x.length if x.closed else np.inf for x in (self.first, self.second))
+        curves = (self.first, self.second)
+        return tuple(curve.length if curve.closed else np.inf for curve in curves)
 
     @property
-    def starts(self) -> tuple[Ends, ...]:
+    def start_ranges(self) -> tuple[Ends, ...]:
         return (0.0, self.first.length), (0.0, self.second.length)
 
     @staticmethod
-    def vectors(frames: Floats, curvatures: Floats) -> Floats:
-        """Return n + k1 p and -(n + k2 p), with n the normal, p the point, k curvatures."""
+    def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
+        """Return n + k1 p and -(n + k2 p), see `Joint.velocity_vectors`.
+
+        n is the normal, p the contact point, and k1 and k2 are the curvatures.
+        """
         normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = curvatures[..., :1], curvatures[..., 1:]
         return np.stack([normal + k1 * point, -(normal + k2 * point)], axis=2)
 
     @staticmethod
-    def rates(
+    def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        """See `Joint.rates`.
+        """Return the derivatives of n + k1 p and -(n + k2 p), see `Joint.vector_rates`.
 
-        The contact moves along the profiles at s1' = (w . p - k2 w . n) / (k1 - k2) and
-        s2' = (w . p - k1 w . n) / (k1 - k2), w the relative angular velocity (derived
-        from the frames' own derivatives); in rolling w . n = 0.
+        With the relative angular velocity w, the contact point moves along the profiles at
+        s1' = (w . p - k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2). This
+        follows from w = s1' (n + k1 p) - s2' (n + k2 p). In rolling, w . n is zero.
+
+        Along its profile dn/ds + k dp/ds = 0, so that a vector changes with the rotation of
+        its link and with the curvature only.
         """
         normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = states.curvatures[..., :1], states.curvatures[..., 1:]
         dk1, dk2 = states.curvature_rates[..., :1], states.curvature_rates[..., 1:]
         relative = second_w - first_w
-        along_p, along_n = (
-            np.sum(relative * direction, axis=-1, keepdims=True)
-            for direction in (point, normal)
-        )
-        s1 = (along_p - k2 * along_n) / (k1 - k2)
-        s2 = (along_p - k1 * along_n) / (k1 - k2)
-        vectors = [
-            cross(first_w, normal + k1 * point) + s1 * dk1 * point,
-            -cross(second_w, normal + k2 * point) - s2 * dk2 * point,
+        w_along_point = np.sum(relative * point, axis=-1, keepdims=True)
+        w_along_normal = np.sum(relative * normal, axis=-1, keepdims=True)
+        ds1 = (w_along_point - k2 * w_along_normal) / (k1 - k2)
+        ds2 = (w_along_point - k1 * w_along_normal) / (k1 - k2)
+        vector_rates = [
+            cross(first_w, normal + k1 * point) + ds1 * dk1 * point,
+            -cross(second_w, normal + k2 * point) - ds2 * dk2 * point,
         ]
-        return np.stack(vectors, axis=2)
+        return np.stack(vector_rates, axis=2)
 
 
 @dataclass(frozen=True, eq=False)
 class Rolling(Joint):
-    """A rolling contact: the curves of both links, with tangents that agree.
+    """A rolling contact of two profiles, whose tangents agree at the contact point.
 
-    Both arc lengths run together from `start`: the variable moves the links as both of a
-    sliding contact do together.
+    Its single variable is the arc length from `start` along both profiles. A rolling
+    contact is therefore a sliding contact whose two variables change at the same rate.
+
+    Attributes
+    ----------
+    first, second
+        Profiles of the first and the second link, each in the axes of its link.
+    start
+        Arc lengths (rad) along both profiles at which the variable is zero.
     """
 
-    words = "rolling contact"
-    freedoms = 1
+    description = "rolling contact"
+    variable_count = 1
     has_axis = False
     pole_line = "contact line"
-    axis = 2
-    carriers = 2
+    axis_column = 2
 
     first: Curve
     second: Curve
     start: Ends
 
-    rolled = (0,)
+    rolling_variables = (0,)
 
     @staticmethod
     def variable_names(pair: str, links: Links) -> list[str]:
         return [f"s_{pair}"]
 
     @cached_property
-    def tracks(self) -> tuple[Track, ...]:
-        return tuple(map(Track, (self.first, self.second), (0, 0), self.start))
+    def contact_profiles(self) -> tuple[ContactProfile, ...]:
+        first_start, second_start = self.start
+        return (
+            ContactProfile(self.first, 0, first_start),
+            ContactProfile(self.second, 0, second_start),
+        )
 
     @property
-    def laps(self) -> Numbers:
+    def closed_lengths(self) -> Numbers:
         return tuple(curve.length for curve in (self.first, self.second) if curve.closed)
 
     @property
     def periods(self) -> Numbers:
-        if len(self.laps) == 2:
+        if len(self.closed_lengths) == 2:
+            # Both wheels are back after whole numbers of revolutions, which exist if the
+            # ratio of their lengths is a ratio of numbers of teeth.
             ratio = self.first.length / self.second.length
-            whole = Fraction(ratio).limit_denominator(MOST_TEETH)
-            if abs(float(whole) / ratio - 1.0) < SAME_RATIO:
-                return (self.first.length * whole.denominator,)
+            tooth_ratio = Fraction(ratio).limit_denominator(MAX_TEETH)
+            if abs(float(tooth_ratio) / ratio - 1.0) < RATIO_TOLERANCE:
+                return (self.first.length * tooth_ratio.denominator,)
         return (np.inf,)
 
     @property
-    def starts(self) -> tuple[Ends, ...]:
+    def start_ranges(self) -> tuple[Ends, ...]:
         half = 0.5 * max(self.first.length, self.second.length)
         return ((-half, half),)
 
     @staticmethod
-    def vectors(frames: Floats, curvatures: Floats) -> Floats:
-        """Return (k1 - k2) p, with p the point and k1, k2 the curvatures."""
+    def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
+        """Return (k1 - k2) p, see `Joint.velocity_vectors`.
+
+        p is the contact point, and k1 and k2 are the curvatures.
+        """
         return ((curvatures[..., :1] - curvatures[..., 1:]) * frames[..., 2])[:, :, None]
 
     @staticmethod
-    def rates(
+    def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        both = Sliding.rates(frames, states, first_w, second_w)
-        return np.sum(both, axis=2, keepdims=True)
+        sliding_rates = Sliding.vector_rates(frames, states, first_w, second_w)
+        return np.sum(sliding_rates, axis=2, keepdims=True)
 
 
+# The joints of a mechanism are evaluated again for every block of samples.
 @lru_cache(maxsize=512)
-def _still(joints: tuple[Revolute, ...]) -> tuple[Floats, Floats]:
-    """Return columns (3, m, 3) of the frames in the first links, and frames (m, 3, 3)."""
+def _stacked_frames(joints: tuple[Revolute, ...]) -> tuple[Floats, Floats]:
+    """Return the constant frames of m R pairs as arrays.
+
+    The first array (3, m, 3) has the columns x, y, z of the frames in the first links. The
+    second one (m, 3, 3) has the frames in the second links.
+    """
     first = np.array([joint.first for joint in joints])
     columns = np.ascontiguousarray(np.moveaxis(first, 2, 0))
     return columns, np.array([joint.second for joint in joints])
@@ -352,11 +449,11 @@ def _still(joints: tuple[Revolute, ...]) -> tuple[Floats, Floats]:
 
 Kind = type[Joint]
 KINDS: Mapping[str, Kind] = MappingProxyType({"R": Revolute, "Cr": Rolling, "Cs": Sliding})
-"""The kinds of pairs by the letters of their type."""
+"""The joint classes by the letters of the pair type in files."""
 
 
 def revolute(joint: Joint) -> Revolute:
-    """Return a joint that is an R pair.
+    """Return the same joint after checking that it is an R pair.
 
     Raises
     ------
@@ -364,10 +461,12 @@ def revolute(joint: Joint) -> Revolute:
         If it is a contact.
     """
     if not isinstance(joint, Revolute):
-        raise ModelError(f"a {joint.words} has no axis that is fixed in both its links")
+        raise ModelError(
+            f"a {joint.description} has no axis that is fixed in both its links"
+        )
     return joint
 
 
 def revolutes(joints: Iterable[Joint]) -> list[Revolute]:
-    """Return those joints that are R pairs."""
+    """Return the joints that are R pairs, in order."""
     return [joint for joint in joints if isinstance(joint, Revolute)]

@@ -1,4 +1,4 @@
-"""Inertia tensors of the links of a mechanism."""
+"""Inertia tensors of a mechanism as arrays, by link number."""
 
 import numpy as np
 
@@ -6,8 +6,11 @@ from spherekit.arrays import Floats
 from spherekit.mechanism.mechanism import Mechanism
 
 
-def tensors(mechanism: Mechanism) -> dict[int, Floats]:
-    """Return the tensors (3, 3) of links with mass about O, in link axes (kg m2)."""
+def link_inertia_tensors(mechanism: Mechanism) -> dict[int, Floats]:
+    """Return the inertia tensor (3, 3) of every link that has one, by link number.
+
+    The tensors (kg m2) are about the centre of the sphere, in link axes.
+    """
     return {
         mechanism.link_number[mass.link]: np.array(mass.tensor) for mass in mechanism.masses
     }

@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats
 from spherekit.errors import EngineError, ModelError
-from spherekit.mechanism.elements import Pair, need_rows
+from spherekit.mechanism.elements import Pair, check_table_rows
 from spherekit.mechanism.joint import Numbers
 from spherekit.mechanism.load_expression import Expression, load_names, parse
-from spherekit.mechanism.sizes import Vector, need_finite
+from spherekit.mechanism.sizes import Vector, check_finite
 from spherekit.wording import listing
 
 TorqueFunction = Callable[[float, float, float], float]
@@ -261,7 +261,7 @@ class TorqueTable(Load):
     def check(self, key: str, mechanism: Loaded) -> None:
         """See `Load`."""
         super().check(key, mechanism)
-        need_rows(f"{key}.", "torques", self.times, self.torques, 2)
+        check_table_rows(f"{key}.", "torques", self.times, self.torques, 2)
         if self.periodic and self.torques[0] != self.torques[-1]:
             raise ModelError(
                 f"{key}.torques: a periodic table ends with the torque it starts with, but "
@@ -302,9 +302,9 @@ def need(holds: str, key: str, value: Any, mechanism: Loaded) -> None:
             for number, text in enumerate(value):
                 _need_expression(f"{key}[{number}]", text, mechanism)
         case "vector" | "numbers":
-            need_finite(key, value)
+            check_finite(key, value)
         case "angle" | "rate":
-            need_finite(key, [value])
+            check_finite(key, [value])
             if holds == "rate" and value <= 0:
                 raise ModelError(
                     f"{key}: found {value:g} rad/s, needs more than 0: the rate below "
@@ -341,7 +341,7 @@ def _need_expression(key: str, text: Any, mechanism: Loaded) -> None:
 
 def need_at_least_zero(key: str, number: float, unit: str) -> None:
     """Refuse a number that is negative or not finite."""
-    need_finite(key, [number])
+    check_finite(key, [number])
     if number < 0:
         torque = "; what pushes or drives is a load of kind torque, an expression"
         hint = torque if unit.startswith("N m") else ""

@@ -23,7 +23,7 @@ from spherekit.mechanism.load import (
     acting,
     need_angle,
 )
-from spherekit.mechanism.sizes import Vector, need_finite
+from spherekit.mechanism.sizes import Vector, check_finite
 from spherekit.wording import listing
 
 Expressions = tuple[str, str, str]
@@ -251,7 +251,7 @@ def check_stop(stop: JointLimit, mechanism: Loaded) -> None:
     """Refuse a stop that is not a range of an R pair's variable."""
     key = f"joint_limits.{stop.pair}"
     need_angle(key, stop.pair, mechanism)
-    need_finite(key, (stop.low, stop.high))
+    check_finite(key, (stop.low, stop.high))
     if not stop.low < stop.high:
         raise ModelError(
             f"{key}: the range must rise from `from` to `to`, but it is "

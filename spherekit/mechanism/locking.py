@@ -25,7 +25,7 @@ from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import as_tensor
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import pair_frames, pair_frames_from_sizes
-from spherekit.mechanism.sizes import AngleUnit, in_radians
+from spherekit.mechanism.sizes import AngleUnit, to_radians
 from spherekit.wording import listing
 
 Frames = Mapping[str, Floats]
@@ -75,7 +75,7 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
             "move; leave one of them free"
         )
     for name, value in pairs.items():
-        mechanism = _locked(mechanism, mechanism.pair(name), in_radians(value, angle_unit))
+        mechanism = _locked(mechanism, mechanism.pair(name), to_radians(value, angle_unit))
     return mechanism
 
 

@@ -27,7 +27,7 @@ from spherekit.mechanism.elements import (
     PoseGeometry,
     SizeGeometry,
     Source,
-    resized,
+    resize_link,
 )
 from spherekit.mechanism.inertia import Mass, check_mass
 from spherekit.mechanism.joint import KINDS
@@ -36,10 +36,10 @@ from spherekit.mechanism.load_kinds import JointLimit, check_stop
 from spherekit.mechanism.sizes import (
     AngleUnit,
     Sizes,
-    along,
-    in_radians,
-    need_finite,
-    rows_of,
+    as_float_rows,
+    check_finite,
+    to_radians,
+    unit_vector_along,
 )
 from spherekit.wording import choices, counted, listing
 
@@ -149,7 +149,7 @@ class Mechanism:
         return tuple(
             number
             for number, pair in enumerate(self.pairs)
-            for _ in range(pair.kind.freedoms)
+            for _ in range(pair.kind.variable_count)
         )
 
     @cached_property
@@ -265,7 +265,7 @@ class Mechanism:
                     f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
                 )
             driven[name] = Input(
-                name, in_radians(start, angle_unit), in_radians(stop, angle_unit)
+                name, to_radians(start, angle_unit), to_radians(stop, angle_unit)
             )
         whole = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
         made = tuple(driven.get(item.pair, item) for item in whole)
@@ -325,11 +325,11 @@ class Mechanism:
                 for link, sizes in (of_links or {}).items():
                     where = f"{self.name}: links.{link}.{kind}"
                     old = links.get(self.links[self.link(link)], LinkSizes(()))
-                    links[link] = resized(where, old, kind, sizes, angle_unit)
+                    links[link] = resize_link(where, old, kind, sizes, angle_unit)
             zeros = {**geometry.zeros, **self._by_pair(zeros, angle_unit)}
             return replace(self, geometry=SizeGeometry(links, zeros))
         turned = {
-            self.pair(name).name: along(f"{self.name}: pairs.{name}", axis)
+            self.pair(name).name: unit_vector_along(f"{self.name}: pairs.{name}", axis)
             for name, axis in (axes or {}).items()
         }
         values = {**geometry.values, **self._by_pair(values, angle_unit)}
@@ -337,7 +337,7 @@ class Mechanism:
 
     def _by_pair(self, given: Angles | None, unit: AngleUnit) -> dict[str, float]:
         """Return angles in rad by the names of pairs, which are looked up."""
-        return {self.pair(n).name: in_radians(x, unit) for n, x in (given or {}).items()}
+        return {self.pair(n).name: to_radians(x, unit) for n, x in (given or {}).items()}
 
     @checked(ModelError)
     def with_mass(
@@ -375,8 +375,10 @@ class Mechanism:
             masses.pop(link, None)
         else:
             where = f"{self.name}: mass.{link}"
-            rows = rows_of(f"{where}.tensor", tensor, (3, 3))
-            place = None if centre is None else rows_of(f"{where}.centre", centre, (3,))
+            rows = as_float_rows(f"{where}.tensor", tensor, (3, 3))
+            place = (
+                None if centre is None else as_float_rows(f"{where}.centre", centre, (3,))
+            )
             masses[link] = Mass(link, rows, mass, place)
         return replace(self, masses=tuple(masses.values()))
 
@@ -446,7 +448,7 @@ def _check(mechanism: Mechanism) -> None:
         _check_sizes(where, mechanism, geometry)
         return
     for name, value in geometry.values.items():
-        need_finite(f"{where}: pairs.{name}.value", [value])
+        check_finite(f"{where}: pairs.{name}.value", [value])
     for pair in mechanism.pairs:
         if pair.kind.has_axis and pair.name not in geometry.axes:
             raise ModelError(
@@ -540,7 +542,7 @@ def _check_pair(where: str, pair: Pair) -> None:
 
 def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
     for name, zero in geometry.zeros.items():
-        need_finite(f"{where}: pairs.{name}.zero", [zero])
+        check_finite(f"{where}: pairs.{name}.zero", [zero])
     for link in mechanism.links:
         expected = [x.name for x in mechanism.pairs if x.kind.has_axis and link in x.links]
         sizes = geometry.links.get(link, LinkSizes(()))
@@ -553,7 +555,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
         for place, arc in enumerate(sizes.arcs):
             if not (0.0 <= arc <= math.pi or (sizes.signed and math.isfinite(arc))):
                 raise ModelError(f"{key}.arcs[{place}]: {_no_arc(arc)}")
-        need_finite(f"{key}.angles", sizes.angles)
+        check_finite(f"{key}.angles", sizes.angles)
         for kind, fewer, what in (
             ("arcs", 1, "the arcs from the first axis to each of the others"),
             ("angles", 2, "at the first axis, from the first arc to each further arc"),

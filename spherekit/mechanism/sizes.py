@@ -1,4 +1,4 @@
-"""Numbers that change the sizes of a mechanism, checked and in radians."""
+"""Checks and conversions of numbers that users state: angles, directions and arrays."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,41 +10,63 @@ from numpy.typing import ArrayLike
 from spherekit.errors import ModelError
 
 Sizes = float | Sequence[float] | Mapping[str, float]
-"""Sizes of a link: its only one, all of them, or some by the pair that they lead to."""
+"""Arcs or angles of a link.
 
+Either the only one, or all of them, or some of them by the pair that they lead to.
+"""
 
 Vector = tuple[float, float, float]
 
-
 AngleUnit = Literal["deg", "rad"]
-"""Units that angles are stated in outside; inside they are rad."""
+"""Unit in which users state angles. Inside the package all angles are in rad."""
 
 
-def in_radians(angle: float, unit: AngleUnit | None) -> float:
-    """Return an angle in rad, given in a unit."""
+def to_radians(angle: float, unit: AngleUnit | None) -> float:
+    """Return an angle in rad. Without a unit it is in rad already."""
     return math.radians(angle) if unit == "deg" else float(angle)
 
 
-def rows_of(key: str, given: ArrayLike, shape: tuple[int, ...]) -> Any:
-    """Return numbers of a shape as tuples of floats."""
-    numbers = np.asarray(given, dtype=float)
-    if numbers.shape != shape:
-        raise ModelError(f"{key}: has the shape {numbers.shape}, needs {shape}")
-    rows = numbers.tolist()
+def as_float_rows(key: str, numbers: ArrayLike, shape: tuple[int, ...]) -> Any:
+    """Return numbers as a tuple of floats, or of rows of floats.
+
+    Parameters
+    ----------
+    key
+        Name of the numbers, with which the error message begins.
+    numbers
+        Numbers in any nested form.
+    shape
+        The required shape, of one or two axes.
+
+    Raises
+    ------
+    ModelError
+        If the numbers have another shape.
+    """
+    array = np.asarray(numbers, dtype=float)
+    if array.shape != shape:
+        raise ModelError(f"{key}: has the shape {array.shape}, needs {shape}")
+    rows = array.tolist()
     return tuple(map(tuple, rows)) if len(shape) > 1 else tuple(rows)
 
 
-def along(key: str, given: ArrayLike) -> Vector:
-    """Return the unit vector along a direction (3,)."""
-    x, y, z = rows_of(f"{key}.xyz", given, (3,))
+def unit_vector_along(key: str, direction: ArrayLike) -> Vector:
+    """Return the unit vector along a direction (3,) of any length.
+
+    Raises
+    ------
+    ModelError
+        If the direction is zero or not finite. The message begins with `key`.
+    """
+    x, y, z = as_float_rows(f"{key}.xyz", direction, (3,))
     length = math.hypot(x, y, z)
     if not (math.isfinite(length) and length > 0.0):
         raise ModelError(f"{key}.xyz: found [{x:g}, {y:g}, {z:g}], which has no direction")
     return x / length, y / length, z / length
 
 
-def need_finite(key: str, numbers: Iterable[float]) -> None:
-    """Refuse what is no number, or not finite."""
+def check_finite(key: str, numbers: Iterable[float]) -> None:
+    """Raise `ModelError`, which names the key, unless all values are finite numbers."""
     for number in numbers:
         if not isinstance(number, int | float | np.number) or not math.isfinite(number):
             raise ModelError(f"{key}: found {number}, needs a finite number")

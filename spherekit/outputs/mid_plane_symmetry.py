@@ -21,7 +21,7 @@ from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.geometry.rotation import cross, max_abs, unit_rows
 from spherekit.geometry.triangle import arc, frame_from
 from spherekit.mechanism.elements import Output
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint, revolute
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism, chosen_output
@@ -162,7 +162,9 @@ def _along(
         elif not {a, b} & {0, effector, *owner}:
             about.append(pair)
     normals: dict[int, Floats] = {}
-    for pair, link, further in spanning(ends, ends[about[0]][:1], about) if about else ():
+    for pair, link, further in (
+        find_spanning_tree(ends, ends[about[0]][:1], about) if about else ()
+    ):
         turned = np.sign(axis(pair, link) @ normals.setdefault(link, axis(pair, link)))
         normals[further] = turned * axis(pair, further)
     for pair in range(len(ends)):

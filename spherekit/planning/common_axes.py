@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spherekit.mechanism.graph import clusters
+from spherekit.mechanism.graph import connected_components
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import SAME_AXIS_SINE, link_axes
 
@@ -53,7 +53,7 @@ def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
             if not is_equal:
                 rounded_pairs.update(couple)
     common_axes = []
-    for pairs in clusters(len(mechanism.pairs), coaxial_couples):
+    for pairs in connected_components(len(mechanism.pairs), coaxial_couples):
         if len(pairs) > 1:
             links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
             is_exact = rounded_pairs.isdisjoint(pairs)

@@ -8,7 +8,7 @@ is made for every part of the graph at once by the pebble game for (3, 3)-sparse
 from collections.abc import Iterable, Sequence
 
 from spherekit.errors import CountError, PlanError
-from spherekit.mechanism.graph import clusters, joined
+from spherekit.mechanism.graph import component_labels, connected_components
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import listing
 
@@ -32,7 +32,7 @@ def merge_locked_links(mechanism: Mechanism, locked: Iterable[int]) -> tuple[int
         Numbers of the locked pairs.
     """
     locked_ends = (mechanism.ends[pair] for pair in locked)
-    return tuple(joined(len(mechanism.links), locked_ends))
+    return tuple(component_labels(len(mechanism.links), locked_ends))
 
 
 class PebbleGame:
@@ -229,7 +229,7 @@ def check_mobility(
 
 def _check_connected(mechanism: Mechanism) -> None:
     """Raise a `PlanError` if pairs do not join all links to the ground."""
-    parts = clusters(len(mechanism.links), mechanism.ends)
+    parts = connected_components(len(mechanism.links), mechanism.ends)
     if len(parts) > 1:
         names = mechanism.links
         loose = "; ".join(", ".join(names[k] for k in part) for part in parts[1:])

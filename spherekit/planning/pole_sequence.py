@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise
 
-from spherekit.mechanism.graph import clusters
+from spherekit.mechanism.graph import connected_components
 from spherekit.planning.mobility import PebbleGame
 from spherekit.planning.pole_plan import (
     BlockPoles,
@@ -199,7 +199,7 @@ def group_by_circle(
             equal_couples += pairwise(indices)
     return [
         tuple(bodies[k] for k in indices)
-        for indices in clusters(len(bodies), equal_couples)
+        for indices in connected_components(len(bodies), equal_couples)
     ]
 
 

@@ -95,7 +95,7 @@ def find_carried_contacts(mechanism: Mechanism) -> frozenset[int]:
 
 
 def _rolling(joints: Sequence[Joint]) -> list[int]:
-    return [number for number, joint in enumerate(joints) if joint.rolled]
+    return [number for number, joint in enumerate(joints) if joint.rolling_variables]
 
 
 def on_carrier(
@@ -112,9 +112,15 @@ def on_carrier(
     to the carrier.
     """
     profiles = mechanism.pairs[number].profiles or ()
-    if any(profile.round_axis is None for profile in profiles) or not joints[number].rolled:
+    if (
+        any(profile.round_axis is None for profile in profiles)
+        or not joints[number].rolling_variables
+    ):
         return None
-    wheels = [Wheel.from_curve(track.curve, track.start) for track in joints[number].tracks]
+    wheels = [
+        Wheel.from_curve(track.curve, track.start)
+        for track in joints[number].contact_profiles
+    ]
     one, other = wheels
     numbers = range(len(joints)) if pairs is None else pairs
     hinges = {n: revolute(joints[n]) for n in numbers if joints[n].has_axis}

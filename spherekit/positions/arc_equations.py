@@ -27,7 +27,7 @@ from spherekit.geometry.trigonometric_system import (
     find_all_angles,
     jacobian_determinants,
 )
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.planning.assembly_plan import Group
 from spherekit.positions.elimination_order import BinaryLink, EliminationOrder
 from spherekit.positions.pair_states import pair_angle
@@ -138,7 +138,9 @@ class GroupGeometry:
         shape = (*tree_angles.shape[:2], len(self.group.bodies), 3, 3)
         orientations = np.empty(shape, tree_angles.dtype)
         orientations[:, :, order.base_body] = np.eye(3)
-        for pair, body, next_body in spanning(ends, [order.base_body], order.tree_pairs):
+        for pair, body, next_body in find_spanning_tree(
+            ends, [order.base_body], order.tree_pairs
+        ):
             # Against the direction of the pair the rotation is the inverse, Z(-angle).
             direction = 1.0 if ends[pair][0] == body else -1.0
             angle = direction * tree_angles[..., order.tree_pairs.index(pair)]

@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Bools
 from spherekit.geometry.trigonometric_system import eliminant_degree
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.planning.assembly_plan import Group
 
 MAX_ORDERS = 8
@@ -161,7 +161,7 @@ def find_tree_path(
     """Return the pairs of a tree from one body to another, in order from the start."""
     step_to_body = {
         child: (pair, parent)
-        for pair, parent, child in spanning(group.ends, [start], tree_pairs)
+        for pair, parent, child in find_spanning_tree(group.ends, [start], tree_pairs)
     }
     path: list[int] = []
     body = goal

@@ -17,7 +17,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.geometry.rotation import nans
-from spherekit.mechanism.joint import MOST_TEETH, Joint
+from spherekit.mechanism.joint import MAX_TEETH, Joint
 from spherekit.planning.gear_mesh import SAME_LENGTH
 from spherekit.planning.wheel_train import GearTrain
 from spherekit.positions.curve_continuation import periods_of
@@ -81,9 +81,9 @@ def meshes_of(
 def whole_turns_apart(joint: Joint, length: float) -> list[float]:
     """Return lengths that differ from one by whole turns of a wheel, the least first."""
     lengths = {round(length / SAME_LENGTH): length}
-    for lap in joint.laps:
+    for lap in joint.closed_lengths:
         least = length - lap * round(length / lap)
-        most = int(np.ceil(0.5 * max(joint.laps) / lap))
+        most = int(np.ceil(0.5 * max(joint.closed_lengths) / lap))
         for turns in range(-most, most + 1):
             lengths[round((least + turns * lap) / SAME_LENGTH)] = least + turns * lap
     return sorted(lengths.values(), key=abs)[:MOST_CHOICES]
@@ -95,7 +95,7 @@ def _period(laps: Floats, ratios: Floats) -> float:
     if np.any(np.isinf(laps) & (np.abs(ratios) > SAME_RATIO)):
         return np.inf
     for passed in TURN * ratios / laps:
-        whole = Fraction(float(passed)).limit_denominator(MOST_TEETH)
+        whole = Fraction(float(passed)).limit_denominator(MAX_TEETH)
         if abs(whole - passed) > SAME_RATIO:
             return np.inf
         turns = lcm(turns, whole.denominator)

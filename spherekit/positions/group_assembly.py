@@ -13,7 +13,7 @@ from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.geometry.rotation import nans, transpose
 from spherekit.geometry.tilt_torsion import about_z
 from spherekit.geometry.triangle import close_dyad
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint, revolute
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
@@ -56,7 +56,7 @@ class State:
         values = nans((n, len(mechanism.variable_owners)))
         for driven, column in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[driven][0]] = column
-        ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
+        ways = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
         for driven, parent, child in ways:
             states = pair_states((joints[driven],), values[:, list(variables[driven])])
             turn = states.first[:, 0] @ transpose(states.second[:, 0])
@@ -160,7 +160,7 @@ def group_variables(state: State, group: Group) -> list[int]:
 
 def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
     """Return the tree and the loops of a group's bodies; `joints` are of all pairs."""
-    freedoms = [joints[pair].freedoms for pair in group.pairs]
+    freedoms = [joints[pair].variable_count for pair in group.pairs]
     owners = np.repeat(np.arange(len(freedoms)), freedoms).tolist()
     return LoopTree(len(group.bodies), group.ends, tuple(owners))
 
@@ -189,7 +189,7 @@ def train_ways(group: Group, fixed: Collection[int]) -> tuple[tuple[int, int, in
     Each way is the place of a pair in the group, the body it starts at, and the new one.
     """
     places = [place for place, pair in enumerate(group.pairs) if pair in fixed]
-    return spanning(group.ends, pairs=places)
+    return find_spanning_tree(group.ends, pairs=places)
 
 
 def train_turns(

@@ -15,7 +15,7 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.geometry.mirror import rotation_vector
 from spherekit.geometry.rotation import all_finite, max_abs, nans, transpose
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint, Kind, PairStates
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.pair_states import Places, _by_kind, pair_states
@@ -55,7 +55,7 @@ class LoopTree:
     @cached_property
     def placements(self) -> tuple[tuple[int, int, int], ...]:
         """Tree pairs in order of placement: (pair, parent body, child body)."""
-        return spanning(self.ends)
+        return find_spanning_tree(self.ends)
 
     @cached_property
     def _pair_paths(self) -> Floats:
@@ -263,7 +263,7 @@ class Linearisation:
         """
         axes = np.empty(self.frames.shape[:-1])
         for kind, _, pairs, _ in _by_kind(self.joints):
-            axes[:, pairs] = self.frames[..., kind.axis][:, pairs]
+            axes[:, pairs] = self.frames[..., kind.axis_column][:, pairs]
         return axes
 
     @cached_property
@@ -271,7 +271,9 @@ class Linearisation:
         """The variables' vectors (n, variables, 3) in the axes of body 0."""
         frames, curvatures = self.frames, self.states.curvatures
         return self._of_variables(
-            lambda kind, pairs: kind.vectors(frames[:, pairs], curvatures[:, pairs])
+            lambda kind, pairs: kind.velocity_vectors(
+                frames[:, pairs], curvatures[:, pairs]
+            )
         )
 
     def _of_variables(self, of_kind: Callable[[Kind, Places], Floats]) -> Floats:
@@ -325,7 +327,7 @@ class Linearisation:
         """
         frames, states = self.frames, self.states
         return self._of_variables(
-            lambda kind, pairs: kind.rates(
+            lambda kind, pairs: kind.vector_rates(
                 frames[:, pairs], states.take(pairs), first_w[:, pairs], second_w[:, pairs]
             )
         )

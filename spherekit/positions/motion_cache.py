@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from spherekit.errors import CountError
 from spherekit.files.study import Crossings
-from spherekit.mechanism.cache import Cache
+from spherekit.mechanism.cache import MechanismCache
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, driven_at, plan_assembly
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -18,7 +18,7 @@ MAX_KEPT_GEOMETRIES = 8
 """Geometries whose assembly modes are kept. Larger: more memory; smaller: simulations and
 exports of the same few mechanisms in turn search their modes again."""
 
-_POSITION_ANALYSES = Cache(most=MAX_KEPT_GEOMETRIES)
+_POSITION_ANALYSES = MechanismCache(max_results=MAX_KEPT_GEOMETRIES)
 
 
 def traced(mechanism: Mechanism, crossings: Crossings = "end") -> PositionAnalysis:

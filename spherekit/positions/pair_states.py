@@ -11,7 +11,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.geometry.triangle import arc
-from spherekit.mechanism.joint import Joint, Kind, PairStates, Revolute, Track
+from spherekit.mechanism.joint import ContactProfile, Joint, Kind, PairStates, Revolute
 from spherekit.tolerances import EQUAL_CURVATURE
 
 
@@ -40,13 +40,15 @@ def numbered(joints: Sequence[Joint]) -> Iterator[tuple[int, int, Joint]]:
     at = 0
     for number, joint in enumerate(joints):
         yield number, at, joint
-        at += joint.freedoms
+        at += joint.variable_count
 
 
-def contact_tracks(joints: Sequence[Joint]) -> Iterator[tuple[int, tuple[Track, ...]]]:
+def contact_tracks(
+    joints: Sequence[Joint],
+) -> Iterator[tuple[int, tuple[ContactProfile, ...]]]:
     """Yield the profiles of each contact after its number, variables numbered in all."""
     for number, at, joint in numbered(joints):
-        if tracks := joint.tracks:
+        if tracks := joint.contact_profiles:
             yield number, tuple(x._replace(variable=at + x.variable) for x in tracks)
 
 
@@ -55,7 +57,7 @@ def rolled_lengths(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
     return [
         (at + variable, joint)
         for _, at, joint in numbered(joints)
-        for variable in joint.rolled
+        for variable in joint.rolling_variables
     ]
 
 
@@ -72,7 +74,7 @@ def _by_kind(joints: tuple[Joint, ...]) -> tuple[Alike, ...]:
     variables: dict[Kind, list[int]] = {}
     for number, at, joint in numbered(joints):
         pairs.setdefault(type(joint), []).append(number)
-        variables.setdefault(type(joint), []).extend(range(at, at + joint.freedoms))
+        variables.setdefault(type(joint), []).extend(range(at, at + joint.variable_count))
     return tuple(
         (kind, tuple(joints[k] for k in members), _run(members), _run(variables[kind]))
         for kind, members in pairs.items()
@@ -89,8 +91,8 @@ def pair_states(joints: tuple[Joint, ...], values: Floats) -> PairStates:
     """Return the states of pairs for variables (n, variables)."""
     n, parts = len(values), list[tuple[Places, PairStates]]()
     for kind, members, pairs, variables in _by_kind(joints):
-        given = values[:, variables].reshape(n, len(members), kind.freedoms)
-        parts.append((pairs, kind.states(members, given)))
+        given = values[:, variables].reshape(n, len(members), kind.variable_count)
+        parts.append((pairs, kind.evaluate_states(members, given)))
     if len(parts) == 1:
         return parts[0][1]
     states = PairStates.blank(n, len(joints))
@@ -101,6 +103,6 @@ def pair_states(joints: tuple[Joint, ...], values: Floats) -> PairStates:
 
 def penetrates(joints: Sequence[Joint], states: PairStates) -> Bools:
     """Return (n,) whether a contact's profiles curve into each other, or alike."""
-    contact = [bool(joint.tracks) for joint in joints]
+    contact = [bool(joint.contact_profiles) for joint in joints]
     relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
     return np.any(relative < EQUAL_CURVATURE, axis=1)

@@ -26,7 +26,7 @@ from spherekit.files.mechanism_writer import canonical_text
 from spherekit.files.toml_document import Document, LiteralNumber, parse
 from spherekit.geometry.dyad_axis import HalfAngle, middle_axis
 from spherekit.mechanism.elements import LinkSizes, PoseGeometry
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import COLLINEAR_SINE, axes_from_sizes
 from spherekit.numerics.quad_precision import QUAD_EPS, quad, quad_pi
@@ -389,7 +389,9 @@ class QuadAssembly:
         values = np.full((n, len(mechanism.variable_owners)), np.nan).astype(quad())
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
             values[:, mechanism.variables_of(pair)[0]] = input_values.astype(quad())
-        tree_steps = spanning(mechanism.ends, self.assembly.bodies, self.assembly.inputs)
+        tree_steps = find_spanning_tree(
+            mechanism.ends, self.assembly.bodies, self.assembly.inputs
+        )
         for pair, parent, child in tree_steps:
             first, second = self.frames[pair]
             angle = values[:, mechanism.variables_of(pair)[0]]

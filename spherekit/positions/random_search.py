@@ -212,7 +212,7 @@ class Distinct:
         way = np.abs(values - np.array(self.values).reshape(-1, len(values)))
         again = np.ones(len(way), dtype=bool)
         for variable, joint in self._rolling:
-            turns = way[:, variable] / np.array(joint.laps)[:, None]
+            turns = way[:, variable] / np.array(joint.closed_lengths)[:, None]
             apart = np.min(np.abs(turns - np.round(turns)), axis=0, initial=np.inf)
             again &= np.minimum(apart, way[:, variable]) <= SAME_MODE
         again &= np.any(way[:, self._rolled] > SAME_MODE, axis=1)
@@ -251,7 +251,7 @@ def _closed(closure: Closure, values: Floats) -> Floats:
 
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:
     """Return the limits (variables,) between which random starts are drawn."""
-    every = [limits for joint in closure.joints for limits in joint.starts]
+    every = [limits for joint in closure.joints for limits in joint.start_ranges]
     low, high = np.array(every).T
     if closure.locks is not None:
         variables, places = closure.locks

@@ -21,7 +21,7 @@ import numpy as np
 
 from spherekit.arrays import Indices
 from spherekit.errors import PlanError
-from spherekit.mechanism.graph import joined, spanning
+from spherekit.mechanism.graph import component_labels, find_spanning_tree
 from spherekit.proof.decimal_mechanism import Written
 from spherekit.proof.structure import Structure
 from spherekit.wording import listing
@@ -213,7 +213,7 @@ def _best(
 
     The angles of the pairs in `given` are known, of which the first are the inputs.
     """
-    bodies = joined(links, (ends[pair] for pair in given))
+    bodies = component_labels(links, (ends[pair] for pair in given))
     joins = {
         pair: (bodies[one], bodies[other])
         for pair, (one, other) in enumerate(ends)
@@ -286,7 +286,7 @@ def _constructed(
             steps.append(Step(links[0], parents, tuple(joining), variable))
         steps += [
             Step(link, (parent,), (pair,), pairs.index(pair))
-            for pair, parent, link in spanning(ends, links[:1] or [root], given)
+            for pair, parent, link in find_spanning_tree(ends, links[:1] or [root], given)
         ]
     if sum(step.is_dyad for step in steps) != len(unknown):
         return None

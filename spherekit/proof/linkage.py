@@ -24,7 +24,7 @@ from spherekit.errors import EngineError
 from spherekit.geometry.parametric_curve import SplinePath
 from spherekit.geometry.profile_curve import spline_through
 from spherekit.mechanism.elements import PoseGeometry, Profile
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.proof.ball_frames import (
@@ -278,9 +278,9 @@ def _joints(mechanism: Mechanism, frames: Frames) -> list[tuple[Turn, Turn]]:
             continue
         one, other = pair.profiles
         curves = ball_curve(one), ball_curve(other, pair.contact == "external")
-        first, second = joint.tracks
+        first, second = joint.contact_profiles
         start = exactly([first.start, second.start])
-        if joint.rolled and isinstance(mechanism.geometry, PoseGeometry):
+        if joint.rolling_variables and isinstance(mechanism.geometry, PoseGeometry):
             start = _touching(curves, start)
         made.append(_contact(curves, (first.variable, second.variable), start))
     return made
@@ -320,7 +320,7 @@ class Linkage:
             (*joint, mechanism.variables_of(pair), ends[pair][0])
             for pair, joint in enumerate(joints)
         ]
-        self._way = spanning(ends)
+        self._way = find_spanning_tree(ends)
         self._chords = np.setdiff1d(range(len(joints)), [pair for pair, *_ in self._way])
         ways = np.zeros((len(mechanism.links), len(joints)))
         for pair, parent, child in self._way:

@@ -78,7 +78,7 @@ def structure_of(mechanism: Mechanism) -> Structure:
                 f"{listing(shaped)} is no circle; proofs are for R and P pairs and for "
                 "contacts of circles"
             )
-        if pair.kind.freedoms == 1:
+        if pair.kind.variable_count == 1:
             rolling.append(number)
             continue
         couplers.append(number)

@@ -140,7 +140,7 @@ def _fault(needs: Any, mechanism: Mechanism) -> str:
                         f", but {name} has no {kind} of that name"
                         f"{choices(item, names, f'{kind}s')}"
                     )
-                elif what in _PAIRS and mechanism.pair(item).kind.freedoms > 1:
+                elif what in _PAIRS and mechanism.pair(item).kind.variable_count > 1:
                     fault = ", a pair with two variables, which has no single one"
             if fault:
                 return f"Needs({what}=...) holds {item!r}{fault}"

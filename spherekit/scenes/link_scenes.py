@@ -9,7 +9,7 @@ from spherekit.arrays import Floats
 from spherekit.escaping import markdown_text
 from spherekit.geometry.mirror import quaternion
 from spherekit.geometry.triangle import arc, frame_toward
-from spherekit.mechanism.graph import layout
+from spherekit.mechanism.graph import layout_graph
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes
@@ -76,7 +76,7 @@ def graph_scene(mechanism: Mechanism) -> Scene:
         for pair in mechanism.pairs
         for link in pair.links
     ]
-    return Scene(None, (Graph("graph", nodes, edges, layout(mechanism).tolist()),))
+    return Scene(None, (Graph("graph", nodes, edges, layout_graph(mechanism).tolist()),))
 
 
 def motion_scenes(motion: Motion, shapes: list[Body], timed: bool = False) -> list[Scene]:
@@ -123,7 +123,7 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
         if pair.profiles is None or link not in pair.links:
             continue
         which = pair.links.index(link)
-        curve = joint.tracks[which].curve
+        curve = joint.contact_profiles[which].curve
         points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame[:, :, 2]
         curves.append(points)
         if len(joints):

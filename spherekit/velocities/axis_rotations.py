@@ -22,7 +22,7 @@ from spherekit.geometry.profile_series import ProfileSeries
 from spherekit.geometry.rotation import transpose
 from spherekit.geometry.triangle import frame_from
 from spherekit.mechanism.elements import Pair
-from spherekit.mechanism.joint import Track, revolute
+from spherekit.mechanism.joint import ContactProfile, revolute
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.pair_states import contact_tracks, numbered
@@ -105,7 +105,7 @@ class ProfileSide:
         Symbol of d2k/ds2, the derivative of the last of the `column_symbols`.
     """
 
-    track: Track
+    track: ContactProfile
     chain: JointTransform
     curvature: Expr
     slope: Expr
@@ -255,7 +255,7 @@ def _profile_side(
     mechanism: Mechanism,
     pair: Pair,
     end: int,
-    track: Track,
+    track: ContactProfile,
     any_profile: bool,
     as_columns: bool,
 ) -> ProfileSide:

@@ -12,8 +12,8 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Integers
 from spherekit.errors import EngineError
 from spherekit.geometry.dyad_axis import HalfAngle, middle_axis, triple_square
-from spherekit.mechanism.cache import Cache
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.cache import MechanismCache
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function, symbols
@@ -27,7 +27,7 @@ from spherekit.velocities.pose_expressions import (
 )
 from spherekit.velocities.velocity_equations import Structure
 
-COMPILED = Cache()
+COMPILED = MechanismCache()
 """Kernels and equations of motion that were compiled."""
 
 
@@ -56,7 +56,7 @@ def place_by_inputs(
         )
     driven = dict(zip(structure.inputs, q, strict=True)) | structure.following(q)
     variables = [driven.get(v) for v in range(len(mechanism.variable_names))]
-    ways = spanning(mechanism.ends, assembly.bodies, assembly.inputs)
+    ways = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
     within = place_by_variables(mechanism, structure.pairs, variables, ways)
     squares = [
         _close(structure, group, sign, within)

@@ -117,7 +117,7 @@ def hinged(
         If profiles of a contact curve into each other.
     """
     joints = make_joints(mechanism)
-    contacts = [n for n, joint in enumerate(joints) if joint.tracks]
+    contacts = [n for n, joint in enumerate(joints) if joint.contact_profiles]
     if not contacts or any(isinstance(x, ContactFriction) for x in mechanism.loads):
         return None
     try:
@@ -127,7 +127,9 @@ def hinged(
     rolling = [n for n in contacts if mechanism.pairs[n].rolls]
     contacts = [n for n in contacts if n not in rolling]
     for n in contacts:
-        one, other = (track.curve.at(np.zeros(1)).curvature for track in joints[n].tracks)
+        one, other = (
+            track.curve.at(np.zeros(1)).curvature for track in joints[n].contact_profiles
+        )
         if one[0] - other[0] < EQUAL_CURVATURE:
             raise EngineError(
                 f"{mechanism.name}: pairs.{mechanism.pairs[n].name}: the profiles curve "

@@ -11,7 +11,7 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Array
 from spherekit.conventions import Names
 from spherekit.errors import EngineError
-from spherekit.mechanism.link_inertia import tensors
+from spherekit.mechanism.link_inertia import link_inertia_tensors
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Pole, all_poles, pole_of
 from spherekit.symbolic.compiler import available
@@ -197,7 +197,7 @@ def kernel(
         scale = _scale(flow, coordinate)
         parts = [*_poles(flow, scale, chosen)]
         if with_inertia:
-            masses = InputMoments(flow, tensors(mechanism))
+            masses = InputMoments(flow, link_inertia_tensors(mechanism))
             whole = masses.matrix[0][0] * scale * scale * masses.unit
             parts.append((None, {name: [name] for name in _INERTIA}, [whole]))
         if with_tangent:

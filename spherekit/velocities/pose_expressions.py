@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.mechanism.graph import spanning
+from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.linearisation import LoopTree
 from spherekit.symbolic.expression_graph import Expr, function
@@ -125,7 +125,9 @@ def place_by_variables(
     The orientations of all links. A link without a step has the orientation of the ground.
     """
     placed = [GROUND_ORIENTATION] * len(mechanism.links)
-    for pair, parent, child in spanning(mechanism.ends) if steps is None else steps:
+    for pair, parent, child in (
+        find_spanning_tree(mechanism.ends) if steps is None else steps
+    ):
         chain = pairs.chains[pair]
         if mechanism.ends[pair][0] != parent:
             chain = chain.reversed()

@@ -22,7 +22,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import EngineError
-from spherekit.mechanism.graph import joined, spanning
+from spherekit.mechanism.graph import component_labels, find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.symbolic.expression_graph import WITHOUT_EXPRESSIONS, Expr, dot
@@ -61,7 +61,7 @@ def _leaves(group: Group) -> dict[int, list[int]]:
             out = {*leaves, body}
             kept = [k for k, ends in enumerate(group.ends) if not out & set(ends)]
             rest = [other for other in range(len(group.bodies)) if other not in out]
-            if len(spanning(group.ends, rest[:1], kept)) == len(rest) - 1:
+            if len(find_spanning_tree(group.ends, rest[:1], kept)) == len(rest) - 1:
                 leaves[body] = at
     return leaves
 
@@ -76,7 +76,7 @@ def _loops(mechanism: Mechanism, group: Group, closed: Sequence[int]) -> list[Wa
     inner = [pair for pair, both in enumerate(ends) if not leaves.keys() & set(both)]
     tree: list[int] = []
     for pair in sorted(inner, key=lambda k: len(mechanism.variables_of(group.pairs[k]))):
-        body = joined(len(group.bodies), [ends[k] for k in tree])
+        body = component_labels(len(group.bodies), [ends[k] for k in tree])
         if body[ends[pair][0]] != body[ends[pair][1]]:
             tree.append(pair)
     last = [
@@ -98,7 +98,7 @@ def _way(
 ) -> Way:
     """Return the pairs, with senses, that lead from a link to another."""
     ways: dict[int, Way] = {start: ()}
-    for pair, old, new in spanning(ends, [start], pairs):
+    for pair, old, new in find_spanning_tree(ends, [start], pairs):
         ways[new] = (*ways[old], (pair, 1 if ends[pair][0] == old else -1))
     return ways[end]
 

@@ -464,7 +464,7 @@ class PageMaker:
             if pair.profiles is None or link not in pair.links:
                 continue
             which = pair.links.index(link)
-            profile, curve = pair.profiles[which], joint.tracks[which].curve
+            profile, curve = pair.profiles[which], joint.contact_profiles[which].curve
             points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame
             profiles.append(
                 {

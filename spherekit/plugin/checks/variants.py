@@ -82,7 +82,7 @@ def renamed(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     words = {
         f"s_{pair.name}_{link}": f"s_{pair.name}_{names[link]}"
         for pair in mechanism.pairs
-        if pair.kind.freedoms > 1
+        if pair.kind.variable_count > 1
         for link in pair.links
     }
     return replace(
