@@ -117,10 +117,10 @@ class RowExpressions(VelocityEquations):
         # The opening of a loop: each pair of the loop adds the rounding of its axes.
         rounding = EPS * (2.0 + tree.longest_loop)
         component_opening = self.residual + rounding
-        # Each profile has a frame of two axes with a rounding error each.
-        profile_axes = 2.0 * len(self.pairs.sides)
+        # A contact has two profiles, whose frames have a rounding error each.
+        profile_count = 2.0 * len(self.pairs.sides)
         self.closure_rounding_rad = np.sqrt(2.0) * (
-            rounding + profile_axes * PROFILE_ROUNDING_RAD
+            rounding + profile_count * PROFILE_ROUNDING_RAD
         )
         # Every loop may be open by this much about each of the three axes.
         self.opening_rad = component_opening * float(np.sqrt(3.0 * len(tree.chords)))
