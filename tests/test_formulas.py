@@ -48,7 +48,7 @@ def computed(made, items, motion, places, sizes=None):
     for table in made.tables:
         s, low = values[terms.index(table.of)] + table.start, table.series.edges[0]
         s = low + np.mod(s - low, table.length) if table.closed else s
-        column = table.series.at(s)
+        column = table.series.evaluate(s)
         column[~((s >= low) & (s <= table.series.edges[-1]))] = np.nan
         columns.append(column.T)
     terms += [x for table in made.tables for x in table.terms]
