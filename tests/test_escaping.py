@@ -18,6 +18,7 @@ from xml.etree import ElementTree
 
 import pytest
 from hostile_texts import FREE, TEXTS, fields, free_fields, hostile_file
+from page_waits import wait_until
 
 import spherekit as sk
 from spherekit import escaping
@@ -373,7 +374,7 @@ def test_pages_show_hostile_texts_and_run_none(page_of, browser):
         file, page = page_of(text)
         tab.goto("about:blank")
         tab.goto(page.as_uri())
-        tab.wait_for_function("window.spherekit?.timing.pictures > 0", timeout=20_000)
+        wait_until(tab, "window.spherekit?.timing.pictures > 0")
         facts = tab.evaluate(
             "[document.querySelectorAll('*').length, window.HACKED ?? 0, "
             "document.getElementById('citation').textContent, document.title, "

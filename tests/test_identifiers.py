@@ -14,6 +14,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from page_waits import wait_until
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -333,9 +334,9 @@ def test_pages_of_reserved_names_move(browser, tmp_path):
         assert main(["page", str(file), "-o", str(page), "--quiet"]) == 0
         tab.goto("about:blank")
         tab.goto(page.as_uri())
-        tab.wait_for_function("window.spherekit?.timing.pictures > 0", timeout=20_000)
+        wait_until(tab, "window.spherekit?.timing.pictures > 0")
         tab.evaluate("spherekit.change('input', {q: [1.0]})")
-        tab.wait_for_function("spherekit.timing.pictures > 1")
+        wait_until(tab, "spherekit.timing.pictures > 1")
         assert tab.evaluate("spherekit.modes.every(mode => mode.here)")
         assert not said, (name, said)
     tab.close()

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from page_waits import wait_until
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -39,7 +40,7 @@ def opened(browser, tmp_path):
         tab.on("pageerror", lambda error: said.append(str(error)))
         tab.route(re.compile("^http"), lambda route: said.append(route.request.url))
         tab.goto(f"{path.as_uri()}#{fragment}")
-        tab.wait_for_function("spherekit.timing.pictures > 0")
+        wait_until(tab, "window.spherekit?.timing.pictures > 0")
         return tab
 
     yield opener
