@@ -248,9 +248,60 @@ def test_workers_that_come_late_are_waited_for(machines, tmp_path, wanted):
     same(found, wanted)
 
 
-@pytest.mark.long  # one run in four waited for ever, for a reason that is not known yet
-def test_when_all_workers_are_lost_others_make_the_parts(machines, tmp_path, wanted):
-    """Also the sweep itself was lost with them."""
+class FinishedFuture:
+    """The future of a part whose result is lost with its worker, until there is another."""
+
+    status = "finished"
+
+    def __init__(self, client):
+        self.client = client
+
+    def result(self, timeout=None):
+        if self.client.nthreads():
+            return "the result"
+        assert timeout is not None, "it would never return"
+        self.client.sleep(timeout)
+        raise TimeoutError
+
+
+@pytest.mark.parametrize("wait", [0.0, 1.0, 100.0])
+def test_a_result_that_is_lost_with_its_worker_is_waited_for(monkeypatch, wait):
+    """The part is computed again by the next worker, and the wait is reported."""
+    said = []
+    client = WorkerlessClient(monkeypatch, wait)
+    with progress_listener(said.append):
+        result = dask_cluster._fetch_result(FinishedFuture(client), client, "tcp://here:1")
+    assert result == "the result"
+    assert bool(said) == (wait > 2.0)
+    assert all("no workers" in text for text in said)
+
+
+class FailedFuture:
+    """The future of a part that raised an error on its worker."""
+
+    status = "error"
+
+    def __init__(self, error):
+        self.error = error
+
+    def result(self, timeout=None):
+        raise self.error
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left"), TimeoutError("a lock")])
+def test_an_error_of_a_part_is_not_taken_for_a_lost_scheduler(error):
+    sweep = swept(None).sweep
+    with pytest.raises(OSError) as raised:
+        dask_cluster._read_answer(FailedFuture(error), None, "tcp://here:1", sweep, 2)
+    assert raised.value is error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [0.0, 3.0])
+def test_when_all_workers_are_lost_others_make_the_parts(
+    seconds, machines, tmp_path, wanted
+):
+    """Also the sweep itself was lost with them, and after some time finished parts."""
     machines.schedule()
     lost = [machines.work(SLOW), machines.work(SLOW)]
     said = []
@@ -268,6 +319,7 @@ def test_when_all_workers_are_lost_others_make_the_parts(machines, tmp_path, wan
         write(*words)
         made += 1
         if made == 1:
+            time.sleep(seconds)
             for process in lost:
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()

@@ -148,7 +148,7 @@ def compute_on_cluster(
             for part_future in finished_futures:
                 part_number = numbers_by_future.pop(part_future)
                 _take_part(
-                    _read_answer(part_future, address, sweep, part_number),
+                    _read_answer(part_future, client, address, sweep, part_number),
                     folder,
                     sweep,
                     part_number,
@@ -265,8 +265,38 @@ def _lost_scheduler(address: str) -> DesignError:
     )
 
 
+def _fetch_result(part_future: "Future[Any]", client: "Client", address: str) -> Any:
+    """Return the result of a finished part from the worker that stores it.
+
+    If this worker ends before it has sent the result, Dask computes the part again, for
+    which there must be workers. Waiting for the result alone would never end and say
+    nothing.
+
+    Raises
+    ------
+    DesignError
+        If the connection to the scheduler is lost.
+    Exception
+        The error that computing the part raised on the worker.
+    """
+    patience_seconds = CHECK_SECONDS
+    while True:
+        try:
+            return part_future.result(timeout=patience_seconds)
+        except TimeoutError:
+            if part_future.status == "error":
+                raise  # computing the part raised it
+            _await_workers(client, address)
+            # A large result may need more time, and each attempt begins its transfer anew.
+            patience_seconds *= 2.0
+
+
 def _read_answer(
-    part_future: "Future[Any]", address: str, sweep: Sweep, part_number: int
+    part_future: "Future[Any]",
+    client: "Client",
+    address: str,
+    sweep: Sweep,
+    part_number: int,
 ) -> FileContents | None:
     """Return the answer of a worker that has finished a part.
 
@@ -274,8 +304,8 @@ def _read_answer(
     ----------
     part_future
         The finished Dask future of the part.
-    address
-        Network address of the scheduler, for error messages.
+    client, address
+        The client of the scheduler, and its network address for messages.
     sweep, part_number
         The sweep and the number of the part, for error messages.
 
@@ -296,7 +326,7 @@ def _read_answer(
 
     name = sweep.mechanism.name
     try:
-        return part_future.result()  # type: ignore[no-any-return]
+        return _fetch_result(part_future, client, address)  # type: ignore[no-any-return]
     except KilledWorker:
         # Dask blames every part that an ended worker held, also one that only waited there.
         raise DesignError(
@@ -315,6 +345,8 @@ def _read_answer(
             f"{fault}); install on it what is installed here, in the same versions"
         ) from None
     except (CancelledError, OSError):
+        if part_future.status == "error":
+            raise  # computing the part raised it, for example because a disk is full
         raise _lost_scheduler(address) from None
 
 
