@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from spherekit.cli.grammar import COMMANDS, fill, parser
+from spherekit.cli.command_line import COMMANDS, build_parser, command_parsers
 from spherekit.cli.main import main
 
 FILES = Path(__file__).parent / "files"
@@ -92,9 +92,7 @@ ENDLESS = {("trade", "--rounds"): {"99999999999999999999"}}
 
 def options_of(command):
     """Return the actions of the parser of a command."""
-    top = parser()
-    fill(top, [command])
-    return top._subparsers._group_actions[0].choices[command]._actions
+    return command_parsers(build_parser(), [command])[command]._actions
 
 
 def cases():

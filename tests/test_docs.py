@@ -18,7 +18,7 @@ from public_packages import PUBLIC
 import spherekit as sk
 from benchmarks.__main__ import main as benchmarks
 from spherekit import errors
-from spherekit.cli.grammar import COMMANDS, parser
+from spherekit.cli.command_line import COMMANDS, build_parser
 from spherekit.cli.main import main
 from spherekit.files.schema import schema
 from spherekit.runs.registry import load, registered
@@ -144,11 +144,11 @@ def test_commands_are_understood():
         for line in "".join(blocks(page, "sh")).splitlines():
             program, *arguments = shlex.split(line.split(" #")[0]) or [""]
             if Path(program).name == "spherekit":
-                parser().parse_args(arguments), page
+                build_parser().parse_args(arguments), page
         prose = BLOCK.sub("", text)
         for line in re.findall(r"`(spherekit (?:run|plan|explain|view) [^`\n]+)`", prose):
             if "..." not in line:
-                parser().parse_args(shlex.split(line)[1:]), page
+                build_parser().parse_args(shlex.split(line)[1:]), page
 
 
 def test_links_resolve():

@@ -1,6 +1,5 @@
 """Folders of results: only what runs have made there is replaced or removed."""
 
-import argparse
 import re
 import tomllib
 from pathlib import Path
@@ -10,7 +9,7 @@ import pytest
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.cli.grammar import parser
+from spherekit.cli.command_line import build_parser, command_parsers
 from spherekit.cli.main import main
 from spherekit.tables.table_files import read_parquet
 
@@ -186,11 +185,8 @@ def test_a_sweep_leaves_what_no_sweep_has_made(prepare, tmp_path, capsys):
 
 def words_with_values():
     """Every place of every subcommand for a word, that empty."""
-    top = parser()
-    (commands,) = (x for x in top._actions if isinstance(x, argparse._SubParsersAction))
-    for name, found in commands.choices.items():
-        found.fill()
-        for action in found._actions:
+    for name, parser in command_parsers(build_parser()).items():
+        for action in parser._actions:
             if not action.option_strings:
                 yield [name, ""]
             elif action.nargs != 0:

@@ -5,15 +5,14 @@ import signal
 import subprocess
 import sys
 import time
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from spherekit import resources
 from spherekit.cli import main as command
+from spherekit.cli.interrupts import interrupt_number, raise_on_interrupt
 from spherekit.cli.main import main
-from spherekit.cli.stopping import signal_of, stoppable
 
 if os.name != "posix":
     pytest.skip("needs signals and limits of posix", allow_module_level=True)
@@ -23,32 +22,23 @@ SPHEREKIT = [sys.executable, "-m", "spherekit"]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_stop_waits_until_what_is_imported_is_whole(
-    number, tmp_path, monkeypatch, request
-):
-    """One that falls into a finalizer, where Python drops exceptions, comes again."""
-    (tmp_path / "library_that_loads.py").write_text(
-        f"import signal\nsignal.raise_signal({int(number)})\n"
-        "for k in range(1000):\n    whole = k == 999\n"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "library_that_loads", raising=False)
-    # A signal that is ignored, as under nohup, stays ignored; here it is not.
+def test_a_signal_raises_an_interrupt_with_its_number(number, request):
+    # A signal that is ignored, as under nohup, stays ignored. Here it is not ignored.
     before = signal.signal(number, signal.default_int_handler)
     request.addfinalizer(lambda: signal.signal(number, before))
+    with pytest.raises(KeyboardInterrupt) as interrupt, raise_on_interrupt(False):
+        signal.raise_signal(number)
+    assert interrupt_number(interrupt.value) == number
+    assert signal.getsignal(number) is signal.default_int_handler
 
-    class Finalized:
-        def __del__(self):
-            signal.raise_signal(number)  # in this thread, also where there are others
-            time.sleep(0.0)
 
-    for stopped in (lambda: import_module("library_that_loads"), Finalized):
-        went_on = False
-        with pytest.raises(KeyboardInterrupt) as stop, stoppable(to_the_end=False):
-            stopped()
-            went_on = True
-        assert signal_of(stop.value) == number and not went_on
-    assert sys.modules["library_that_loads"].whole
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_was_ignored_stays_ignored(number, request):
+    before = signal.signal(number, signal.SIG_IGN)
+    request.addfinalizer(lambda: signal.signal(number, before))
+    with raise_on_interrupt(False):
+        signal.raise_signal(number)
+    assert signal.getsignal(number) is signal.SIG_IGN
 
 
 def children(process):

@@ -1,22 +1,33 @@
 """`spherekit analyses`: what is installed, broken plugins with their reason."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import MISSING
 
+from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import print_json
 
-PAGE = """
-[ANALYSIS]
-    describe this one
---json
-    as JSON
-
-examples:
+EXAMPLES = """examples:
   # what is installed
   spherekit analyses
   # its parameters, tables and columns
   spherekit analyses workspace
 """
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    analysis_argument = parser.add_argument(
+        "analysis",
+        nargs="?",
+        metavar="ANALYSIS",
+        help="describe this one",
+    )
+    set_completer(analysis_argument, complete_analyses)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="as JSON",
+    )
 
 
 def execute(options: Namespace) -> int:

@@ -2,43 +2,21 @@
 
 import json
 import math
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from spherekit.cli.argument_types import number
+from spherekit.cli.completers import complete_mechanisms, set_completer
 from spherekit.cli.main import say
-from spherekit.cli.study import INPUT, LOCK, with_locks
+from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
 from spherekit.conventions import Facts, Lines
 from spherekit.wording import counted
 
-PAGE = (
-    INPUT
-    + LOCK
-    + """
-FILE
-    mechanism: path or shipped name
---at DECIMAL[,DECIMAL...]
-    values of the inputs, decimal numbers in the unit of the file, in place of the range
-    of the only input
---poles
-    with --at: enclose every pole axis and velocity coefficient too
---range FROM TO
-    another range of the only input, in the unit of the file
---clear-of DECIMAL
-    over a range: how far the input may go from here before any singularity
---cell RAD
-    with several inputs: largest side of the cells judged, 0.01 by default
---figure PNG
-    with two inputs: draw their map
---tolerance RAD = 0
-    by how much sizes may be off (rad); by default the file is exact
--o, --out JSON
-    write the certificate here
-
-examples:
+EXAMPLES = """examples:
   # all modes, curves and singularities over the input's range, proven
   spherekit certify four_bar
   # all assembly modes at one input; the certificate in a file
@@ -52,7 +30,68 @@ examples:
   # for every geometry whose sizes are off by at most 1e-9 rad
   spherekit certify four_bar --tolerance 1e-9
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_input_argument(parser)
+    add_lock_argument(parser)
+    file_argument = parser.add_argument(
+        "file",
+        metavar="FILE",
+        help="mechanism: path or shipped name",
+    )
+    set_completer(file_argument, complete_mechanisms)
+    parser.add_argument(
+        "--at",
+        metavar="DECIMAL[,DECIMAL...]",
+        help=(
+            "values of the inputs, decimal numbers in the unit of the file, in place of "
+            "the range of the only input"
+        ),
+    )
+    parser.add_argument(
+        "--poles",
+        action="store_true",
+        help="with --at: enclose every pole axis and velocity coefficient too",
+    )
+    parser.add_argument(
+        "--range",
+        nargs=2,
+        metavar=("FROM", "TO"),
+        help="another range of the only input, in the unit of the file",
+    )
+    parser.add_argument(
+        "--clear-of",
+        metavar="DECIMAL",
+        help="over a range: how far the input may go from here before any singularity",
+    )
+    parser.add_argument(
+        "--cell",
+        metavar="RAD",
+        type=number,
+        help="with several inputs: largest side of the cells judged, 0.01 by default",
+    )
+    parser.add_argument(
+        "--figure",
+        metavar="PNG",
+        help="with two inputs: draw their map",
+    )
+    parser.add_argument(
+        "--tolerance",
+        metavar="RAD",
+        type=number,
+        default=0.0,
+        help="by how much sizes may be off (rad); by default the file is exact",
+    )
+    parser.add_argument(
+        "-o",
+        "--out",
+        metavar="JSON",
+        help="write the certificate here",
+    )
+
+
 INCOMPLETE = 3
 """Exit status where nothing wrong was found, but completeness is not proven."""
 LOCKED = 1e-14
@@ -172,7 +211,7 @@ def _mode_lines(modes: Any) -> Lines:
     from spherekit.proof.balls import middle, upper
 
     lines = []
-    for number, angles in enumerate(modes.angles()):
+    for mode_index, angles in enumerate(modes.angles()):
         degrees = np.degrees([*map(middle, angles)])
         wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)
         shown = ", ".join(
@@ -180,7 +219,7 @@ def _mode_lines(modes: Any) -> Lines:
             for name, angle in zip(modes.written.structure.pairs, wrapped, strict=True)
         )
         off = max(np.degrees(upper(angle - angle.mid())) for angle in angles)
-        lines.append(f"  mode {number}, deg: {shown}; each to {off:.0e}")
+        lines.append(f"  mode {mode_index}, deg: {shown}; each to {off:.0e}")
     for centre, half in modes.clusters:
         place = ", ".join(f"{angle:.6f}" for angle in np.degrees(centre))
         width = np.degrees(2.0 * np.max(half))
@@ -317,8 +356,8 @@ def _curve_lines(curves: Any, located: Any) -> Lines:
     lines = []
     for low, high, count in curves.intervals:
         lines.append(f"  {_degrees(low)} to {_degrees(high)} deg: {counted(count, 'mode')}")
-    for place, number in Counter(_crossings(curves)).items():
-        lines.append(f"  {place}{f', in {number} configurations' if number > 1 else ''}")
+    for place, count in Counter(_crossings(curves)).items():
+        lines.append(f"  {place}{f', in {count} configurations' if count > 1 else ''}")
     for q in curves.still_at:
         lines.append(f"  a whole curve of modes at {_degrees(q)} deg")
     for low, high in curves.undecided[:8]:

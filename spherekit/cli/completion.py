@@ -1,12 +1,8 @@
 """`spherekit completion`: what makes a shell complete the words of spherekit."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 
-PAGE = """
-SHELL {bash,zsh,fish}
-    the shell
-
-examples:
+EXAMPLES = """examples:
   # in this bash; in ~/.bashrc for every one
   eval "$(spherekit completion bash)"
   # in ~/.zshrc, after compinit
@@ -14,6 +10,15 @@ examples:
   # in ~/.config/fish/config.fish
   spherekit completion fish | source
 """
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument(
+        "shell",
+        choices=("bash", "zsh", "fish"),
+        help="the shell",
+    )
 
 
 def execute(options: Namespace) -> int:

@@ -1,14 +1,15 @@
 """`spherekit explain`: what will be planned, evaluated and logged."""
 
 import math
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import print_json
-from spherekit.cli.study import STUDY, study_from
+from spherekit.cli.study_arguments import add_study_arguments, study_from
 from spherekit.conventions import Facts, Lines
 from spherekit.wording import counted, numbered, size_text
 
@@ -16,25 +17,40 @@ if TYPE_CHECKING:
     from spherekit.files.study import Study
     from spherekit.runs.contract import AbstractAnalysis
 
-PAGE = (
-    STUDY
-    + """
--a, --analysis NAME[:key=value,...] ...
-    analysis to explain, may be repeated (default: the study's, or poles)
---only-needed
-    as `run --only-needed`: without links and pairs that no analysis needs
---recording
-    predict the recording too, from two short ones (needs a second or two)
---json
-    as JSON
-
-examples:
+EXAMPLES = """examples:
   # what one pole costs
   spherekit explain stephenson -a poles:only=31
   # sizes of tables and of a recording over a grid
   spherekit explain five_bar --samples 41x41 --recording
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_study_arguments(parser)
+    analysis_argument = parser.add_argument(
+        "-a",
+        "--analysis",
+        metavar="NAME[:key=value,...]",
+        action="append",
+        help="analysis to explain, may be repeated (default: the study's, or poles)",
+    )
+    set_completer(analysis_argument, complete_analyses)
+    parser.add_argument(
+        "--only-needed",
+        action="store_true",
+        help="as `run --only-needed`: without links and pairs that no analysis needs",
+    )
+    parser.add_argument(
+        "--recording",
+        action="store_true",
+        help="predict the recording too, from two short ones (needs a second or two)",
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="as JSON",
+    )
 
 
 def execute(options: Namespace) -> int:

@@ -1,47 +1,13 @@
 """`spherekit export`: a mechanism for other programs."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 
+from spherekit.cli.argument_types import number, numbers, sample_counts
+from spherekit.cli.completers import complete_mechanisms, complete_pairs, set_completer
 from spherekit.cli.main import note
-from spherekit.cli.study import INPUT, LOCK, with_locks
+from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
 
-PAGE = (
-    INPUT
-    + LOCK
-    + """
-FILE
-    path or shipped name
---to {c,cpp,js,python,julia,casadi,latex,model,mjcf,coupling} !
-    c, cpp, js, python, julia, casadi: its formulas as source; latex: in print; model: its
-    functions for use without it (.npz, or source); mjcf: a MuJoCo model; coupling: a
-    table for controllers (.csv, .npz or .h)
--o, --output X
-    file to write (default: NAME.c, NAME.npz and so on)
---quantities [NAME ...]
-    sources, latex: what they compute, names or patterns such as theta_* (default: angles,
-    coefficients of links, transmission angles, inertia and driving torque)
---vary [KEY ...]
-    sources, latex: numbers of the file that are arguments, such as links.2.arc
---assembly-mode N-or-NAME
-    assembly mode, by number or name (default: 0; sources and coupling: all)
---crossings {end,pass}
-    sources: where curves of configurations cross, modes keep the signs of dyads (end, the
-    default), or follow the smooth curve through the crossing (pass)
---poles [POLE ...]
-    model, coupling: only these poles, as 3/1 (default: all; coupling, and model of
-    several inputs: none)
---pairs [PAIR ...]
-    coupling: only these passive pairs (default: all)
---samples N[xM...]
-    coupling: nodes along each input (default: as many as --tol needs)
---tol T
-    model: error of every function, relative to its largest value (default: 1e-13, of
-    several inputs 1e-11); coupling: error of angles, rad (default: 1e-6)
---at Q[,Q...]
-    mjcf: inputs of the pose, in the angle_unit of the file (default: the first on the
-    way through their ranges)
-
-examples:
+EXAMPLES = """examples:
   # the formulas of all angles and coefficients as C, a size being an argument
   spherekit export four_bar --to c --vary links.2.arc
   # functions for use without the mechanism
@@ -51,7 +17,115 @@ examples:
   # a table for a controller, in C
   spherekit export four_bar --to coupling --pairs 41 -o four_bar.h
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_input_argument(parser)
+    add_lock_argument(parser)
+    file_argument = parser.add_argument(
+        "file",
+        metavar="FILE",
+        help="path or shipped name",
+    )
+    set_completer(file_argument, complete_mechanisms)
+    parser.add_argument(
+        "--to",
+        choices=(
+            "c",
+            "cpp",
+            "js",
+            "python",
+            "julia",
+            "casadi",
+            "latex",
+            "model",
+            "mjcf",
+            "coupling",
+        ),
+        required=True,
+        help=(
+            "c, cpp, js, python, julia, casadi: its formulas as source; latex: in print; "
+            "model: its functions for use without it (.npz, or source); mjcf: a MuJoCo "
+            "model; coupling: a table for controllers (.csv, .npz or .h)"
+        ),
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="X",
+        help="file to write (default: NAME.c, NAME.npz and so on)",
+    )
+    parser.add_argument(
+        "--quantities",
+        nargs="*",
+        metavar="NAME",
+        help=(
+            "sources, latex: what they compute, names or patterns such as theta_* "
+            "(default: angles, coefficients of links, transmission angles, inertia and "
+            "driving torque)"
+        ),
+    )
+    parser.add_argument(
+        "--vary",
+        nargs="*",
+        metavar="KEY",
+        help="sources, latex: numbers of the file that are arguments, such as links.2.arc",
+    )
+    parser.add_argument(
+        "--assembly-mode",
+        metavar="N-or-NAME",
+        help="assembly mode, by number or name (default: 0; sources and coupling: all)",
+    )
+    parser.add_argument(
+        "--crossings",
+        choices=("end", "pass"),
+        help=(
+            "sources: where curves of configurations cross, modes keep the signs of dyads "
+            "(end, the default), or follow the smooth curve through the crossing (pass)"
+        ),
+    )
+    parser.add_argument(
+        "--poles",
+        nargs="*",
+        metavar="POLE",
+        help=(
+            "model, coupling: only these poles, as 3/1 (default: all; coupling, and model "
+            "of several inputs: none)"
+        ),
+    )
+    pairs_argument = parser.add_argument(
+        "--pairs",
+        nargs="*",
+        metavar="PAIR",
+        help="coupling: only these passive pairs (default: all)",
+    )
+    set_completer(pairs_argument, complete_pairs)
+    parser.add_argument(
+        "--samples",
+        metavar="N[xM...]",
+        type=sample_counts,
+        help="coupling: nodes along each input (default: as many as --tol needs)",
+    )
+    parser.add_argument(
+        "--tol",
+        metavar="T",
+        type=number,
+        help=(
+            "model: error of every function, relative to its largest value (default: "
+            "1e-13, of several inputs 1e-11); coupling: error of angles, rad "
+            "(default: 1e-6)"
+        ),
+    )
+    parser.add_argument(
+        "--at",
+        metavar="Q[,Q...]",
+        type=numbers,
+        help=(
+            "mjcf: inputs of the pose, in the angle_unit of the file (default: the first "
+            "on the way through their ranges)"
+        ),
+    )
 
 
 def execute(options: Namespace) -> int:

@@ -1,24 +1,41 @@
 """`spherekit import`: a mechanism file from a MuJoCo model or a URDF."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from spherekit.cli.argument_types import number
 from spherekit.cli.main import note
 
-PAGE = """
-MODEL
-    an MJCF (.xml) or a URDF (.urdf)
--o, --output X
-    file to write (default: MODEL with .toml)
---within METRES
-    how far axes may pass by their common point (default: 1e-6 of the size of the model)
-
-examples:
+EXAMPLES = """examples:
   # a MuJoCo model as a mechanism file
   spherekit import wrist.xml -o wrist.toml
   # axes may miss the centre by 0.1 mm
   spherekit import wrist.urdf --within 1e-4
 """
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument(
+        "model",
+        metavar="MODEL",
+        help="an MJCF (.xml) or a URDF (.urdf)",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="X",
+        help="file to write (default: MODEL with .toml)",
+    )
+    parser.add_argument(
+        "--within",
+        metavar="METRES",
+        type=number,
+        help=(
+            "how far axes may pass by their common point (default: 1e-6 of the size of the "
+            "model)"
+        ),
+    )
 
 
 def execute(options: Namespace) -> int:

@@ -1,139 +1,163 @@
-"""The command `spherekit`: its subcommands, and how errors become one paragraph.
+"""The command `spherekit`: runs a subcommand and prints an error as one paragraph.
 
-stdout carries data, stderr talk. Exit status: 0 fine, 1 bad input, 2 usage, 3 some
-samples failed under --strict, 4 an analysis failed, 128 and more stopped by a signal.
+Data is written to stdout, messages to stderr. The exit status is 0 after success and
+otherwise one of the constants below, or 2 if the command line cannot be read.
 """
 
 import errno
 import os
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from spherekit.cli.stopping import signal_of, stoppable
+from spherekit.cli.interrupts import interrupt_number, raise_on_interrupt
 from spherekit.escaping import json_text, terminal_text
 
 BAD_INPUT = 1
+"""Exit status if a file, an argument or the system does not allow the command."""
+
 FAILED_SAMPLES = 3
+"""Exit status of a run with ``--strict`` in which some samples failed."""
+
 FAILED_ANALYSIS = 4
-STOPPED = 128
-"""Exit statuses; of a command that was stopped, the number of the signal is added."""
+"""Exit status of a run in which an analysis failed."""
 
-LEAST_SPACE = 500_000_000
-"""Bytes of addresses below which numerical libraries end the process as they load."""
+INTERRUPTED = 128
+"""Exit status of a command that a signal ended, less the number of the signal."""
 
-NO_MEMORY = ("failed to map segment", "annot allocate memory", "can't start new thread")
-"""What loaders and systems say of it."""
+MIN_ADDRESS_SPACE_BYTES = 500_000_000
+"""Address space without which numerical libraries end the process while they load."""
 
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
-"""Why standard output takes no more. Faults of files have the file's name."""
+MEMORY_MESSAGES = (
+    "failed to map segment",
+    "annot allocate memory",
+    "can't start new thread",
+)
+"""Parts of messages by which loaders and the system report a lack of memory."""
+
+OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+"""Error numbers of a standard output that takes no more."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit status."""
+    """Run the command line and return its exit status.
+
+    Parameters
+    ----------
+    arguments
+        The words after ``spherekit``; by default those of the process.
+    """
     try:
-        with stoppable(to_the_end=arguments is None):
-            _open_streams()
+        with raise_on_interrupt(process_ends=arguments is None):
+            _open_closed_streams()
             try:
-                return _executed(list(sys.argv[1:] if arguments is None else arguments))
+                return _run_command(sys.argv[1:] if arguments is None else [*arguments])
             finally:
                 sys.stdout.flush()
-    except BrokenPipeError:
-        _drop_output()
+    except BrokenPipeError:  # the reader, such as `head`, has ended
+        _discard_output()
         return 0
-    except KeyboardInterrupt as stop:
-        say("; ".join(["stopped", *getattr(stop, "__notes__", ())]))
-        return STOPPED + signal_of(stop)
-    except (MemoryError, ImportError, RuntimeError, OSError) as problem:
-        why = _reason(problem)
-        if not why:
+    except KeyboardInterrupt as interrupt:
+        say("; ".join(["stopped", *getattr(interrupt, "__notes__", ())]))
+        return INTERRUPTED + interrupt_number(interrupt)
+    except (MemoryError, ImportError, RuntimeError, OSError) as error:
+        message = _system_message(error)
+        if not message:
             raise
-        say(why)
+        say(message)
         return BAD_INPUT
 
 
-def _executed(words: list[str]) -> int:
-    """Run a command line and return its exit status."""
-    from spherekit.cli.grammar import USAGE, fill, home_of, parser
+def _run_command(words: list[str]) -> int:
+    """Run the subcommand that the words of a command line name; return its exit status."""
+    from spherekit.cli.command_line import USAGE_ERROR, build_parser, command_parsers
     from spherekit.errors import SpherekitError
     from spherekit.library_warnings import warnings_as_sentences
     from spherekit.progress import progress_listener
     from spherekit.resources import need_space
 
-    grammar = parser()
-    if "_ARGCOMPLETE" in os.environ:
+    parser = build_parser()
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks for completions, see `completers`
         from argcomplete.finders import CompletionFinder
 
-        fill(grammar, os.environ["COMP_LINE"].split())
-        CompletionFinder()(grammar, always_complete_options="long")
-    options = grammar.parse_args(words)
+        command_parsers(parser, os.environ["COMP_LINE"].split())
+        CompletionFinder()(parser, always_complete_options="long")
+    options = parser.parse_args(words)
     options.words = words
     if options.command is None:
-        grammar.print_help(sys.stderr)
-        return USAGE
+        parser.print_help(sys.stderr)
+        return USAGE_ERROR
     if options.traceback:
         import logging
 
-        log = logging.getLogger("spherekit.plugins")  # what plugins raise, with its trace
+        # Errors of plugins are caught and logged with their trace.
+        log = logging.getLogger("spherekit.plugins")
         log.setLevel(logging.DEBUG)
         log.addHandler(logging.StreamHandler())
     try:
-        need_space(LEAST_SPACE, "numerical libraries need")
+        need_space(MIN_ADDRESS_SPACE_BYTES, "numerical libraries need")
         with (
             progress_listener(None if options.quiet else say),
             warnings_as_sentences(say, options.traceback),
         ):
-            return int(home_of(options.command).execute(options))
-    except SpherekitError as problem:
+            return int(options.execute(options))
+    except SpherekitError as error:
         if options.traceback:
             raise
-        say("; ".join([str(problem), *getattr(problem, "__notes__", ())]))
+        say("; ".join([str(error), *getattr(error, "__notes__", ())]))
         return BAD_INPUT
 
 
-def _open_streams() -> None:
-    """Open standard streams that are closed: files of ours would get their numbers."""
+def _open_closed_streams() -> None:
+    """Open standard streams that are closed.
+
+    Otherwise a file that the command opens would get the number of a standard stream, and
+    messages would be written into it.
+    """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
+            stream = open(os.devnull, mode, encoding="utf-8")  # noqa: PTH123, SIM115
+            setattr(sys, name, stream)
 
 
-def _drop_output() -> None:
-    """Let what stdout still holds go nowhere, or Python would fail at it once more."""
+def _discard_output() -> None:
+    """Discard the rest of stdout, at whose end Python would fail once more."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _reason(problem: Exception) -> str:
-    """Return why a command ended by the system's fault, empty if it is another one."""
-    for cause in _causes(problem):
-        if isinstance(cause, MemoryError) or any(x in str(cause) for x in NO_MEMORY):
+def _system_message(error: Exception) -> str:
+    """Return a message if the system caused an error: no memory, no space for the output.
+
+    The text is empty for all other errors. Libraries may hide a lack of memory behind an
+    error of their own, so the causes of an error are looked at too.
+    """
+    cause: BaseException | None = error
+    while cause is not None:
+        text = str(cause)
+        if isinstance(cause, MemoryError) or any(part in text for part in MEMORY_MESSAGES):
             return (
-                f"there is not enough memory ({str(cause) or 'no more is given'}); allow "
+                f"there is not enough memory ({text or 'no more is given'}); allow "
                 "more (ulimit -v), or ask for fewer samples"
             )
-    if isinstance(problem, OSError) and problem.errno in FULL and not problem.filename:
-        _drop_output()
-        return f"standard output cannot be written: {problem.strerror}; let it go elsewhere"
+        cause = cause.__cause__ or cause.__context__
+    # Errors of files have the name of the file and another message.
+    if isinstance(error, OSError) and error.errno in OUTPUT_ERRORS and not error.filename:
+        _discard_output()
+        return f"standard output cannot be written: {error.strerror}; let it go elsewhere"
     return ""
 
 
-def _causes(problem: BaseException | None) -> Iterator[BaseException]:
-    while problem is not None:
-        yield problem
-        problem = problem.__cause__ or problem.__context__
-
-
 def note(options: Namespace, *texts: str) -> None:
-    """Print texts that are not empty to stderr, unless errors alone are wanted."""
+    """Print the texts that are not empty to stderr, unless ``--quiet`` is given."""
     for text in texts:
         if text and not options.quiet:
             print(terminal_text(text), file=sys.stderr)
 
 
-def print_json(facts: Any) -> None:
-    """Print what a program reads to stdout."""
-    print(json_text(facts, indent=2))
+def print_json(data: Any) -> None:
+    """Print data as JSON to stdout, for programs."""
+    print(json_text(data, indent=2))
 
 
 def say(text: str) -> None:

@@ -1,20 +1,25 @@
 """`spherekit mechanisms`: what can be named instead of a path."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 
 from spherekit.cli.main import print_json, say
 from spherekit.escaping import one_line
 
-PAGE = """
---json
-    as JSON
-
-examples:
+EXAMPLES = """examples:
   # names that commands take instead of a path
   spherekit mechanisms
   # the same for a program
   spherekit mechanisms --json
 """
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="as JSON",
+    )
 
 
 def execute(options: Namespace) -> int:

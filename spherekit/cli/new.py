@@ -1,26 +1,13 @@
 """`spherekit new`: files to start from, a mechanism or a distribution with an analysis."""
 
 import re
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from spherekit.cli.completers import complete_mechanisms, set_completer
 from spherekit.cli.main import note
 
-PAGE = """
-WHAT {mechanism,analysis}
-    a mechanism file, commented, complete, ready to run; or a distribution with an analysis,
-    complete, tested, ready to install
-NAME
-    of the mechanism: writes NAME.toml; of the analysis: writes a folder of that name
-| --kind {four_bar,posed,wrist,cam,gears}
-    of a mechanism; four_bar (default): a crank drives a rocker, the links by their arcs;
-    posed: the same by the directions of its axes in one pose, as measured; wrist: two
-    inputs point an axis; cam: a cam moves a follower with a roller; gears: bevel gears by
-    their teeth
-| --like FILE
-    start from a mechanism: path or shipped name
-
-examples:
+EXAMPLES = """examples:
   # a four-bar to change, in wrist.toml
   spherekit new mechanism wrist
   # a cam, in a folder
@@ -30,6 +17,44 @@ examples:
   # a plugin to change, the example of the docs, in torque_ratio/
   spherekit new analysis torque_ratio
 """
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument(
+        "what",
+        choices=("mechanism", "analysis"),
+        help=(
+            "a mechanism file, commented, complete, ready to run; or a distribution with "
+            "an analysis, complete, tested, ready to install"
+        ),
+    )
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        help=(
+            "of the mechanism: writes NAME.toml; of the analysis: writes a folder of that "
+            "name"
+        ),
+    )
+    exclusive = parser.add_mutually_exclusive_group()
+    exclusive.add_argument(
+        "--kind",
+        choices=("four_bar", "posed", "wrist", "cam", "gears"),
+        help=(
+            "of a mechanism; four_bar (default): a crank drives a rocker, the links by "
+            "their arcs; posed: the same by the directions of its axes in one pose, as "
+            "measured; wrist: two inputs point an axis; cam: a cam moves a follower with a "
+            "roller; gears: bevel gears by their teeth"
+        ),
+    )
+    like_argument = exclusive.add_argument(
+        "--like",
+        metavar="FILE",
+        help="start from a mechanism: path or shipped name",
+    )
+    set_completer(like_argument, complete_mechanisms)
+
 
 TEMPLATES = Path(__file__).parent / "templates"
 SUFFIX = ".toml"

@@ -1,36 +1,63 @@
 """`spherekit page`: a mechanism as one HTML file that any browser opens and moves."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
+from spherekit.cli.completers import complete_mechanisms, set_completer
 from spherekit.cli.main import note
-from spherekit.cli.study import INPUT, LOCK, with_locks
+from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
 
-PAGE = (
-    INPUT
-    + LOCK
-    + """
-FILE
-    path or shipped name
--o, --output X
-    file to write (default: NAME.html)
---vary [KEY ...]
-    numbers of the file that have sliders, such as links.2.arc (default: all arcs and
-    angles of links, or the axes of a reference pose)
---quantities [NAME ...]
-    what has curves, names or patterns such as theta_* (default: velocity coefficients of
-    outputs, transmission angles and, with masses, driving torques)
---crossings {end,pass}
-    where curves of configurations cross, modes keep the signs of dyads (end, the default),
-    or follow the smooth curve through the crossing (pass)
-
-examples:
+EXAMPLES = """examples:
   # a page to send to a colleague, who opens it with a double click
   spherekit page four_bar -o four_bar.html
   # other curves, and one slider
   spherekit page stephenson --quantities "theta_*" --vary links.2.arc
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_input_argument(parser)
+    add_lock_argument(parser)
+    file_argument = parser.add_argument(
+        "file",
+        metavar="FILE",
+        help="path or shipped name",
+    )
+    set_completer(file_argument, complete_mechanisms)
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="X",
+        help="file to write (default: NAME.html)",
+    )
+    parser.add_argument(
+        "--vary",
+        nargs="*",
+        metavar="KEY",
+        help=(
+            "numbers of the file that have sliders, such as links.2.arc (default: all arcs "
+            "and angles of links, or the axes of a reference pose)"
+        ),
+    )
+    parser.add_argument(
+        "--quantities",
+        nargs="*",
+        metavar="NAME",
+        help=(
+            "what has curves, names or patterns such as theta_* (default: velocity "
+            "coefficients of outputs, transmission angles and, with masses, driving "
+            "torques)"
+        ),
+    )
+    parser.add_argument(
+        "--crossings",
+        choices=("end", "pass"),
+        help=(
+            "where curves of configurations cross, modes keep the signs of dyads (end, the "
+            "default), or follow the smooth curve through the crossing (pass)"
+        ),
+    )
 
 
 def execute(options: Namespace) -> int:

@@ -1,27 +1,12 @@
 """`spherekit plan`: the Table of the lecture and the steps behind it."""
 
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 
+from spherekit.cli.completers import complete_mechanisms, complete_pairs, set_completer
 from spherekit.cli.main import print_json
-from spherekit.cli.study import LOCK, with_locks
+from spherekit.cli.study_arguments import add_lock_argument, with_locks
 
-PAGE = (
-    LOCK
-    + """
-FILE
-    path or shipped name
---input PAIR
-    the pair that moves (default: each input in turn, the others locked)
---for POLE [POLE ...]
-    only these poles, as 3/1
-| --json
-    table and steps as JSON
-| --markdown
-    the Table as Markdown
---steps
-    print the steps as well
-
-examples:
+EXAMPLES = """examples:
   # the Table: which pole is found in which pass
   spherekit plan stephenson
   # how one pole is constructed
@@ -29,7 +14,46 @@ examples:
   # a Table for each input, for a document
   spherekit plan five_bar --markdown
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_lock_argument(parser)
+    file_argument = parser.add_argument(
+        "file",
+        metavar="FILE",
+        help="path or shipped name",
+    )
+    set_completer(file_argument, complete_mechanisms)
+    input_argument = parser.add_argument(
+        "--input",
+        metavar="PAIR",
+        help="the pair that moves (default: each input in turn, the others locked)",
+    )
+    set_completer(input_argument, complete_pairs)
+    parser.add_argument(
+        "--for",
+        dest="poles",
+        nargs="+",
+        metavar="POLE",
+        help="only these poles, as 3/1",
+    )
+    exclusive = parser.add_mutually_exclusive_group()
+    exclusive.add_argument(
+        "--json",
+        action="store_true",
+        help="table and steps as JSON",
+    )
+    exclusive.add_argument(
+        "--markdown",
+        action="store_true",
+        help="the Table as Markdown",
+    )
+    parser.add_argument(
+        "--steps",
+        action="store_true",
+        help="print the steps as well",
+    )
 
 
 def execute(options: Namespace) -> int:
@@ -43,7 +67,7 @@ def execute(options: Namespace) -> int:
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
     names = mechanism.names_of(driven_pairs(mechanism))
-    poles = vars(options)["for"]
+    poles = options.poles
     moved = [options.input] if options.input else names
     try:
         planned = [plan(mechanism, poles, name) for name in moved]

@@ -3,16 +3,22 @@
 import shlex
 import sys
 import tempfile
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spherekit.cli.argument_types import number, row_count, whole_number
+from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import FAILED_ANALYSIS, FAILED_SAMPLES, note, print_json, say
 from spherekit.cli.run_report import progress, report
-from spherekit.cli.study import STUDY, TIMED, study_from
+from spherekit.cli.study_arguments import (
+    add_study_arguments,
+    add_time_arguments,
+    study_from,
+)
 from spherekit.conventions import Facts
 from spherekit.wording import counted
 
@@ -28,59 +34,7 @@ FORMATS: dict[str, tuple["Format", ...]] = {
     "parquet": ("parquet",),
 }
 
-PAGE = (
-    STUDY
-    + TIMED
-    + """
--a, --analysis NAME[:key=value,...] ...
-    analysis to run, may be repeated (default: the study's, or poles)
--o, --output DIR
-    write tables here
---format {both,csv,parquet}
-    which files; by default Parquet, and CSV up to 100 MB, which takes four times the
-    space
-| --resume
-    go on with a run that was stopped in DIR; start, if there is none
-| --restart
-    throw away the work of a run that was stopped in DIR, and start
---deg
-    angles in tables, their rates and accelerations in degrees; what is per rad stays so
---figures [{png,pdf,svg}=png]
-    draw figures into DIR/figures: png (default), pdf or svg
---tol T
-    tolerance of a simulation, default 1e-9; without one, the largest error of any
-    column, for which the cheapest way to compute is taken
---trade DIR ...
-    with --tol: choose by the trade that `spherekit trade -o DIR` wrote for this run,
-    once for each analysis; of a simulation --tol is then the error of its tables, and
-    integrator and step tolerance are chosen
---engine {auto,numpy,compiled} = auto
-    what solves a simulation (--start), default auto: the quicker one
---verify [ROWS=16]
-    compute so many rows (default 16) once more in 50 digits and print how far each table
-    column is off
---prove
-    enclose every pole of every row by proof in a table proven_poles, and check the
-    error bounds of the table poles against it
---only-needed
-    leave out links and pairs that no analysis needs; assembly modes are then those of
-    the part that is left
---json
-    print the summary as JSON
---strict
-    exit with 3 if any sample failed or --tol is not met
---save X.rrd
-    write a recording
---log-every K
-    one of K samples goes to the recording; default 1, more in long runs
-| --serve [PORT=9876]
-    serve the recording to viewers while the run goes on
-| --connect URL
-    stream into a running viewer
-| --view
-    open the viewer
-
-examples:
+EXAMPLES = """examples:
   # every pole axis in every assembly mode
   spherekit run four_bar
   # tables and a recording
@@ -92,7 +46,155 @@ examples:
   # the motion that follows from the loads
   spherekit run four_bar -a eksergian --start q=0.3,dq=1 --duration 10
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_study_arguments(parser)
+    add_time_arguments(parser)
+    analysis_argument = parser.add_argument(
+        "-a",
+        "--analysis",
+        metavar="NAME[:key=value,...]",
+        action="append",
+        help="analysis to run, may be repeated (default: the study's, or poles)",
+    )
+    set_completer(analysis_argument, complete_analyses)
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        help="write tables here",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("both", "csv", "parquet"),
+        help=(
+            "which files; by default Parquet, and CSV up to 100 MB, which takes four times "
+            "the space"
+        ),
+    )
+    exclusive = parser.add_mutually_exclusive_group()
+    exclusive.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with a run that was stopped in DIR; start, if there is none",
+    )
+    exclusive.add_argument(
+        "--restart",
+        action="store_true",
+        help="throw away the work of a run that was stopped in DIR, and start",
+    )
+    parser.add_argument(
+        "--deg",
+        action="store_true",
+        help=(
+            "angles in tables, their rates and accelerations in degrees; what is per rad "
+            "stays so"
+        ),
+    )
+    parser.add_argument(
+        "--figures",
+        const="png",
+        nargs="?",
+        choices=("png", "pdf", "svg"),
+        help="draw figures into DIR/figures: png (default), pdf or svg",
+    )
+    parser.add_argument(
+        "--tol",
+        metavar="T",
+        type=number,
+        help=(
+            "tolerance of a simulation, default 1e-9; without one, the largest error of "
+            "any column, for which the cheapest way to compute is taken"
+        ),
+    )
+    parser.add_argument(
+        "--trade",
+        metavar="DIR",
+        type=Path,
+        action="append",
+        help=(
+            "with --tol: choose by the trade that `spherekit trade -o DIR` wrote for this "
+            "run, once for each analysis; of a simulation --tol is then the error of its "
+            "tables, and integrator and step tolerance are chosen"
+        ),
+    )
+    parser.add_argument(
+        "--engine",
+        choices=("auto", "numpy", "compiled"),
+        default="auto",
+        help="what solves a simulation (--start), default auto: the quicker one",
+    )
+    parser.add_argument(
+        "--verify",
+        const=16,
+        nargs="?",
+        metavar="ROWS",
+        type=row_count,
+        help=(
+            "compute so many rows (default 16) once more in 50 digits and print how far "
+            "each table column is off"
+        ),
+    )
+    parser.add_argument(
+        "--prove",
+        action="store_true",
+        help=(
+            "enclose every pole of every row by proof in a table proven_poles, and check "
+            "the error bounds of the table poles against it"
+        ),
+    )
+    parser.add_argument(
+        "--only-needed",
+        action="store_true",
+        help=(
+            "leave out links and pairs that no analysis needs; assembly modes are then "
+            "those of the part that is left"
+        ),
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print the summary as JSON",
+    )
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit with 3 if any sample failed or --tol is not met",
+    )
+    parser.add_argument(
+        "--save",
+        metavar="X.rrd",
+        type=Path,
+        help="write a recording",
+    )
+    parser.add_argument(
+        "--log-every",
+        metavar="K",
+        type=whole_number,
+        help="one of K samples goes to the recording; default 1, more in long runs",
+    )
+    exclusive = parser.add_mutually_exclusive_group()
+    exclusive.add_argument(
+        "--serve",
+        const=9876,
+        nargs="?",
+        metavar="PORT",
+        type=whole_number,
+        help="serve the recording to viewers while the run goes on",
+    )
+    exclusive.add_argument(
+        "--connect",
+        metavar="URL",
+        help="stream into a running viewer",
+    )
+    exclusive.add_argument(
+        "--view",
+        action="store_true",
+        help="open the viewer",
+    )
 
 
 def execute(options: Namespace) -> int:

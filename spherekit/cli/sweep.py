@@ -2,11 +2,18 @@
 
 import json
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spherekit.cli.argument_types import whole_number
+from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import note
-from spherekit.cli.study import STUDY, TIMED, study_from
+from spherekit.cli.study_arguments import (
+    add_study_arguments,
+    add_time_arguments,
+    study_from,
+)
 from spherekit.conventions import Lines
 from spherekit.escaping import terminal_text
 from spherekit.wording import counted, numbered, with_units, without_numbers
@@ -14,40 +21,7 @@ from spherekit.wording import counted, numbered, with_units, without_numbers
 if TYPE_CHECKING:
     from spherekit.designs.sweep_parts import SweepResult
 
-PAGE = (
-    STUDY
-    + TIMED
-    + """
---vary KEY=VALUES ... !
-    a number of the file, such as links.2.arc, and what it takes on in the file's unit:
-    LOW:HIGH:COUNT, a list A,B,C, or LOW:HIGH with --designs; may be repeated
--a, --analysis NAME[:key=value,...] ...
-    an analysis whose figures of merit are wanted, may be repeated
---reduce [NAME=]HOW(EXPR) ...
-    a figure of merit: how (min, max, mean, rms, range, swing, sum, argmin, argmax, at)
-    and an expression of what a configuration has, in rad; may be repeated
---tables
-    write the tables too that runs of these analyses have, of every design, below the
-    folder of -o
---where A<B ...
-    leave out designs and rows that do not meet this; may be repeated
---designs N
-    so many designs, not a grid
---scheme NAME
-    how they are chosen: sobol (default), latin or random
---seed K = 0
-    of that choice; default 0
--o, --output DIR
-    write Parquet parts here while it goes on; the same command goes on with a sweep
-    that was stopped
---workers N
-    processes (default: one for each core)
---dask ADDRESS
-    compute on the workers of this Dask scheduler
---json
-    print the rows as JSON lines
-
-examples:
+EXAMPLES = """examples:
   # the least transmission angle over a grid of two arcs
   spherekit sweep four_bar --vary links.2.arc=10:40:31 --vary links.3.arc=50:90:41 \
 -a singularities -o designs
@@ -57,7 +31,100 @@ examples:
   spherekit sweep four_bar --vary links.2.arc=10:40 --vary links.4.arc=30:60 \
 --designs 1000 -a singularities --where "least_transmission_angle_43 > 40"
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_study_arguments(parser)
+    add_time_arguments(parser)
+    parser.add_argument(
+        "--vary",
+        metavar="KEY=VALUES",
+        action="append",
+        required=True,
+        help=(
+            "a number of the file, such as links.2.arc, and what it takes on in the file's "
+            "unit: LOW:HIGH:COUNT, a list A,B,C, or LOW:HIGH with --designs; may be "
+            "repeated"
+        ),
+    )
+    analysis_argument = parser.add_argument(
+        "-a",
+        "--analysis",
+        metavar="NAME[:key=value,...]",
+        action="append",
+        help="an analysis whose figures of merit are wanted, may be repeated",
+    )
+    set_completer(analysis_argument, complete_analyses)
+    parser.add_argument(
+        "--reduce",
+        metavar="[NAME=]HOW(EXPR)",
+        action="append",
+        help=(
+            "a figure of merit: how (min, max, mean, rms, range, swing, sum, argmin, "
+            "argmax, at) and an expression of what a configuration has, in rad; may be "
+            "repeated"
+        ),
+    )
+    parser.add_argument(
+        "--tables",
+        action="store_true",
+        help=(
+            "write the tables too that runs of these analyses have, of every design, below "
+            "the folder of -o"
+        ),
+    )
+    parser.add_argument(
+        "--where",
+        metavar="A<B",
+        action="append",
+        help="leave out designs and rows that do not meet this; may be repeated",
+    )
+    parser.add_argument(
+        "--designs",
+        metavar="N",
+        type=whole_number,
+        help="so many designs, not a grid",
+    )
+    parser.add_argument(
+        "--scheme",
+        metavar="NAME",
+        help="how they are chosen: sobol (default), latin or random",
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="K",
+        type=whole_number,
+        default=0,
+        help="of that choice; default 0",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        help=(
+            "write Parquet parts here while it goes on; the same command goes on with a "
+            "sweep that was stopped"
+        ),
+    )
+    parser.add_argument(
+        "--workers",
+        metavar="N",
+        type=whole_number,
+        help="processes (default: one for each core)",
+    )
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="compute on the workers of this Dask scheduler",
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print the rows as JSON lines",
+    )
+
 
 SHOWN = 10
 """Rows that are printed."""

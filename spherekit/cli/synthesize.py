@@ -1,29 +1,57 @@
 """`spherekit synthesize`: sizes for a wanted function, from a file."""
 
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 
+from spherekit.cli.argument_types import whole_number
+from spherekit.cli.completers import complete_toml_files, set_completer
 from spherekit.cli.main import note
 from spherekit.wording import counted, with_units
 
-PAGE = """
-SYNTHESIS
-    file of what is wanted
---designs N = 16384
-    designs that are looked at first; default 16384
---starts K = 12
-    from how many of the best the objective is followed down; default 12
---seed K = 0
-    of the designs; default 0
--o, --output TOML
-    write the file of the best mechanism here
-
-examples:
+EXAMPLES = """examples:
   # a four-bar whose rocker follows a function
   spherekit synthesize examples/synthesis/function.toml
   # a longer search, and the file of the best mechanism
   spherekit synthesize examples/synthesis/torque.toml --designs 65536 -o found.toml
 """
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    synthesis_argument = parser.add_argument(
+        "synthesis",
+        metavar="SYNTHESIS",
+        help="file of what is wanted",
+    )
+    set_completer(synthesis_argument, complete_toml_files)
+    parser.add_argument(
+        "--designs",
+        metavar="N",
+        type=whole_number,
+        default=16384,
+        help="designs that are looked at first; default 16384",
+    )
+    parser.add_argument(
+        "--starts",
+        metavar="K",
+        type=whole_number,
+        default=12,
+        help="from how many of the best the objective is followed down; default 12",
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="K",
+        type=whole_number,
+        default=0,
+        help="of the designs; default 0",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="TOML",
+        help="write the file of the best mechanism here",
+    )
+
 
 SHOWN = 5
 """Designs that are printed."""

@@ -1,37 +1,70 @@
 """`spherekit trade`: the measured speed and accuracy of an analysis's settings."""
 
 import json
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
+from spherekit.cli.argument_types import number, whole_number
+from spherekit.cli.completers import complete_analyses, set_completer
 from spherekit.cli.main import note, print_json
-from spherekit.cli.study import STUDY, TIMED, study_from
+from spherekit.cli.study_arguments import (
+    add_study_arguments,
+    add_time_arguments,
+    study_from,
+)
 
-PAGE = (
-    STUDY
-    + TIMED
-    + """
--a, --analysis NAME[:key=value,...]
-    the analysis (default: the study's only one, or poles)
---tol T
-    largest error of any column: the cheapest setting that meets it is named
---rounds N = 5
-    times that every setting is timed, the best counts; default 5
--o, --output DIR
-    write trade.csv and trade.json here, and trade.png if matplotlib is there
---save X.rrd
-    write a recording of the chart
---json
-    print everything as JSON
-
-examples:
+EXAMPLES = """examples:
   # the cheapest setting that meets a tolerance
   spherekit trade stephenson --tol 1e-9
   # every setting with its time and error, as files
   spherekit trade four_bar -a eksergian -o traded
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_study_arguments(parser)
+    add_time_arguments(parser)
+    analysis_argument = parser.add_argument(
+        "-a",
+        "--analysis",
+        metavar="NAME[:key=value,...]",
+        help="the analysis (default: the study's only one, or poles)",
+    )
+    set_completer(analysis_argument, complete_analyses)
+    parser.add_argument(
+        "--tol",
+        metavar="T",
+        type=number,
+        help="largest error of any column: the cheapest setting that meets it is named",
+    )
+    parser.add_argument(
+        "--rounds",
+        metavar="N",
+        type=whole_number,
+        default=5,
+        help="times that every setting is timed, the best counts; default 5",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        help="write trade.csv and trade.json here, and trade.png if matplotlib is there",
+    )
+    parser.add_argument(
+        "--save",
+        metavar="X.rrd",
+        type=Path,
+        help="write a recording of the chart",
+    )
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print everything as JSON",
+    )
 
 
 def execute(options: Namespace) -> int:

@@ -1,31 +1,40 @@
 """`spherekit validate`: read files, check freedoms, and assemble once."""
 
 import json
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 
+from spherekit.cli.completers import complete_studies, set_completer
 from spherekit.cli.main import say
-from spherekit.cli.study import LOCK, with_locks
+from spherekit.cli.study_arguments import add_lock_argument, with_locks
 from spherekit.conventions import Facts
 from spherekit.errors import SolveError, SpherekitError
 from spherekit.wording import counted, numbered
 
-PAGE = (
-    LOCK
-    + """
-FILE|STUDY [FILE|STUDY ...]
-    mechanism or study: path or shipped name
---json
-    one JSON object per file
-
-examples:
+EXAMPLES = """examples:
   # one of the shipped mechanisms
   spherekit validate four_bar
   # files of your own, each on a line
   spherekit validate wrist.toml study.toml
 """
-)
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_lock_argument(parser)
+    file_argument = parser.add_argument(
+        "file",
+        nargs="+",
+        metavar="FILE|STUDY",
+        help="mechanism or study: path or shipped name",
+    )
+    set_completer(file_argument, complete_studies)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="one JSON object per file",
+    )
 
 
 COARSE = 37

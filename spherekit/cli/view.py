@@ -3,31 +3,17 @@
 import shutil
 import sys
 import tempfile
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from contextlib import suppress
 from pathlib import Path
 
+from spherekit.cli.argument_types import whole_number
+from spherekit.cli.completers import complete_recordings, set_completer
 from spherekit.cli.main import note
 from spherekit.errors import OutputError
 from spherekit.wording import listing
 
-PAGE = """
-FILE|DIR
-    X.rrd, a folder with one, or a mechanism: X.toml or a shipped name
---png PNG
-    write a picture, no display needed
---web
-    in a browser: serve the page on this computer until Ctrl-C
---sample N
-    sample to show
---front TITLE ...
-    page or tab to bring to the front of the picture, may be repeated
---only-3d
-    only the mechanism in the picture
---size WxH = 1600x1000
-    size of the picture
-
-examples:
+EXAMPLES = """examples:
   # a mechanism before any run: links, pairs, arcs, zero positions
   spherekit view four_bar
   # the recording in the folder of a run
@@ -35,6 +21,49 @@ examples:
   # a picture of a sample, no display needed
   spherekit view out --png picture.png --sample 90
 """
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    file_argument = parser.add_argument(
+        "file",
+        metavar="FILE|DIR",
+        help="X.rrd, a folder with one, or a mechanism: X.toml or a shipped name",
+    )
+    set_completer(file_argument, complete_recordings)
+    parser.add_argument(
+        "--png",
+        metavar="PNG",
+        help="write a picture, no display needed",
+    )
+    parser.add_argument(
+        "--web",
+        action="store_true",
+        help="in a browser: serve the page on this computer until Ctrl-C",
+    )
+    parser.add_argument(
+        "--sample",
+        metavar="N",
+        type=whole_number,
+        help="sample to show",
+    )
+    parser.add_argument(
+        "--front",
+        metavar="TITLE",
+        action="append",
+        help="page or tab to bring to the front of the picture, may be repeated",
+    )
+    parser.add_argument(
+        "--only-3d",
+        action="store_true",
+        help="only the mechanism in the picture",
+    )
+    parser.add_argument(
+        "--size",
+        metavar="WxH",
+        default="1600x1000",
+        help="size of the picture",
+    )
 
 
 def execute(options: Namespace) -> int:

@@ -1,0 +1,55 @@
+"""Functions that read the text of one command-line argument, for ``argparse``.
+
+Each raises `argparse.ArgumentTypeError` with a message that says what is allowed.
+"""
+
+from argparse import ArgumentTypeError
+
+
+def number(text: str) -> float:
+    """Return the number that a text states."""
+    try:
+        return float(text)
+    except ValueError:
+        raise ArgumentTypeError(f"{text!r} is not a number") from None
+
+
+def whole_number(text: str) -> int:
+    """Return the whole number, which may be negative, that a text states."""
+    try:
+        return int(text)
+    except ValueError:
+        raise ArgumentTypeError(f"{text!r} is not a whole number") from None
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """Return the numbers of a list such as ``10,20.5``."""
+    try:
+        return tuple(float(item) for item in text.split(","))
+    except ValueError:
+        raise ArgumentTypeError(
+            f"{text!r} is not a number, or several with commas between them"
+        ) from None
+
+
+def row_count(text: str) -> int:
+    """Return the number of rows, at least 1, that a text states."""
+    if not text.isdecimal() or int(text) < 1:
+        # "run --verify four_bar" reads the file as the number of rows.
+        raise ArgumentTypeError(
+            f"needs a whole number of at least 1, such as 16, not {text!r}; write the "
+            "file before --verify"
+        )
+    return int(text)
+
+
+def sample_counts(text: str) -> int | tuple[int, ...]:
+    """Return the samples that ``361`` states, or ``41x21`` for a grid of two inputs."""
+    counts = text.split("x")
+    if not all(count.isdecimal() and int(count) > 0 for count in counts):
+        raise ArgumentTypeError(
+            f"needs whole numbers of at least 1, such as 361 or 41x21, not {text!r}"
+        )
+    if len(counts) == 1:
+        return int(text)
+    return tuple(int(count) for count in counts)

@@ -1,0 +1,206 @@
+"""The parser of the command line: all subcommands, and how it refuses what it cannot read.
+
+Each subcommand is a module ``spherekit.cli.NAME`` with three parts: `EXAMPLES`, shown at
+the end of its help, ``add_arguments(parser)``, and ``execute(options)``, which returns the
+exit status. A module is imported only when its subcommand is read, so that help and
+refusals appear at once.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterable, Sequence
+from functools import partial
+from importlib import import_module
+from typing import Any, NoReturn
+
+from spherekit.version import __version__
+
+USAGE_ERROR = 2
+"""Exit status of a command line that the parser refuses."""
+
+COMMANDS = {
+    "new": "write files to start from: a mechanism or an analysis of your own",
+    "validate": "check mechanism and study files and say what they hold",
+    "plan": "print the Table and the steps that give every pole axis",
+    "explain": "say what an analysis will compute, before anything is computed",
+    "certify": "prove modes, curves and singularities; write a certificate",
+    "run": "run analyses over the motion; write tables and a recording",
+    "sweep": "compare designs: figures of merit while sizes are varied",
+    "synthesize": "find sizes for a wanted function, or the least of a figure of merit",
+    "trade": "measure speed against accuracy, and find the cheapest setting",
+    "export": "write a mechanism for others: C and other sources, LaTeX, MuJoCo, tables",
+    "page": "write a mechanism as one page that any browser opens and moves",
+    "import": "read a mechanism from a MuJoCo model (MJCF) or a URDF",
+    "view": "open a recording, or a run's folder, in the viewer, or take a picture",
+    "mechanisms": "list the mechanisms that come with spherekit or plugins",
+    "analyses": "list the installed analyses, or describe one",
+    "completion": "print what makes a shell complete spherekit's words",
+}
+"""The subcommands and what each is for."""
+
+EXAMPLES = """examples:
+  # a file to start from
+  spherekit new mechanism wrist
+  # is a mechanism sound, in how many assembly modes?
+  spherekit validate four_bar
+  # how its pole axes are constructed
+  spherekit plan stephenson --steps
+  # what an analysis finds
+  spherekit run four_bar -a singularities
+  # tables and a recording
+  spherekit run four_bar -o out --save out/four_bar.rrd
+  # the recording in the viewer
+  spherekit view out
+"""
+
+
+class CommandLineParser(argparse.ArgumentParser):
+    """A parser whose messages name the nearest allowed word and where to read more.
+
+    Help keeps the line breaks of the examples.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        formatter = partial(argparse.RawDescriptionHelpFormatter, max_help_position=20)
+        super().__init__(formatter_class=formatter, **options)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Return the options that the words of a command line state, or exit."""
+        options, unread_words = self.parse_known_args(args, namespace)
+        if unread_words:
+            self.refuse_words(unread_words)
+        return options
+
+    def refuse_words(self, unread_words: Sequence[str]) -> NoReturn:
+        """Exit with a message on words that no argument takes."""
+        from spherekit.wording import nearest
+
+        flags = [word.partition("=")[0] for word in unread_words if word.startswith("-")]
+        hint = nearest(flags[0], self._option_string_actions) if flags else ""
+        self.error(f"unrecognized arguments: {' '.join(unread_words)}{hint}")
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong and where to read more, and exit."""
+        if message.endswith("expected one argument"):
+            # argparse takes the value -0.5 for an option.
+            message += "; one that starts with - is written --OPTION=-VALUE"
+        end = "" if message.endswith(("?", ".")) else "."
+        print(f"{self.prog}: {message}{end} See: {self.prog} --help", file=sys.stderr)
+        sys.exit(USAGE_ERROR)
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """Return the value of an argument; refuse an empty text.
+
+        As a path, an empty text would be the current folder.
+        """
+        if not arg_string and action.nargs != argparse.PARSER:
+            raise argparse.ArgumentError(
+                action,
+                f"found an empty text for {action.metavar or action.dest.upper()} (an "
+                "unset variable of the shell?)",
+            )
+        return super()._get_value(action, arg_string)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Raise `argparse.ArgumentError` unless a value is one of the choices.
+
+        The message ends with the nearest choice. A file or a shipped mechanism in the place
+        of a command gets the command that reads it.
+        """
+        from spherekit.wording import nearest
+
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            hint = nearest(str(value), map(str, action.choices or ()))
+            if not hint and action.nargs == argparse.PARSER:
+                hint = _suggest_command_for_file(str(value))
+            error.message += hint
+            raise
+
+
+def _suggest_command_for_file(word: str) -> str:
+    """Return a hint if a word is a file or a shipped mechanism, else an empty text."""
+    from spherekit.files.library import shipped
+
+    is_recording = word.endswith(".rrd")
+    if is_recording or word.endswith(".toml") or any(pack.path(word) for pack in shipped()):
+        command = "view" if is_recording else "run"
+        return f"; that is a file: spherekit {command} {word}."
+    return ""
+
+
+class CommandParser(CommandLineParser):
+    """The parser of one subcommand, whose module is imported when it is first needed."""
+
+    def __init__(self, command: str, **options: Any) -> None:
+        super().__init__(**options)
+        self._command = command
+        self._has_arguments = False
+
+    def import_command(self) -> None:
+        """Import the module of the command and add its arguments and examples."""
+        if self._has_arguments:
+            return
+        self._has_arguments = True
+        module = import_module(f"spherekit.cli.{self._command}")
+        self.epilog = module.EXAMPLES
+        self.set_defaults(execute=module.execute)
+        self.add_argument(
+            "-T",
+            "--traceback",
+            action="store_true",
+            help="show the Python trace of an error",
+        )
+        self.add_argument(
+            "-q", "--quiet", action="store_true", help="say nothing but errors"
+        )
+        module.add_arguments(self)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Read the words of the command and refuse those that no argument takes."""
+        self.import_command()
+        options, unread_words = super().parse_known_args(args, namespace)
+        if unread_words:
+            self.refuse_words(unread_words)
+        return options, unread_words
+
+
+def build_parser() -> CommandLineParser:
+    """Return the parser of the whole command line."""
+    parser = CommandLineParser(
+        prog="spherekit", description="Analysis of spherical mechanisms.", epilog=EXAMPLES
+    )
+    parser.add_argument("--version", action="version", version=f"spherekit {__version__}")
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", parser_class=CommandParser
+    )
+    for name, summary in COMMANDS.items():
+        commands.add_parser(
+            name,
+            command=name,
+            help=summary,
+            description=f"{summary[0].upper()}{summary[1:]}.",
+        )
+    return parser
+
+
+def command_parsers(
+    parser: CommandLineParser, names: Iterable[str] = COMMANDS
+) -> dict[str, CommandParser]:
+    """Return the parsers of subcommands, by their names, with all their arguments.
+
+    Parameters
+    ----------
+    parser
+        What `build_parser` returned.
+    names
+        Words; those that are no subcommand are left out.
+    """
+    assert parser._subparsers is not None
+    action = parser._subparsers._group_actions[0]
+    assert isinstance(action.choices, dict)
+    parsers = {name: action.choices[name] for name in names if name in action.choices}
+    for command_parser in parsers.values():
+        command_parser.import_command()
+    return parsers

@@ -1,0 +1,282 @@
+"""Command-line arguments that `run`, `sweep`, `trade`, `explain` and others share.
+
+`study_from` applies them to a study or mechanism file. An argument that is stated replaces
+the value in the file.
+"""
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from spherekit.cli.argument_types import number, sample_counts
+from spherekit.cli.completers import complete_pairs, complete_studies, set_completer
+
+if TYPE_CHECKING:
+    from spherekit.files.study import Study
+    from spherekit.files.time_law import Law
+    from spherekit.mechanism.mechanism import Mechanism
+
+COPIED_FIELDS = ("samples", "start", "duration", "crossings", "assembly_mode")
+"""Fields of `Study` whose command-line arguments have the same name and value."""
+
+
+def add_lock_argument(parser: ArgumentParser) -> None:
+    """Add ``--lock``."""
+    parser.add_argument(
+        "--lock",
+        metavar="PAIR=VALUE",
+        action="append",
+        help=(
+            "lock an R pair at a value of its variable, in the unit of the mechanism file, "
+            "so that its two links are one"
+        ),
+    )
+
+
+def add_input_argument(parser: ArgumentParser) -> None:
+    """Add ``--input``."""
+    input_argument = parser.add_argument(
+        "--input",
+        metavar="PAIR",
+        action="append",
+        help="a driven pair, once for each freedom (default: the file's)",
+    )
+    set_completer(input_argument, complete_pairs)
+
+
+def add_study_arguments(parser: ArgumentParser) -> None:
+    """Add the file, ``--samples``, ``--input`` and ``--lock``."""
+    file_argument = parser.add_argument(
+        "file",
+        metavar="FILE|STUDY",
+        help="mechanism or study: path or shipped name",
+    )
+    set_completer(file_argument, complete_studies)
+    parser.add_argument(
+        "--samples",
+        metavar="N[xM...]",
+        type=sample_counts,
+        help=(
+            "samples along the input's range, default 361; with several inputs on the "
+            "straight path through their ranges, or on a grid with 41x21"
+        ),
+    )
+    add_input_argument(parser)
+    add_lock_argument(parser)
+
+
+def add_time_arguments(parser: ArgumentParser) -> None:
+    """Add time laws, the start and torques of a simulation, and the choice of modes."""
+    parser.add_argument(
+        "--law",
+        metavar="[PAIR=]KIND:key=value,...",
+        action="append",
+        help=(
+            "time law of an input: constant_speed:speed=,from= "
+            "polynomial:coefficients=a+b+c cycloidal:from=,to=,duration= "
+            "table:times=a+b,angles=a+b,rest_at_ends=; angles in rad, times in s"
+        ),
+    )
+    parser.add_argument(
+        "--start",
+        metavar="q=Q[,dq=W]",
+        help=(
+            "state of the input at t = 0 in rad and rad/s, of several q=Q+Q,dq=W+W: the "
+            "motion then follows from the loads"
+        ),
+    )
+    parser.add_argument(
+        "--torque",
+        metavar="[PAIR=]EXPR",
+        action="append",
+        help="driving torque at an input, N m, with --start; others turn freely",
+    )
+    parser.add_argument(
+        "--duration",
+        metavar="T",
+        type=number,
+        help=(
+            "time in s that the samples divide, for --law and --start; with neither the "
+            "input turns at 1 rad/s"
+        ),
+    )
+    parser.add_argument(
+        "--crossings",
+        choices=("end", "pass"),
+        help=(
+            "where curves of configurations cross: keep the signs of dyads, and with "
+            "--start end there (end, the default); or follow the smooth curve through the "
+            "crossing (pass)"
+        ),
+    )
+    parser.add_argument(
+        "--assembly-mode",
+        metavar="N-or-NAME",
+        help="only this assembly mode, by number or name",
+    )
+    parser.add_argument(
+        "--no-search",
+        action="store_true",
+        help="only the assembly mode of the reference pose, if the file gives one",
+    )
+
+
+def with_locks(
+    mechanism: "Mechanism", lock_texts: Sequence[str] | None, file: str
+) -> "Mechanism":
+    """Return a mechanism with the pairs locked that ``--lock PAIR=VALUE`` names.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism that `file` states.
+    lock_texts
+        The values of ``--lock``. None or empty returns the mechanism itself.
+    file
+        Path or name of the mechanism file, whose unit the angles have.
+
+    Raises
+    ------
+    AnalysisError
+        If a text does not read as ``PAIR=VALUE``.
+    """
+    from spherekit.errors import AnalysisError
+    from spherekit.files.study_reader import angle_unit_of_mechanism
+    from spherekit.mechanism.locking import lock
+
+    if not lock_texts:
+        return mechanism
+    locked_angles: dict[str, float] = {}
+    for text in lock_texts:
+        pair, _, value = text.partition("=")
+        try:
+            locked_angles[pair] = float(value)
+        except ValueError:
+            raise AnalysisError(
+                f'--lock: "{text}" does not read as PAIR=VALUE, such as 21=30, with a '
+                "number in the unit of the mechanism file"
+            ) from None
+    return lock(mechanism, locked_angles, angle_unit=angle_unit_of_mechanism(file))
+
+
+def study_from(
+    options: Namespace, other_fields: Mapping[str, Any] | None = None
+) -> "Study":
+    """Return the study of a file, changed by the arguments of the command line.
+
+    Parameters
+    ----------
+    options
+        Values of the arguments that `add_study_arguments` and perhaps `add_time_arguments`
+        declare.
+    other_fields
+        Values for more fields of the study. A value of None leaves the field as it is.
+
+    Raises
+    ------
+    AnalysisError
+        If an argument cannot be read.
+    ModelError, SpherekitError
+        If the file cannot be read.
+    """
+    from spherekit.files.study_reader import load_study
+
+    study = load_study(options.file)
+    mechanism = with_locks(study.mechanism, options.lock, options.file)
+    if options.input:
+        mechanism = mechanism.with_inputs(*options.input)
+
+    # Commands without the arguments of time have no such attributes.
+    values = vars(options)
+    fields: dict[str, Any] = {}
+    for name in COPIED_FIELDS:
+        if values.get(name) is not None:
+            fields[name] = values[name]
+    for name, value in (other_fields or {}).items():
+        if value is not None:
+            fields[name] = value
+    if values.get("no_search"):
+        fields["search"] = False
+    if options.lock or options.input or "samples" in fields:
+        # A path of the file is for its own inputs and number of samples.
+        fields["path"] = None
+    study = replace(study, mechanism=mechanism)
+
+    if values.get("law"):
+        # Laws and the start of a simulation exclude each other.
+        fields.setdefault("start", None)
+        fields.setdefault("torque", None)
+        fields["laws"] = laws_of(options.law, study)
+    elif "start" in fields:
+        fields["laws"] = {}
+    if values.get("torque"):
+        fields["torque"] = torque_of(options.torque, study)
+    return replace(study, **fields)
+
+
+def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
+    """Return the time laws that ``--law [PAIR=]KIND:key=value,...`` states, by input.
+
+    Raises
+    ------
+    AnalysisError
+        If the kind is unknown, a key or value is wrong, or the input is left out although
+        the mechanism has several.
+    """
+    from spherekit.errors import AnalysisError, ModelError
+    from spherekit.files.time_law import KINDS
+    from spherekit.files.units import KEYS
+    from spherekit.planning.assembly_plan import driven_pairs
+    from spherekit.runs.parameter_text import given_in
+    from spherekit.wording import choices, listing
+
+    inputs = study.mechanism.names_of(driven_pairs(study.mechanism))
+    laws: dict[str, Law] = {}
+    for text in law_texts:
+        head, _, parameter_text = text.partition(":")
+        pair, _, kind = head.rpartition("=")
+        if kind not in KINDS:
+            raise AnalysisError(f'--law: no law is "{kind}"{choices(kind, KINDS, "Laws")}')
+        key_of_field = {field: key for key, field in KEYS[KINDS[kind]].items()}
+        parameters = given_in(parameter_text, KINDS[kind], f"--law {kind}", key_of_field)
+        try:
+            law = KINDS[kind](**parameters)
+        except ModelError as problem:
+            raise AnalysisError(f"--law {kind}: {problem}") from None
+        if not pair and len(inputs) > 1:
+            raise AnalysisError(
+                f"--law: there are several inputs ({listing(inputs)}); write PAIR={text}"
+            )
+        laws[pair or inputs[0]] = law
+    return laws
+
+
+def torque_of(torque_texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
+    """Return the driving torques that ``--torque [PAIR=]EXPR`` states.
+
+    Returns
+    -------
+    The expression alone if a single one is stated without its input, or else expressions by
+    input.
+
+    Raises
+    ------
+    AnalysisError
+        If one of several torques names no input, or an input has two.
+    """
+    from spherekit.errors import AnalysisError
+    from spherekit.wording import listing
+
+    if len(torque_texts) == 1 and "=" not in torque_texts[0]:
+        return torque_texts[0]
+    torques: dict[str, str] = {}
+    for text in torque_texts:
+        pair, equals, torque = text.partition("=")
+        if not equals or pair in torques:
+            raise AnalysisError(
+                f'--torque: "{text}" does not say at which input it acts, or repeats it; '
+                f"write PAIR=EXPR once for each ({listing(study.mechanism.input_pairs)})"
+            )
+        torques[pair] = torque
+    return torques
