@@ -261,7 +261,7 @@ def test_every_package_is_in_the_distribution():
 INHERITED = """
 AbstractAnalysis AnalysisError ArrayRows BearingFriction Chords
 ClosedKinematics CurvePoints Curves InputMotion Joint JointReactions Load
-OutputKinematics Parser PlanError Problem Sampler SpherekitError
+OutputKinematics CommandLineParser PlanError Problem Sampler SpherekitError
 VelocityEquations Way Zone
 """
 
