@@ -14,7 +14,9 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.needs import Needs
 from spherekit.symbolic.compiler import available
-from spherekit.symbolic.expression_graph import expression_terms, float_function, symbols
+from spherekit.symbolic.expression_evaluation import float_function
+from spherekit.symbolic.expression_graph import symbols
+from spherekit.symbolic.parsed_expressions import convert_to_graph
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
@@ -88,7 +90,7 @@ def as_floats(expression, names):
     """Return an expression as a function of floats in the order of names."""
     terms = symbols(names)
     named = {name: (term, term) for name, term in zip(names, terms, strict=True)}
-    made = float_function([expression_terms(expression, named)], terms)
+    made = float_function([convert_to_graph(expression, named)], terms)
     return lambda row: made(row)[0]
 
 

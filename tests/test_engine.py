@@ -25,7 +25,7 @@ from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.mechanism import Mass, Mechanism
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.symbolic.expression_graph import BLOCK
+from spherekit.symbolic.expression_evaluation import BLOCK_SAMPLES
 from spherekit.velocities.kernels import kernel
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
@@ -106,7 +106,7 @@ def test_a_kernel_of_arrays_gives_each_column_alone():
     tracer = PositionAnalysis(made, search=False)
     some = tracer.at(np.linspace(0.1, 6.0, 50)).values.T[:, :50]
     some[:, 7] = np.nan
-    rows = np.tile(some, (1, BLOCK // 40))
+    rows = np.tile(some, (1, BLOCK_SAMPLES // 40))
     out = np.empty((len(found.columns), rows.shape[1]))
     assert found(rows, out) is out
     first, last, alone = out[:, :50], out[:, -50:], found(some[:, 3:4])

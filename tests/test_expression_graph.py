@@ -9,19 +9,18 @@ import pytest
 
 from spherekit.designs.path_kernel import complex_function
 from spherekit.mechanism.load_expression import load_names, parse
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_evaluation import BLOCK_SAMPLES, array_function
 from spherekit.symbolic.expression_graph import (
-    BLOCK,
     ExpressionNode,
-    array_function,
-    derivatives,
-    expression_terms,
     function,
-    in_order,
+    has_variables,
+    iterate_nodes,
     power,
-    substituted,
+    substitute,
     symbols,
-    varies,
 )
+from spherekit.symbolic.parsed_expressions import convert_to_graph
 
 X, Y, Z = symbols(["x", "y", "z"])
 
@@ -51,13 +50,17 @@ def test_terms_that_nothing_holds_are_forgotten():
 
 def test_a_term_comes_after_its_arguments_and_once():
     item = (X + Y) * function("sqrt", X + Y) - power(X + Y, 3.0)
-    order = list(in_order([item, X + Y]))
+    order = list(iterate_nodes([item, X + Y]))
     assert len(order) == len(set(order)) == 7
     for place, term in enumerate(order):
         for each in term.arguments:
             if isinstance(each, ExpressionNode):
                 assert order.index(each) < place
-    assert varies(item) and not varies(function("sqrt", 2.0)) and not varies(2.0)
+    assert (
+        has_variables(item)
+        and not has_variables(function("sqrt", 2.0))
+        and not has_variables(2.0)
+    )
 
 
 def random_expressions(count):
@@ -81,9 +84,9 @@ def random_expressions(count):
 def test_values_on_arrays_are_those_of_numbers():
     pool = random_expressions(120)
     found = array_function([term for term, _ in pool], [X, Y, Z])
-    points = np.random.default_rng(1).normal(size=(3, BLOCK + 5))
+    points = np.random.default_rng(1).normal(size=(3, BLOCK_SAMPLES + 5))
     values = found(points)
-    for column in (0, BLOCK - 1, BLOCK, BLOCK + 4):
+    for column in (0, BLOCK_SAMPLES - 1, BLOCK_SAMPLES, BLOCK_SAMPLES + 4):
         expected = np.array([value(points[:, column]) for _, value in pool])
         gap = np.abs(values[:, column] - expected)
         assert np.max(gap / (1.0 + np.abs(expected))) < 1e-14
@@ -102,7 +105,7 @@ def test_terms_of_complex_variables():
     sines = np.sin(x * z) * y / (np.cos(y) + 3.0 * z) - x
     expected = [sines, (x - 2.0) / (y * y + z), 1.5 - np.cos(x + y)]
     assert np.allclose(found, expected, rtol=1e-13, atol=0.0)
-    swapped = array_function(substituted(made, {X: Y * Z, Y: X}), [X, Y, Z], complex)
+    swapped = array_function(substitute(made, {X: Y * Z, Y: X}), [X, Y, Z], complex)
     onward = complex_function(made, [X, Y], [Z], True)(np.stack([y * z, x]), z[None])
     assert np.allclose(swapped(np.stack([x, y, z])), onward, rtol=1e-13, atol=0.0)
 
@@ -111,7 +114,7 @@ def test_rates_of_terms_that_stand_for_what_they_are_made_of():
     # s = sin x and y run at rates of their own, whatever x does; z rests.
     s = function("sin", X)
     items = [s * Y / Z, function("sqrt", s * s + Y), X * s, Z + 2.0]
-    rates = derivatives(items, {s: 3.0 * Y, Y: Z})
+    rates = differentiate(items, {s: 3.0 * Y, Y: Z})
     found = array_function(rates, [X, Y, Z])(np.array([[0.4], [0.7], [1.3]]))[:, 0]
     sine, y, z = np.sin(0.4), 0.7, 1.3
     swing = (sine * 3.0 * y + 0.5 * z) / np.sqrt(sine**2 + y)
@@ -133,7 +136,7 @@ def test_sines_of_angles_after_many_turns_keep_their_digits(text, turns, expecte
     """The value is that without the turns, but where parts of angles need them."""
     whole, reduced, t = symbols(["whole", "reduced", "t"])
     named = {"theta_a": (whole, reduced), "t": (t, t)}
-    value = expression_terms(parse(text, load_names(["a"])), named)
+    value = convert_to_graph(parse(text, load_names(["a"])), named)
     turned = 0.7 + 2.0 * np.pi * turns
     run = array_function([value], [whole, reduced, t])
     assert abs(run(np.array([[turned], [0.7], [0.3]]))[0, 0] - expected) < 1e-14

@@ -20,7 +20,7 @@ from spherekit.designs.design_variables import design_variable, designed, sizes_
 from spherekit.errors import SpherekitError
 from spherekit.exchange.formula_maker import formulas
 from spherekit.files.number_change import document_of
-from spherekit.symbolic.expression_graph import array_function
+from spherekit.symbolic.expression_evaluation import array_function
 
 SEVERAL = ["four_bar", "double_butterfly", "shaped_cam", "five_bar", "planetary_bevel"]
 """A closed form, Newton's method, profiles, two inputs, wheels."""

@@ -13,7 +13,7 @@ import pytest
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.exchange.formula_maker import formulas
-from spherekit.symbolic.expression_graph import array_function
+from spherekit.symbolic.expression_evaluation import array_function
 
 NAMES = ("four_bar", "stephenson", "roller_cam", "five_bar", "planetary_bevel", "watt")
 

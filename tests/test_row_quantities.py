@@ -15,7 +15,8 @@ from spherekit.files.number_change import document_of
 from spherekit.files.study import Study
 from spherekit.mechanism.load import BearingFriction
 from spherekit.plugin.designs import Sensitivity
-from spherekit.symbolic.expression_graph import array_function, symbols
+from spherekit.symbolic.expression_evaluation import array_function
+from spherekit.symbolic.expression_graph import symbols
 from spherekit.symbolic.vector_algebra import singular_values
 from spherekit.velocities.row_quantities import row_quantities
 

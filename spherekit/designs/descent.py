@@ -18,15 +18,10 @@ from spherekit.designs.synthesis_requirements import MATCH, Specification
 from spherekit.designs.varied_mechanism import DEG, DesignAt
 from spherekit.errors import SpherekitError
 from spherekit.geometry.rotation import all_finite, max_abs, nans
-from spherekit.symbolic.expression_graph import (
-    Expr,
-    ExpressionNode,
-    TermFunction,
-    array_function,
-    derivatives,
-    expression_terms,
-    symbols,
-)
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, symbols
+from spherekit.symbolic.parsed_expressions import convert_to_graph
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +139,7 @@ class FigureGradients:
         rows = symbols([*figures.sample, *figures.columns])
         named = {x.arguments[0]: (x, x) for x in rows}
         self._expressions = with_derivatives(
-            [expression_terms(item, named) for item in figures.expressions], rows
+            [convert_to_graph(item, named) for item in figures.expressions], rows
         )
 
     def at(self, values: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
@@ -215,9 +210,9 @@ class FigureGradients:
 
 def with_derivatives(
     items: Sequence[Expr], terms: Sequence[ExpressionNode]
-) -> TermFunction:
+) -> ArrayFunction:
     """Return a function of terms: items, then their derivatives term by term."""
-    partial = [slope for term in terms for slope in derivatives(items, {term: 1.0})]
+    partial = [slope for term in terms for slope in differentiate(items, {term: 1.0})]
     return array_function([*items, *partial], terms)
 
 
@@ -269,10 +264,10 @@ class Descent:
             missed = [named[name][0] for name in synthesis.matched]
             size = np.sqrt(sum(x * x for x in missed) / synthesis.points)
             named[MATCH] = (size, size)
-        items = [expression_terms(item, named) for item in synthesis.objectives]
+        items = [convert_to_graph(item, named) for item in synthesis.objectives]
         self._wanted = len(items)
         items += [
-            expression_terms(item.less, named) - expression_terms(item.more, named)
+            convert_to_graph(item.less, named) - convert_to_graph(item.more, named)
             for item in sweep.conditions
             if "closes" not in item.names
         ]

@@ -14,17 +14,15 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.mechanism.load import TorqueTable
 from spherekit.symbolic.compiler import available
+from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
+from spherekit.symbolic.expression_function import expression_function
 from spherekit.symbolic.expression_graph import (
-    TermFunction,
-    array_function,
     dot,
     function,
-    hoisted,
-    in_order,
+    iterate_nodes,
+    separate_constant_parts,
 )
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.term_function import term_function
-from spherekit.symbolic.vector_algebra import Exprs, constants
+from spherekit.symbolic.vector_algebra import Exprs, constants, cross
 from spherekit.velocities.row_quantities import VariedTerms
 
 
@@ -63,7 +61,7 @@ class DesignKernel:
             outputs.append(terms.rates_left_over())
         self.places, self.columns = terms.places, tuple(columns)
         self.closed_form, self._compiled = terms.closed_form, compiled and available()
-        used = set(in_order(outputs))
+        used = set(iterate_nodes(outputs))
         turns = {pair: x for pair, x in terms.turns.items() if x in used}
         self.turning = tuple(turns)
         moving = [*terms.sample, *terms.places, *terms.profile_columns, *turns.values()]
@@ -72,12 +70,14 @@ class DesignKernel:
         self._tables = [load for load in loads if load.name in tables]
         self._time = len(terms.sample) - 1
         items = [*terms.squares, *outputs, *(terms.angle(pair) for pair in turns)]
-        self._rows, fixed = hoisted(items, [*tables.values(), *moving])
+        self._rows, fixed = separate_constant_parts(items, [*tables.values(), *moving])
         self._given, self._reached = [*moving, *fixed], len(terms.squares)
         self._count = self._reached + len(outputs)
-        self.prepare = term_function([*fixed.values()], terms.sizes, self._compiled)
+        self.prepare = expression_function([*fixed.values()], terms.sizes, self._compiled)
         given = [*tables.values(), *self._given]
-        self._evaluate = term_function(self._rows[: self._count], given, self._compiled)
+        self._evaluate = expression_function(
+            self._rows[: self._count], given, self._compiled
+        )
 
     def evaluate(self, rows: Floats) -> Floats:
         """See above."""
@@ -85,10 +85,10 @@ class DesignKernel:
         return self._evaluate(np.concatenate([*torques, rows]) if torques else rows)
 
     @cached_property
-    def angles(self) -> TermFunction:
+    def angles(self) -> ArrayFunction:
         """See above."""
         rows = [*self._rows[: self._reached], *self._rows[self._count :]]
-        return term_function(rows, self._given, self._compiled)
+        return expression_function(rows, self._given, self._compiled)
 
     @property
     def reaches(self) -> int:
@@ -142,7 +142,8 @@ class RedundantKernel:
         # Everything that follows from rates is divided by the scale of the rates.
         scale = terms[0].flow.scale
         self._follows_from_rates = np.array(
-            [scale in set(in_order([terms[0].quantity(name)])) for name in columns], bool
+            [scale in set(iterate_nodes([terms[0].quantity(name)])) for name in columns],
+            bool,
         )
         by_choice: dict[str, VariedTerms] = {}
         for item in terms:
@@ -179,7 +180,7 @@ class RedundantKernel:
         return columns
 
 
-def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], TermFunction]:
+def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], ArrayFunction]:
     """Return the links with two axes, and the function of sizes that gives their arcs.
 
     The arcs (links, n) are in [0, pi] rad.

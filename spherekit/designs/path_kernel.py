@@ -11,18 +11,18 @@ import numpy as np
 
 from spherekit.arrays import Array, Floats
 from spherekit.symbolic.compiler import available, compile_function
+from spherekit.symbolic.expression_evaluation import array_function
+from spherekit.symbolic.expression_function import expression_function
 from spherekit.symbolic.expression_graph import (
     Expr,
     ExpressionNode,
-    array_function,
     dot,
     function,
-    hoisted,
     rewrite,
+    separate_constant_parts,
     symbols,
 )
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.term_function import term_function
+from spherekit.symbolic.vector_algebra import cross
 from spherekit.velocities.row_quantities import VariedTerms
 
 Parts = tuple[Expr, Expr]
@@ -130,10 +130,12 @@ class PathKernel:
             if angle is not places[variable]:
                 change[variable] = angle - places[variable]
         given = [*places, *terms.profile_columns]
-        self._rows, fixed = hoisted([*change, flow.scale, flow.openness], given)
+        self._rows, fixed = separate_constant_parts(
+            [*change, flow.scale, flow.openness], given
+        )
         self._inputs = [*given, *fixed]
-        self.prepare = term_function([*fixed.values()], terms.sizes, self.compiled)
-        self._real = term_function(self._rows, self._inputs, self.compiled)
+        self.prepare = expression_function([*fixed.values()], terms.sizes, self.compiled)
+        self._real = expression_function(self._rows, self._inputs, self.compiled)
 
     @cached_property
     def _complex(self) -> ComplexFunction:

@@ -33,7 +33,7 @@ from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.symbolic.expression_graph import symbols
-from spherekit.symbolic.frame_expressions import pointed_at
+from spherekit.symbolic.frame_expressions import direction_from_angles
 from spherekit.symbolic.vector_algebra import Exprs
 from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.equivalent_linkage import EquivalentLinkage, hinged
@@ -203,7 +203,10 @@ class VariedMechanism:
                 numbers = [unit * float(x) for x in outputs[name]["lonlat"]]
                 angles = made.setdefault(name, numbers)
                 (angles[k],) = symbols([variable.name])
-        return {x: y if isinstance(y, str) else pointed_at(*y) for x, y in made.items()}
+        return {
+            x: y if isinstance(y, str) else direction_from_angles(*y)
+            for x, y in made.items()
+        }
 
     @property
     def nominal(self) -> Floats:

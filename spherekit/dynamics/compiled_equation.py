@@ -27,14 +27,11 @@ from spherekit.errors import EngineError
 from spherekit.mechanism.load import BearingFriction, Load, TorqueTable, not_written
 from spherekit.mechanism.load_kinds import JointLimit, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.symbolic.compiler import (
-    EventFunction,
-    Integrator,
-    available,
-    compile_function,
-    heyoka,
-)
-from spherekit.symbolic.expression_graph import TermFunction, derivatives, in_order
+from spherekit.symbolic.compiler import available, compile_function, heyoka
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_evaluation import ArrayFunction
+from spherekit.symbolic.expression_graph import iterate_nodes
+from spherekit.symbolic.taylor_integrator import EventFunction, Integrator
 from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.dyad_expressions import COMPILED
 from spherekit.velocities.load_expressions import steep_arguments
@@ -102,9 +99,9 @@ class CompiledEquation:
 
     layout: EquationLayout
     integrator: Integrator
-    rates_function: TermFunction
-    switch_function: TermFunction | None
-    probe_function: TermFunction | None
+    rates_function: ArrayFunction
+    switch_function: ArrayFunction | None
+    probe_function: ArrayFunction | None
     tolerance: float
     arguments: EquationArguments = field(repr=False, compare=False)
     lock: Lock = field(default_factory=Lock, repr=False, compare=False)
@@ -301,7 +298,7 @@ def _compile_expressions(
     events = [
         event
         for event in (*expressions.events, *make_joint_limit_events(mechanism, layout))
-        if moving_symbols & {*in_order([event.expression])}
+        if moving_symbols & {*iterate_nodes([event.expression])}
     ]
     conditions = layout.switch_conditions
     parameters = [
@@ -311,7 +308,7 @@ def _compile_expressions(
 
     switch_function = None
     if conditions:
-        condition_rates = derivatives(conditions, dict(equations) | {TIME: 1.0})
+        condition_rates = differentiate(conditions, dict(equations) | {TIME: 1.0})
         switch_function = compile_function(
             [*conditions, *condition_rates], inputs, compact=True
         )
@@ -344,7 +341,7 @@ def _compile_expressions(
 
 
 def _make_sticking_test(
-    switch_function: TermFunction, index: int, layout: EquationLayout
+    switch_function: ArrayFunction, index: int, layout: EquationLayout
 ) -> Callable[[Floats, float, Floats], bool]:
     """Return a function that says whether a switch would turn back at once.
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from spherekit.conventions import TURN
 from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.symbolic.compiler import EventFunction
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, symbols
+from spherekit.symbolic.taylor_integrator import EventFunction
 from spherekit.velocities.load_expressions import LoadState
 from spherekit.velocities.velocity_equations import CoordinateRates
 

@@ -27,8 +27,9 @@ from spherekit.arrays import Floats
 from spherekit.dynamics.motion_expressions import EquationExpressions, EquationLayout
 from spherekit.mechanism.link_inertia import link_inertia_tensors
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.symbolic.compiler import EventFunction
-from spherekit.symbolic.expression_graph import Expr, array_function, dot, varies
+from spherekit.symbolic.expression_evaluation import array_function
+from spherekit.symbolic.expression_graph import Expr, dot, has_variables
+from spherekit.symbolic.taylor_integrator import EventFunction
 from spherekit.symbolic.vector_algebra import cofactors, determinant
 from spherekit.velocities.load_expressions import generalised_forces
 from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments, Structure
@@ -126,7 +127,7 @@ def _derive_independence(
     inverse_scale = 1.0 / coordinate_rates.scale
     for _ in range(2 * layout.freedoms - 2):
         independence = independence * inverse_scale
-    if varies(independence):
+    if has_variables(independence):
         # heyoka's tolerance is relative to the largest of the state and of all events.
         at_values = array_function([independence], layout.variables)(values[:, None])
         independence = independence * (1.0 / at_values.item())
@@ -157,7 +158,7 @@ def _derive_events(
     if set(coordinate_rates.structure.inputs) != set(input_variables):
         # The determinant of the inputs' rates by the coordinates.
         input_rates = determinant([[rates[v] for v in input_variables] for rates in tau])
-        if varies(input_rates):
+        if has_variables(input_rates):
             for _ in input_variables:
                 input_rates = input_rates / coordinate_rates.scale
             event = EventFunction(input_rates * (1.0 / MAX_RATE_SQUARES), "type_2")

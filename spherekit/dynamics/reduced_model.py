@@ -35,15 +35,13 @@ from spherekit.numerics.local_polynomials import make_local_polynomials
 from spherekit.numerics.tensor_chebyshev import CellSums, TensorChebyshev
 from spherekit.numerics.zeros import find_zeros
 from spherekit.status import Status
-from spherekit.symbolic.expression_graph import (
-    ExpressionNode,
+from spherekit.symbolic.expression_evaluation import (
+    ArrayFunction,
     FloatFunction,
-    TermFunction,
     array_function,
     float_function,
-    in_order,
-    symbols,
 )
+from spherekit.symbolic.expression_graph import ExpressionNode, iterate_nodes, symbols
 from spherekit.wording import choices, listing
 
 KIND = ("spherekit reduced model", 2, "write one with `--to model`")
@@ -130,11 +128,11 @@ class StoredModel:
         return np.array([*self._rows(0, q).T, *moving, t, *tables])
 
     @cached_property
-    def _torques(self) -> TermFunction:
+    def _torques(self) -> ArrayFunction:
         return array_function(self.heading.torques, self._variables)
 
     @cached_property
-    def _forces(self) -> TermFunction:
+    def _forces(self) -> ArrayFunction:
         return array_function([*chain(*self.heading.forces)], self._variables)
 
     @property
@@ -302,7 +300,7 @@ class StoredModel:
         first = symbols([*heading.inertia, *heading.christoffel[0]])
         stored = [
             x
-            for x in in_order([*first, *heading.torques])
+            for x in iterate_nodes([*first, *heading.torques])
             if x.operation == "variable" and x not in heading.motion
         ]
         single = self._single(*(x.arguments[0] for x in stored))

@@ -22,13 +22,8 @@ from spherekit.conventions import AnyPath, Names
 from spherekit.errors import FileError, SolveError
 from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.load_expression import load_names, parse
-from spherekit.symbolic.expression_graph import (
-    Expr,
-    ExpressionNode,
-    dot,
-    expression_terms,
-    symbols,
-)
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, symbols
+from spherekit.symbolic.parsed_expressions import convert_to_graph
 from spherekit.version import __version__
 from spherekit.wording import choices
 
@@ -200,7 +195,7 @@ class StoredHeading:
         forces = []
         for load in self.loads:
             laws: list[Expr] = [
-                expression_terms(law, {x: (named(x),) * 2 for x in law.names})
+                convert_to_graph(law, {x: (named(x),) * 2 for x in law.names})
                 for law in (parse(text, names) for text in load.components)
             ] or symbols([f"table {load.name}"])
             works = [map(self._stored, self.by_coordinates(x)) for x in load.works_on]

@@ -18,8 +18,8 @@ coordinate, and I_j its inertia tensor about the centre of the sphere.
 from spherekit.dynamics.motion_expressions import EquationExpressions, EquationLayout
 from spherekit.mechanism.link_inertia import link_inertia_tensors
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.symbolic.compiler import EventFunction
 from spherekit.symbolic.expression_graph import dot, power
+from spherekit.symbolic.taylor_integrator import EventFunction
 from spherekit.velocities.load_expressions import generalised_forces
 from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments, Structure
 

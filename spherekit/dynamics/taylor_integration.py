@@ -21,7 +21,11 @@ from spherekit.dynamics.step_probes import find_first_errors
 from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.progress import ProgressReporter
-from spherekit.symbolic.compiler import MOST_SWITCHES, EventKind, Integrator
+from spherekit.symbolic.taylor_integrator import (
+    MAX_EVENTS_BEFORE_SWITCH,
+    IntegrationEventKind,
+    Integrator,
+)
 
 STEPS_PER_SEGMENT = 50
 """Steps after which the state is normalised.
@@ -180,7 +184,7 @@ class TaylorRun:
 
     equation: CompiledEquation
     segments: tuple[Segment, ...]
-    events: tuple[tuple[float, EventKind, int], ...]
+    events: tuple[tuple[float, IntegrationEventKind, int], ...]
     end: RunEnd
     end_time: float
     max_closure_residual: float
@@ -338,7 +342,7 @@ class TaylorIntegration:
                     break
             assert end is not None
             events = []
-            for number, time in integrator.seen:
+            for number, time in integrator.seen_events:
                 event = integrator.events[number]
                 events.append((time, event.kind, event.variable))
             return TaylorRun(
@@ -381,7 +385,7 @@ class TaylorIntegration:
         while end is None and len(steps) < STEPS_PER_SEGMENT:
             steps_tried += 1
             start = integrator.time
-            event_count = len(integrator.seen)
+            event_count = len(integrator.seen_events)
             remaining = target - start
             is_shortened = self.max_step < remaining
             switch_signs = self.switch_signs
@@ -450,9 +454,9 @@ class TaylorIntegration:
         self.time = step.start
         parameters = self._all_parameters(integrator)
         parameters[self.layout.switch_parameters :] = step.switch_signs
-        events_before = integrator.seen[: step.event_count]
+        events_before = integrator.seen_events[: step.event_count]
         integrator.start(step.series[:, 0], self.time, parameters)
-        integrator.seen.extend(events_before)
+        integrator.seen_events.extend(events_before)
 
     def _probe_steps(
         self, integrator: Integrator, steps: Sequence[TaylorStep]
@@ -497,10 +501,14 @@ class TaylorIntegration:
 
     def _classify_event(self, integrator: Integrator) -> RunEnd:
         """Return why the run ends at the last event."""
-        number, _ = integrator.seen[-1]
+        number, _ = integrator.seen_events[-1]
         kind = integrator.events[number].kind
         if kind == "switch":
-            return "too_many" if len(integrator.seen) >= MOST_SWITCHES else "sticking"
+            return (
+                "too_many"
+                if len(integrator.seen_events) >= MAX_EVENTS_BEFORE_SWITCH
+                else "sticking"
+            )
         return kind if kind in ("coordinates", "joint_limit") else "singularity"
 
     def _normalise(self, integrator: Integrator, target: float) -> None:

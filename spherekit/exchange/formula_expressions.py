@@ -23,12 +23,8 @@ from spherekit.arrays import Floats
 from spherekit.conventions import Names
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
-from spherekit.symbolic.expression_graph import (
-    Expr,
-    ExpressionNode,
-    array_function,
-    in_order,
-)
+from spherekit.symbolic.expression_evaluation import array_function
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, iterate_nodes
 
 FormulaFunction = Callable[[Floats, Floats, Floats], Floats]
 """A function of the arrays motion, places and sizes; see `Formulas.numpy_function`."""
@@ -274,7 +270,7 @@ class Formulas:
     @property
     def operations(self) -> int:
         """Number of operations that computing all results takes."""
-        return sum(term.operation != "variable" for term in in_order(self.outputs))
+        return sum(term.operation != "variable" for term in iterate_nodes(self.outputs))
 
     def numpy_function(self, expressions: Sequence[Expr]) -> FormulaFunction:
         """Compile terms of these formulas to a function of arrays.

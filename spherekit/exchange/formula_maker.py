@@ -49,8 +49,8 @@ from spherekit.symbolic.expression_graph import (
     ExpressionNode,
     dot,
     function,
-    in_order,
-    substituted,
+    iterate_nodes,
+    substitute,
     symbols,
 )
 from spherekit.velocities.axis_rotations import ProfileSide
@@ -130,10 +130,10 @@ def formulas(
         # With other sizes of links, a pair that swings now may turn fully. So may one whose
         # mode continues through a crossing on the curve of another one.
         stands |= _turns_of_swings(made, terms, [*results.values()], stands)
-    outputs, step = (substituted(x, stands) for x in ([*results.values()], step))
+    outputs, step = (substitute(x, stands) for x in ([*results.values()], step))
     units = row_quantities(made)
     motion, of_motion = _motion(terms, outputs)
-    used = {x for x in in_order([*outputs, *step]) if x.operation == "variable"}
+    used = {x for x in iterate_nodes([*outputs, *step]) if x.operation == "variable"}
     profiles = [
         side
         for side in terms.structure.pairs.sides_with_columns
@@ -158,7 +158,7 @@ def formulas(
     angles: list[Expr] = []
     if terms.closed_form:
         angles = [terms.angle(pair) for pair in passive_variables(terms)]
-        angles = substituted(angles, stands)
+        angles = substitute(angles, stands)
     mode_table = compare_modes(
         without_modes, varied, terms, angles, assembly_mode, crossings
     )
@@ -279,12 +279,12 @@ def _turns_of_swings(
     stands
         What other terms stand for.
     """
-    used = {x for x in in_order(results) if x.operation == "variable"}
+    used = {x for x in iterate_nodes(results) if x.operation == "variable"}
     pairs = [pair for pair, turns in terms.turns.items() if turns in used]
     middles = find_swing_middles(mechanism, [x for x in pairs if x in mechanism.angles])
     turns = [turns_about(terms.angle(pair), middle) for pair, middle in middles.items()]
     keys = [terms.turns[pair] for pair in middles]
-    return dict(zip(keys, substituted(turns, stands), strict=True))
+    return dict(zip(keys, substitute(turns, stands), strict=True))
 
 
 def _step(terms: VariedTerms) -> list[Expr]:
@@ -308,7 +308,7 @@ def _motion(
     for pair, term in terms.turns.items():
         every[term] = f"rad: whole turns of theta_{pair}, 0 while it is in (-pi, pi]"
     every |= dict.fromkeys(terms.tables.values(), "N m")
-    used = {x for x in in_order(outputs) if x.operation == "variable"}
+    used = {x for x in iterate_nodes(outputs) if x.operation == "variable"}
     used |= {*terms.sample[: len(inputs)]}
     kept = {term: unit for term, unit in every.items() if term in used}
     named = (Argument(x.arguments[0], unit) for x, unit in kept.items())
@@ -355,7 +355,7 @@ def _numbers(
         if isinstance(every[k], ExpressionNode):
             # Masses along the axes of pairs are terms of the numbers of contacts, which
             # stand before them.
-            (stands[number],) = substituted([every[k]], stands)
+            (stands[number],) = substitute([every[k]], stands)
             continue
         off = np.abs(slope - slope[:, :1])
         bent = ~np.all(off <= STEADY * np.abs(slope) + ROUNDING, axis=1)

@@ -22,17 +22,17 @@ from spherekit.planning.assembly_plan import Group, plan_assembly
 from spherekit.planning.pole_plan import LinePole, Plan, PrimaryPole, pole_of, roman_numeral
 from spherekit.planning.pole_planner import plan
 from spherekit.planning.pole_sequence import group_by_circle
+from spherekit.symbolic.expression_derivatives import differentiate
 from spherekit.symbolic.expression_graph import (
     Expr,
     ExpressionNode,
-    derivatives,
-    expression_terms,
     function,
-    in_order,
-    substituted,
+    iterate_nodes,
+    substitute,
     vector_product,
 )
 from spherekit.symbolic.expression_graph import dot as sum_of_products
+from spherekit.symbolic.parsed_expressions import convert_to_graph
 from spherekit.wording import listing
 
 cross, inner = partial(vector_product, "cross"), partial(vector_product, "dot")
@@ -135,10 +135,10 @@ class Formulas:
 
     def needed(self, wanted: Sequence[Expr]) -> dict[ExpressionNode, Formula]:
         """Return the formulas that terms follow from; no more is then given."""
-        kept = {*in_order(wanted)}
+        kept = {*iterate_nodes(wanted)}
         for term, formula in reversed(self.lines.items()):
             if term in kept:
-                kept.update(in_order(formula.rows))
+                kept.update(iterate_nodes(formula.rows))
         self.given = {term: said for term, said in self.given.items() if term in kept}
         return {term: formula for term, formula in self.lines.items() if term in kept}
 
@@ -464,12 +464,12 @@ class Formulas:
             made[axis] = self._put(self._by(by, axis), cross(w, axis))
         for term, (section, (right, *_)) in moved:
             if section != "Positions":
-                (change,) = substituted(derivatives([right], made), {right: term})
+                (change,) = substitute(differentiate([right], made), {right: term})
                 made[term] = self._put(self._by(by, term), change)
         return made
 
     def _slope(self, by: int, item: Expr) -> Expr:
-        return derivatives([item], self._slopes[by])[0]
+        return differentiate([item], self._slopes[by])[0]
 
     def _name_coefficients(self, k: int) -> None:
         """Name the coefficients of all links while an input moves."""
@@ -584,7 +584,7 @@ class Formulas:
                 else:
                     law = expression_of(law)
                     named = {name: self._named(name) for name in law.names}
-                    size = self._line("T", of, expression_terms(law, named))
+                    size = self._line("T", of, convert_to_graph(law, named))
                 for k in self.moving:
                     totals[k] += size * self._work(k, part, of)
         return [

@@ -36,13 +36,10 @@ from spherekit.mechanism.load_kinds import (
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.scenes.colours import link_colour
 from spherekit.scenes.link_scenes import link_shapes
-from spherekit.symbolic.expression_graph import (
-    array_function,
-    derivatives,
-    expression_terms,
-    symbols,
-    varies,
-)
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_evaluation import array_function
+from spherekit.symbolic.expression_graph import has_variables, symbols
+from spherekit.symbolic.parsed_expressions import convert_to_graph
 from spherekit.wording import listing
 
 Attributes = dict[str, Any]
@@ -80,9 +77,9 @@ def _bias(part: Component, pair: str) -> Floats:
     terms, made = symbols(names), np.array([np.nan])
     with suppress(EngineError), np.errstate(all="ignore"):
         named = {name: (x, x) for name, x in zip(names, terms, strict=True)}
-        item = expression_terms(law, named)
-        slopes = [derivatives([item], {term: 1.0})[0] for term in terms]
-        if not any(map(varies, slopes)):
+        item = convert_to_graph(law, named)
+        slopes = [differentiate([item], {term: 1.0})[0] for term in terms]
+        if not any(map(has_variables, slopes)):
             made = array_function([item, *slopes], terms)(np.zeros((len(names), 1)))[:, 0]
     if not all_finite(made):
         raise EngineError(

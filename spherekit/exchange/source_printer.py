@@ -17,7 +17,7 @@ import numpy as np
 from spherekit.escaping import one_line
 from spherekit.exchange.formula_expressions import Formulas, SmoothModes
 from spherekit.exchange.identifiers import NameRules, unique_names
-from spherekit.symbolic.expression_graph import Expr, ExpressionNode, in_order
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, iterate_nodes
 from spherekit.version import __version__
 from spherekit.wording import counted, listing
 
@@ -118,7 +118,7 @@ class Source:
             columns = enumerate(table.terms, first)
             called |= {term: f"table_{k}[{c}]" for c, term in columns}
         lines, tables, used = list[str](), dict[int, str](), set[str]()
-        for term in in_order(outputs):
+        for term in iterate_nodes(outputs):
             if term.operation != "variable":
                 parts = [self._part(x, called) for x in term.arguments]
                 called[term] = f"t{len(lines)}"
@@ -151,7 +151,9 @@ class Source:
     @property
     def helpers(self) -> list[str]:
         """What operations need that the language does not have."""
-        every = {term.operation for term in in_order([*self.of.outputs, *self.of.step])}
+        every = {
+            term.operation for term in iterate_nodes([*self.of.outputs, *self.of.step])
+        }
         helpers = self.language.helpers
         return [text for name, text in helpers.items() if name in every]
 

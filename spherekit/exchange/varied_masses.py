@@ -11,8 +11,7 @@ from spherekit.files.toml_lines import KeyPath
 from spherekit.mechanism.inertia import Mass, shift_to_sphere_centre
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.vector_algebra import Exprs, constants, vector
+from spherekit.symbolic.vector_algebra import Exprs, constants, cross, vector
 from spherekit.velocities.axis_rotations import PairRotations
 from spherekit.velocities.carried_vectors import root
 

@@ -1,9 +1,8 @@
-"""Frames of R pairs in their links, as expressions of the sizes that determine them.
+"""Frames of R pairs in their links, as symbolic expressions of the sizes of a design.
 
-They are those of `spherekit.mechanism.pair_frames`, whose numbers may be terms here. In a
-link given by arcs and angles the reference arc at the first axis leads to the second, at
-every other axis to the first; in a reference pose any zero direction will do, for the
-variable counts from its value there.
+The frames are those of `spherekit.mechanism.pair_frames`, except that chosen sizes may be
+expressions. They differ in one respect: the zero direction of a pair whose axis is given in
+a reference pose is arbitrary, because its variable counts from its value in that pose.
 """
 
 from collections.abc import Mapping
@@ -18,136 +17,176 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import COLLINEAR_SINE, axes_from_sizes, reference_frame
 from spherekit.mechanism.pose_sizes import pose_sizes
 from spherekit.symbolic.expression_graph import Expr
-from spherekit.symbolic.vector_algebra import Exprs, cosine, sine, vector
-
-
-def cross(a: Exprs, b: Exprs) -> Exprs:
-    """Return a x b of vectors (3,)."""
-    return vector(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )
-
+from spherekit.symbolic.vector_algebra import Exprs, cosine, cross, sine, vector
 
 DesignGeometry = Mapping[tuple[str, Any], Expr]
-"""Sizes that take the place of a mechanism's own: numbers (rad) or terms, by their kind.
+"""Sizes (rad) that replace those of a mechanism, as numbers or expressions.
 
-``arcs`` and ``angles`` by link and the pair they lead to (in a reference pose those of
-`pose_sizes`), ``zeros`` and ``values`` by pair; in a reference pose ``longitudes`` and
-``latitudes`` of axes by pair, of both or none.
+A key is the kind of a size and what it belongs to:
+
+- ``("arcs", (link, pair))`` is the arc of a link that leads to the axis of a pair, and
+  ``("angles", (link, pair))`` is the angle of this arc. In a reference pose they are those
+  of `pose_sizes`.
+- ``("zeros", pair)`` is the zero angle of a pair in a link given by sizes.
+- ``("values", pair)`` is the value of a pair variable in the reference pose.
+- ``("longitudes", pair)`` and ``("latitudes", pair)`` give the axis of a pair in the
+  reference pose. A pair has both or none of them.
 """
 
 
 Frames = tuple[Exprs, Exprs]
-"""The frames (3, 3) of a pair in its first and its second link."""
+"""The frames (3, 3) of a pair in its first and its second link.
+
+A frame is a rotation from pair axes to link axes; its third column is the axis of the pair.
+"""
 
 
 def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, Frames]:
-    """Return the frames of every R pair in terms, by name.
+    """Return the frames of every R pair as expressions, by the name of the pair.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, whose own sizes are used if `design` does not replace them.
+    design
+        Numbers or expressions for some sizes.
 
     Raises
     ------
     EngineError
-        If two axes of a link lie on one line, so that no arc between them varies.
+        If a varied arc joins two axes on one line, where the zero direction would jump.
     """
     geometry = mechanism.geometry
-    made = {}
+    frames_by_pair = {}
     for pair in mechanism.pairs:
         if not pair.kind.has_axis:
             continue
         if isinstance(geometry, PoseGeometry):
-            made[pair.name] = _in_pose(mechanism, geometry, design, pair)
+            frames = _frames_from_pose(mechanism, geometry, design, pair)
         else:
             zero = design.get(("zeros", pair.name), geometry.zeros.get(pair.name, 0.0))
-            one, other = (
-                _in_link(mechanism, geometry, design, link, pair.name)
+            first_frame, second_frame = (
+                _frame_from_sizes(mechanism, geometry, design, link, pair.name)
                 for link in pair.links
             )
-            made[pair.name] = one @ about_z(zero), other
-    return made
+            frames = first_frame @ about_z(zero), second_frame
+        frames_by_pair[pair.name] = frames
+    return frames_by_pair
 
 
-def _in_pose(
+def _frames_from_pose(
     mechanism: Mechanism, geometry: PoseGeometry, design: DesignGeometry, pair: Pair
 ) -> Frames:
+    """Return the frames of a pair whose axis is given in the reference pose.
+
+    Link axes and ground axes coincide in this pose. The zero direction points east, along
+    the circle of latitude of the axis.
+    """
     x, y, z = geometry.axes[pair.name]
     longitude = design.get(("longitudes", pair.name), float(np.arctan2(y, x)))
     latitude = design.get(("latitudes", pair.name), float(np.arctan2(z, np.hypot(x, y))))
-    axis = pointed_at(longitude, latitude)
+    axis = direction_from_angles(longitude, latitude)
     east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
     frame = np.stack([east, cross(axis, east), axis], axis=1)
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
-    one, other = (_off(mechanism, design, link, pair.name, frame) for link in pair.links)
-    return one, other @ about_z(value)
+    first_frame, second_frame = (
+        _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
+        for link in pair.links
+    )
+    return first_frame, second_frame @ about_z(value)
 
 
-def pointed_at(longitude: Expr, latitude: Expr) -> Exprs:
-    """Return the unit vector (3,) of numbers or terms."""
-    level = cosine(latitude)
-    return vector([level * cosine(longitude), level * sine(longitude), sine(latitude)])
+def direction_from_angles(longitude: Expr, latitude: Expr) -> Exprs:
+    """Return the unit vector (3,) of a longitude and a latitude (rad)."""
+    radius = cosine(latitude)
+    return vector([radius * cosine(longitude), radius * sine(longitude), sine(latitude)])
 
 
-def _off(
+def _rotate_by_size_changes(
     mechanism: Mechanism, design: DesignGeometry, link: str, pair: str, frame: Exprs
 ) -> Exprs:
-    """Return the frame of a pair in a link whose sizes are not those of the pose."""
-    for kind, to, value, about in pose_sizes(mechanism, link):  # arcs before angles
-        term = design.get((kind, (link, pair)))
-        if to == pair and term is not None:
-            frame = _about(about, term - value) @ frame
+    """Return the frame of a pair in a link whose sizes differ from the reference pose.
+
+    Parameters
+    ----------
+    mechanism, design
+        The mechanism, with its sizes in the reference pose, and sizes that replace them.
+    link, pair
+        Names of the link and of one of its pairs.
+    frame
+        (3, 3) frame of the pair in the reference pose.
+    """
+    # The arc comes before its angle: it grows in the plane that it has in the pose.
+    for kind, size_pair, value, growth_axis in pose_sizes(mechanism, link):
+        size = design.get((kind, (link, pair)))
+        if size_pair == pair and size is not None:
+            frame = _rotation_about(growth_axis, size - value) @ frame
     return frame
 
 
-def _in_link(
+def _frame_from_sizes(
     mechanism: Mechanism,
     geometry: SizeGeometry,
     design: DesignGeometry,
     link: str,
     pair: str,
 ) -> Exprs:
+    """Return the frame (3, 3) of a pair in a link given by arcs and angles, without zero.
+
+    The reference arc of the first axis leads to the second axis; that of every other axis
+    comes from the first one. The zero direction points along the reference arc.
+    """
     sizes = geometry.links.get(link, LinkSizes(()))
-    varied = (place[0] for kind, place in design if kind in ("arcs", "angles"))
-    if link not in varied:
+    varied_links = {key[0] for kind, key in design if kind in ("arcs", "angles")}
+    if link not in varied_links:
         return reference_frame(axes_from_sizes(sizes), pair).astype(object)
-    place = sizes.axes.index(pair)
-    leading = place or 1
-    reference = sizes.arcs[leading - 1]
-    if abs(np.sin(reference)) < COLLINEAR_SINE:
+
+    axis_index = sizes.axes.index(pair)
+    arc_end = axis_index or 1  # index of the axis to which the reference arc leads
+    reference_arc = sizes.arcs[arc_end - 1]
+    if abs(np.sin(reference_arc)) < COLLINEAR_SINE:
         raise EngineError(
-            f"{mechanism.name}: links.{link}: the arc to {sizes.axes[leading]} is 0 or 180 "
+            f"{mechanism.name}: links.{link}: the arc to {sizes.axes[arc_end]} is 0 or 180 "
             "deg, and where it opens its pair's zero jumps, so its sizes have no "
             "derivatives; vary another size, or compare with a file of an arc that is small"
         )
-    key = link, sizes.axes[leading]
-    arc = design.get(("arcs", key), reference)
-    turn: Expr = 0.0
-    if leading > 1:
-        turn = design.get(("angles", key), sizes.angles[leading - 2])
-    # Beyond half a turn the way to the other axis runs in the opposite direction.
-    sense = 1.0 if np.sin(reference) > 0.0 else -1.0
-    outward = vector([-1.0 * sine(turn), cosine(turn), 0.0])
-    up = vector([0.0, 0.0, 1.0])
-    if place == 0:
-        axis, tangent = up, outward * sense
+    size_key = link, sizes.axes[arc_end]
+    arc = design.get(("arcs", size_key), reference_arc)
+    # The angle of the second axis is zero by definition.
+    azimuth: Expr = 0.0
+    if arc_end > 1:
+        azimuth = design.get(("angles", size_key), sizes.angles[arc_end - 2])
+
+    # The zero direction follows the shorter arc between the axes. If the reference arc
+    # exceeds 180 degrees, the shorter one starts in the opposite direction.
+    sense = 1.0 if np.sin(reference_arc) > 0.0 else -1.0
+    outward = vector([-1.0 * sine(azimuth), cosine(azimuth), 0.0])
+    first_axis = vector([0.0, 0.0, 1.0])
+    if axis_index == 0:
+        axis = first_axis
+        tangent = outward * sense
     else:
-        axis = outward * sine(arc) + up * cosine(arc)
-        tangent = (up * sine(arc) - outward * cosine(arc)) * sense
+        axis = outward * sine(arc) + first_axis * cosine(arc)
+        tangent = (first_axis * sine(arc) - outward * cosine(arc)) * sense
     return np.stack([tangent, cross(axis, tangent), axis], axis=1)
 
 
 def about_z(angle: Expr) -> Exprs:
-    """Return the rotation (3, 3) about z by a number or a term."""
-    c, s = cosine(angle), sine(angle)
+    """Return the rotation (3, 3) about z by an angle (rad)."""
+    c = cosine(angle)
+    s = sine(angle)
     return np.array([[c, -1.0 * s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=object)
 
 
-def _about(axis: Floats, angle: Expr) -> Exprs:
-    """Return the rotation about an axis of numbers (Rodrigues)."""
+def _rotation_about(axis: Floats, angle: Expr) -> Exprs:
+    """Return the rotation (3, 3) by an angle (rad) about a unit axis (3,) of numbers.
+
+    Rodrigues' formula: R = 1 cos(angle) + K sin(angle) + axis axis^T (1 - cos(angle)),
+    where K v is the cross product of the axis and v.
+    """
     x, y, z = axis.tolist()
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], dtype=object)
-    one, along = np.eye(3).astype(object), np.outer(axis, axis).astype(object)
+    cross_matrix = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], dtype=object)
+    identity = np.eye(3).astype(object)
+    projection = np.outer(axis, axis).astype(object)
     c = cosine(angle)
-    return one * c + across * sine(angle) + along * (1.0 - c)
+    return identity * c + cross_matrix * sine(angle) + projection * (1.0 - c)

@@ -39,6 +39,17 @@ def vector_sum(parts: Iterable[Exprs]) -> Exprs:
     return sum(parts, vector([0.0, 0.0, 0.0]))
 
 
+def cross(a: Exprs, b: Exprs) -> Exprs:
+    """Return the cross product of two vectors (3,)."""
+    return vector(
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    )
+
+
 def constants(matrix: Floats | Exprs) -> Exprs:
     """Return numbers as entries, with those close to 0, 1 or -1 made exact.
 

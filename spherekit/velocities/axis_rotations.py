@@ -27,13 +27,13 @@ from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.pair_states import contact_tracks, numbered
 from spherekit.symbolic.expression_graph import (
-    WITHOUT_EXPRESSIONS,
+    ADVICE_WITHOUT_EXPRESSIONS,
     Expr,
     ExpressionNode,
     symbols,
 )
-from spherekit.symbolic.frame_expressions import DesignGeometry, cross, revolute_frames
-from spherekit.symbolic.vector_algebra import Exprs, vector
+from spherekit.symbolic.frame_expressions import DesignGeometry, revolute_frames
+from spherekit.symbolic.vector_algebra import Exprs, cross, vector
 
 PROFILE_COLUMNS = ("tx", "ty", "tz", "px", "py", "pz", "k", "dk")
 """Columns of a profile: t and p in link axes, k, and dk/ds with the arc length s."""
@@ -267,7 +267,7 @@ def _profile_side(
             raise EngineError(
                 f"{mechanism.name}: pairs.{pair.name}.profiles.{link}: expressions are "
                 f'written for circles and great circles, not "{profile.kind}"',
-                WITHOUT_EXPRESSIONS,
+                ADVICE_WITHOUT_EXPRESSIONS,
             )
         *columns, last_derivative = symbols(
             [

@@ -16,8 +16,7 @@ import numpy as np
 
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.vector_algebra import Exprs
+from spherekit.symbolic.vector_algebra import Exprs, cross
 from spherekit.velocities.axis_rotations import AxisRotation, PairRotations, ProfileSide
 from spherekit.velocities.pose_expressions import LinkOrientation, place_link
 

@@ -17,8 +17,7 @@ from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function, symbols
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.vector_algebra import Exprs, constants
+from spherekit.symbolic.vector_algebra import Exprs, constants, cross
 from spherekit.velocities.axis_rotations import Entries, pair_rotations
 from spherekit.velocities.pose_expressions import (
     GROUND_ORIENTATION,

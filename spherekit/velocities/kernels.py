@@ -15,16 +15,11 @@ from spherekit.mechanism.link_inertia import link_inertia_tensors
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Pole, all_poles, pole_of
 from spherekit.symbolic.compiler import available
-from spherekit.symbolic.expression_graph import (
-    Expr,
-    ExpressionNode,
-    TermFunction,
-    dot,
-    function,
-)
-from spherekit.symbolic.expression_graph import derivatives as derivatives_of
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.term_function import term_function
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_evaluation import ArrayFunction
+from spherekit.symbolic.expression_function import expression_function
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function
+from spherekit.symbolic.vector_algebra import cross
 from spherekit.velocities.dyad_expressions import COMPILED
 from spherekit.velocities.row_quantities import VariedTerms
 from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments
@@ -62,7 +57,7 @@ class Kernel:
     columns: Names
     places: Mapping[str, Mapping[Any, int | slice]]
     engine: Literal["numpy", "compiled"]
-    function: TermFunction
+    function: ArrayFunction
 
     @checked(EngineError)
     def __call__(self, inputs: ArrayLike, out: Array | None = None) -> Array:
@@ -207,7 +202,7 @@ def kernel(
         values = [[item for _, _, items in parts for item in items]]
         rates = _rates(flow, scale, inputs if source == "variables" else ())
         for _ in range(int(derivatives)):
-            values.append(derivatives_of(values[-1], rates))
+            values.append(differentiate(values[-1], rates))
         columns: list[str] = []
         outputs: list[Expr] = []
         places: dict[str, dict[Any, int | slice]] = {"direction": {}}
@@ -225,7 +220,7 @@ def kernel(
             tuple(columns),
             places,
             taken,
-            term_function(outputs, inputs, taken == "compiled", number, compact),
+            expression_function(outputs, inputs, taken == "compiled", number, compact),
         )
 
     return COMPILED.get(mechanism, request, make)

@@ -17,9 +17,9 @@ from spherekit.mechanism.load import Component, Load, TorqueTable, expression_of
 from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.sizes import Vector
-from spherekit.symbolic.expression_graph import Expr, dot, expression_terms
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.vector_algebra import Exprs, constants, vector
+from spherekit.symbolic.expression_graph import Expr, dot
+from spherekit.symbolic.parsed_expressions import convert_to_graph
+from spherekit.symbolic.vector_algebra import Exprs, constants, cross, vector
 from spherekit.velocities.pose_expressions import LinkOrientation
 
 
@@ -114,4 +114,4 @@ def _moment(placed: LinkOrientation, axes: str, arm: Vector | None, along: Exprs
 
 def expression_value(law: Expression, moving: LoadState) -> Expr:
     """Return an expression's value; sines and the like are of angles less whole turns."""
-    return expression_terms(law, {x: moving.named(x) for x in law.names}, moving.switch)
+    return convert_to_graph(law, {x: moving.named(x) for x in law.names}, moving.switch)

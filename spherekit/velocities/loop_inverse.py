@@ -11,8 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from spherekit.symbolic.expression_graph import dot
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.vector_algebra import Exprs
+from spherekit.symbolic.vector_algebra import Exprs, cross
 from spherekit.velocities.elimination_order import Pivot
 
 

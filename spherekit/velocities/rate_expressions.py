@@ -25,12 +25,12 @@ from spherekit.errors import EngineError
 from spherekit.mechanism.graph import component_labels, find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
-from spherekit.symbolic.expression_graph import WITHOUT_EXPRESSIONS, Expr, dot
-from spherekit.symbolic.frame_expressions import cross
+from spherekit.symbolic.expression_graph import ADVICE_WITHOUT_EXPRESSIONS, Expr, dot
 from spherekit.symbolic.vector_algebra import (
     Exprs,
     cofactors,
     constants,
+    cross,
     determinant,
     vector_sum,
 )
@@ -154,7 +154,7 @@ class GroupEquations:
             raise EngineError(
                 f"{mechanism.name}: a {group.kind} leaves {len(self.unknowns)} equations "
                 f"to be solved together, expressions take at most {LARGEST}",
-                WITHOUT_EXPRESSIONS,
+                ADVICE_WITHOUT_EXPRESSIONS,
             )
 
     def _owned(self, pair: int) -> tuple[int, ...]:
@@ -191,7 +191,7 @@ class GroupEquations:
             raise EngineError(
                 f"{self.mechanism.name}: its equations leave more than one motion at the "
                 "configuration they were chosen at; change the range of the input",
-                WITHOUT_EXPRESSIONS,
+                ADVICE_WITHOUT_EXPRESSIONS,
             )
         return [keys[k] for k in order[:count]]
 

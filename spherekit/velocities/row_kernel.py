@@ -15,15 +15,9 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.positions.motion import Motion
-from spherekit.symbolic.expression_graph import (
-    Expr,
-    ExpressionNode,
-    FloatFunction,
-    float_function,
-    substituted,
-    symbols,
-)
-from spherekit.symbolic.term_function import term_function
+from spherekit.symbolic.expression_evaluation import FloatFunction, float_function
+from spherekit.symbolic.expression_function import expression_function
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, substitute, symbols
 from spherekit.symbolic.vector_algebra import vector_sum
 from spherekit.velocities.axis_rotations import ProfileSide, append_profile_columns
 from spherekit.velocities.carried_vectors import largest
@@ -100,7 +94,9 @@ class ColumnFunction:
         self.width = len(outputs)
         self._profiles = profiles
         column_symbols = [x for profile in profiles for x in profile.column_symbols]
-        self.function = term_function(outputs, [*variables, *column_symbols], compiled)
+        self.function = expression_function(
+            outputs, [*variables, *column_symbols], compiled
+        )
 
     def __call__(self, values: Floats, out: Floats | None = None) -> Floats:
         """Return the output (width, n), in `out` if given, at values (variables, n)."""
@@ -236,7 +232,7 @@ class RowKernel:
             return float_function([*after_step, *columns], self._variables)
         inputs, variables, _ = self._closed_form
         by_variable = dict(zip(self._variables, variables, strict=True))
-        return float_function([*variables, *substituted(columns, by_variable)], inputs)
+        return float_function([*variables, *substitute(columns, by_variable)], inputs)
 
     def evaluate_row(self, values: Sequence[float]) -> EvaluatedRow | None:
         """Return a single row, or None if it cannot be certified.
@@ -321,7 +317,7 @@ class RowKernel:
         inputs, variables, squares = self._closed_form
         by_variable = dict(zip(self._variables, variables, strict=True))
         quality = {
-            name: substituted(expressions, by_variable)
+            name: substitute(expressions, by_variable)
             for name, expressions in self._quality_expressions.items()
         }
         parts = {"variables": variables, **quality, "squares": squares}

@@ -20,20 +20,20 @@ from spherekit.planning.assembly_plan import (
     driven_pairs,
     plan_assembly,
 )
+from spherekit.symbolic.expression_derivatives import differentiate
 from spherekit.symbolic.expression_graph import (
     Expr,
     ExpressionNode,
-    derivatives,
     dot,
     function,
-    in_order,
+    iterate_nodes,
     sign_of,
     symbols,
 )
-from spherekit.symbolic.frame_expressions import cross
 from spherekit.symbolic.vector_algebra import (
     Exprs,
     cofactors,
+    cross,
     determinant,
     singular_values,
     vector,
@@ -270,7 +270,7 @@ class VariedTerms:
                 rates |= zip(
                     profile.column_symbols, profile.column_derivatives, strict=True
                 )
-        return derivatives(items, rates)
+        return differentiate(items, rates)
 
     def by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
         """Return the derivatives of expressions by each size, the loops kept closed.
@@ -278,8 +278,8 @@ class VariedTerms:
         Then by the columns of profiles but for the last of each, if some are handed in.
         """
         if self.closed_form:
-            return [derivatives(items, {size: 1.0}) for size in self.sizes]
-        used = set(in_order(items))
+            return [differentiate(items, {size: 1.0}) for size in self.sizes]
+        used = set(iterate_nodes(items))
         if any(
             profile.last_derivative in used
             for profile in self.structure.pairs.sides_with_columns
@@ -295,7 +295,7 @@ class VariedTerms:
         made = []
         for size in (*self.sizes, *columns):
             moved = self.flow.answers(self.flow.misfit_rates(size))
-            total = derivatives(items, {size: 1.0})
+            total = differentiate(items, {size: 1.0})
             for change, partial in zip(moved, by_places, strict=True):
                 total = [x + y * change for x, y in zip(total, partial, strict=True)]
             made.append(total)
@@ -543,7 +543,7 @@ class VariedTerms:
         count = len(self.inputs)
         torques = [self.torque(k) for k in range(count)]
         rate = {self.sample[count + other]: 1.0}
-        changes = derivatives(torques, rate if kind == "A_dq" else self._along(other))
+        changes = differentiate(torques, rate if kind == "A_dq" else self._along(other))
         return -1.0 * dot(self._compliance[one], changes)
 
     def _along(self, moving: int) -> dict[ExpressionNode, Expr]:

@@ -39,15 +39,14 @@ from spherekit.planning.assembly_plan import Assembly, driven_at, plan_assembly
 from spherekit.positions.linearisation import LoopTree
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.motion_cache import assembly_by_count_or_rank, traced
+from spherekit.symbolic.expression_derivatives import differentiate
 from spherekit.symbolic.expression_graph import (
-    WITHOUT_EXPRESSIONS,
+    ADVICE_WITHOUT_EXPRESSIONS,
     Expr,
     ExpressionNode,
-    derivatives,
     dot,
 )
-from spherekit.symbolic.frame_expressions import cross
-from spherekit.symbolic.vector_algebra import Exprs, constants, vector, vector_sum
+from spherekit.symbolic.vector_algebra import Exprs, constants, cross, vector, vector_sum
 from spherekit.velocities.axis_rotations import (
     AxisRotation,
     Entries,
@@ -162,7 +161,7 @@ class Structure:
                     raise EngineError(
                         f"{mechanism.name}: the axes of {one} and {other} coincide in "
                         "a link, so these two cannot be told apart",
-                        WITHOUT_EXPRESSIONS,
+                        ADVICE_WITHOUT_EXPRESSIONS,
                     )
         return made
 
@@ -321,7 +320,7 @@ class CoordinateRates(VelocityEquations):
         for pair, bases in self._meetings.items():
             one, other = (
                 _half_turn(
-                    basis, vector(derivatives([*basis.ravel()], {by: 1.0})).reshape(3, 3)
+                    basis, vector(differentiate([*basis.ravel()], {by: 1.0})).reshape(3, 3)
                 )
                 for basis in bases
             )

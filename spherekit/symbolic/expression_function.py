@@ -4,21 +4,17 @@ from collections.abc import Sequence
 from typing import Any
 
 from spherekit.symbolic.compiler import compile_function
-from spherekit.symbolic.expression_graph import (
-    Expr,
-    ExpressionNode,
-    TermFunction,
-    array_function,
-)
+from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode
 
 
-def term_function(
+def expression_function(
     outputs: Sequence[Expr],
     inputs: Sequence[ExpressionNode],
     compiled: bool,
     number: type[Any] = float,
     compact: bool = False,
-) -> TermFunction:
+) -> ArrayFunction:
     """Return a function of arrays that evaluates expressions.
 
     Parameters

@@ -1,0 +1,99 @@
+"""Derivatives of symbolic expressions by the chain rule."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    ExpressionNode,
+    function,
+    negated_operand,
+    power,
+    rewrite,
+    sign_of,
+    vector_product,
+)
+
+
+def differentiate(
+    expressions: Sequence[Expr], rates: Mapping[ExpressionNode, Expr]
+) -> list[Expr]:
+    """Return the derivatives of expressions, if some nodes have given derivatives.
+
+    At a kink or a jump the result is the derivative on the side of the current value.
+
+    Parameters
+    ----------
+    expressions
+        Numbers and nodes.
+    rates
+        Derivative of a node, by node. A node may be a variable or any other part of the
+        expressions; its own arguments then do not count. The derivative of all other
+        variables is zero.
+    """
+    # The arithmetic moves signs outwards. An expression may therefore contain only x if
+    # the rate of the node -1 * x is given.
+    known_rates: dict[Any, Expr] = {
+        negated_operand(node): -1.0 * rate for node, rate in rates.items()
+    }
+    known_rates |= rates
+
+    def differentiate_node(node: ExpressionNode, argument_rates: list[Expr]) -> Expr:
+        if node in known_rates or not any(argument_rates):
+            return known_rates.get(node, 0.0)
+        return _CHAIN_RULES[node.operation](node, node.arguments, argument_rates)
+
+    return rewrite(expressions, lambda number: 0.0, differentiate_node)
+
+
+_ChainRule = Callable[[ExpressionNode, Sequence[Expr], Sequence[Expr]], Expr]
+"""The derivative of a node, from the node, its arguments x and their derivatives dx."""
+
+
+def _differentiate_power(
+    node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]
+) -> Expr:
+    """Return d(b ** p) = p b ** (p - 1) db + b ** p log(b) dp."""
+    base, exponent = x
+    total: Expr = exponent * power(base, exponent - 1.0) * dx[0]
+    if dx[1] != 0.0:
+        total = total + node * function("log", base) * dx[1]
+    return total
+
+
+def _differentiate_vector_product(
+    node: ExpressionNode, x: Sequence[Expr], dx: Sequence[Expr]
+) -> Expr:
+    """Return the derivative of a dot or cross product of two vectors."""
+    first = vector_product(node.operation, dx[0], x[1])
+    return first + vector_product(node.operation, x[0], dx[1])
+
+
+_CHAIN_RULES: Mapping[str, _ChainRule] = {
+    "+": lambda node, x, dx: dx[0] + dx[1],
+    "-": lambda node, x, dx: dx[0] - dx[1],
+    "*": lambda node, x, dx: dx[0] * x[1] + x[0] * dx[1],
+    "/": lambda node, x, dx: (dx[0] - node * dx[1]) / x[1],
+    "**": _differentiate_power,
+    "sin": lambda node, x, dx: function("cos", x[0]) * dx[0],
+    "cos": lambda node, x, dx: -1.0 * (function("sin", x[0]) * dx[0]),
+    "tan": lambda node, x, dx: (1.0 + node * node) * dx[0],
+    "asin": lambda node, x, dx: dx[0] / function("sqrt", 1.0 - x[0] * x[0]),
+    "acos": lambda node, x, dx: -1.0 * dx[0] / function("sqrt", 1.0 - x[0] * x[0]),
+    "atan": lambda node, x, dx: dx[0] / (1.0 + x[0] * x[0]),
+    "atan2": lambda node, x, dx: (
+        (x[1] * dx[0] - x[0] * dx[1]) / (x[0] * x[0] + x[1] * x[1])
+    ),
+    "sqrt": lambda node, x, dx: 0.5 * dx[0] / node,
+    "exp": lambda node, x, dx: node * dx[0],
+    "log": lambda node, x, dx: dx[0] / x[0],
+    "tanh": lambda node, x, dx: (1.0 - node * node) * dx[0],
+    "dot": _differentiate_vector_product,
+    "cross": _differentiate_vector_product,
+    "norm": lambda node, x, dx: vector_product("dot", x[0], dx[0]) / node,
+    "sign": lambda node, x, dx: 0.0,
+    "maximum": lambda node, x, dx: (
+        0.5 * (dx[0] + dx[1] + sign_of(x[0] - x[1]) * (dx[0] - dx[1]))
+    ),
+}
+"""The chain rule of each operation and function."""

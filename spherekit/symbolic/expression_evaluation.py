@@ -1,0 +1,244 @@
+"""Evaluation of symbolic expressions on NumPy arrays and on floats, without a compiler.
+
+Arrays are evaluated in blocks of samples that fit into the cache of the processor. Each
+operation is one NumPy call for a whole block. It writes into a row of a small work array
+that is no longer needed, so nothing is allocated in between.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Array
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, iterate_nodes
+
+BLOCK_SAMPLES = 8192
+"""Samples that are evaluated together.
+
+Larger: the work array no longer fits into the cache. Smaller: the time of the NumPy calls
+dominates.
+"""
+
+_NUMPY_NAMES = {
+    "asin": "arcsin",
+    "acos": "arccos",
+    "atan": "arctan",
+    "atan2": "arctan2",
+    "+": "add",
+    "-": "subtract",
+    "*": "multiply",
+    "/": "divide",
+    "**": "power",
+}
+"""NumPy's names of the operations that it calls differently."""
+
+_INFIX_OPERATIONS = ("+", "-", "*", "/", "positive")
+"""Operations that Python code writes between, or before, their arguments."""
+
+ArrayFunction = Callable[..., Array]
+"""A function of an array (inputs, n) that returns an array (outputs, n).
+
+The second argument, if there is one, is the array to which the result is written.
+"""
+
+FloatFunction = Callable[[Sequence[float]], list[float]]
+"""A function of a list of inputs that returns the list of outputs."""
+
+
+def array_function(
+    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode], number: type[Any] = float
+) -> ArrayFunction:
+    """Return a function that evaluates expressions on arrays.
+
+    Parameters
+    ----------
+    outputs
+        Expressions that contain no other variables than the inputs.
+    inputs
+        Variables, in the order of the rows of the argument.
+    number
+        Number type in which to compute, at least. The function uses the type of its
+        argument if that has more digits.
+    """
+    # The operations are a list that is processed for each block. The alternative, Python
+    # code with as many lines, would have to be compiled first. That takes longer than
+    # running it once, and as much memory again.
+    program = _write_program(outputs, inputs)
+    names = [
+        *program.constants,
+        *program.input_names,
+        *program.output_names,
+        *program.work_names,
+    ]
+    row_of_name = {name: row for row, name in enumerate(names)}
+    # Each operation: ufunc, row of its first and of its second argument, row of its result.
+    operations: list[tuple[Callable[..., Any], int, int | None, int]] = []
+    for step in program.steps:
+        name = _NUMPY_NAMES.get(step.operation, step.operation)
+        ufunc = _write_maximum if name == "maximum" else getattr(np, name)
+        argument_rows = [row_of_name[argument] for argument in step.arguments]
+        second_row = argument_rows[1] if len(argument_rows) == 2 else None
+        operations.append((ufunc, argument_rows[0], second_row, row_of_name[step.result]))
+    work_row_count = len(program.work_names)
+    constant_rows = lru_cache(2)(
+        lambda dtype: [*np.array([*program.constants.values()], dtype=dtype)[:, None]]
+    )
+
+    def evaluate(inputs_array: Array, out: Array | None = None) -> Array:
+        dtype = np.result_type(inputs_array, number)
+        sample_count = inputs_array.shape[1]
+        if out is None:
+            out = np.empty((len(outputs), sample_count), dtype=dtype)
+        work = np.empty((work_row_count, min(sample_count, BLOCK_SAMPLES)), dtype=dtype)
+        with np.errstate(all="ignore"):
+            for start in range(0, sample_count, BLOCK_SAMPLES):
+                block = slice(start, start + BLOCK_SAMPLES)
+                work_block = work[:, : sample_count - start]
+                rows = [
+                    *constant_rows(dtype),
+                    *inputs_array[:, block],
+                    *out[:, block],
+                    *work_block,
+                ]
+                for ufunc, first, second, result in operations:
+                    if second is None:
+                        ufunc(rows[first], rows[result])
+                    else:
+                        ufunc(rows[first], rows[second], rows[result])
+        return out
+
+    return evaluate
+
+
+def _write_maximum(a: Array, b: Array, result: Array) -> None:
+    """Write the maximum of two arrays to a third one.
+
+    Unlike other ufuncs, `np.maximum` deprecates a positional output array.
+    """
+    np.maximum(a, b, out=result)
+
+
+def float_function(
+    outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]
+) -> FloatFunction:
+    """Return a function that evaluates expressions on floats, for one sample.
+
+    For one sample it takes a tenth of the time of an `array_function`. If a result is not
+    finite, the function may raise `ArithmeticError` or `ValueError`.
+
+    Parameters
+    ----------
+    outputs
+        Expressions that contain no other variables than the inputs.
+    inputs
+        Variables, in the order of the argument.
+    """
+    program = _write_program(outputs, inputs)
+    lines = [f"[{', '.join(program.input_names)}] = input_values"]
+    for step in program.steps:
+        if step.operation in _INFIX_OPERATIONS:
+            code = f" {step.operation} ".join(step.arguments)
+        else:
+            name = _NUMPY_NAMES.get(step.operation, step.operation)
+            code = f"{name}({', '.join(step.arguments)})"
+        lines.append(f"{step.result} = {code}")
+    lines.append(f"return [{', '.join(program.output_names)}]")
+    namespace: dict[str, Any] = {
+        **vars(math),
+        "power": math.pow,
+        # Like NumPy's maximum, it returns NaN if one of the arguments is NaN.
+        "maximum": lambda a, b: a if a >= b or a != a else b,
+        "sign": lambda a: np.sign(a).item(),
+        **program.constants,
+    }
+    exec("\n    ".join(["def evaluate(input_values):", *lines]), namespace)
+    evaluate: FloatFunction = namespace["evaluate"]
+    return evaluate
+
+
+@dataclass(frozen=True)
+class _ProgramStep:
+    """One operation of a program.
+
+    Attributes
+    ----------
+    operation
+        Operation of an `ExpressionNode`, or ``positive``, which copies its argument.
+    arguments
+        Names of the values on which it operates.
+    result
+        Name of the value that it computes. A name may be that of an earlier value which is
+        no longer needed.
+    """
+
+    operation: str
+    arguments: Sequence[str]
+    result: str
+
+
+@dataclass(frozen=True)
+class _Program:
+    """Expressions as a sequence of operations on named values.
+
+    Attributes
+    ----------
+    steps
+        The operations, in an order in which they can be executed.
+    constants
+        Numbers in the expressions, by name (c0, c1, ...).
+    input_names, output_names
+        Names of the inputs (x0, x1, ...) and of the outputs (y0, y1, ...).
+    work_names
+        Names of intermediate values (z0, z1, ...). They are fewer than the steps, since a
+        name is used again after the last step that reads its value.
+    """
+
+    steps: Sequence[_ProgramStep]
+    constants: Mapping[str, float]
+    input_names: Sequence[str]
+    output_names: Sequence[str]
+    work_names: Sequence[str]
+
+
+def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) -> _Program:
+    """Return expressions as a sequence of operations; inputs are their variables."""
+    nodes = [node for node in iterate_nodes(outputs) if node.operation != "variable"]
+    last_step_reading = {x: k for k, node in enumerate(nodes) for x in node.arguments}
+
+    used = [*(x for node in nodes for x in node.arguments), *outputs]
+    numbers = dict.fromkeys(float(x) for x in used if not isinstance(x, ExpressionNode))
+    name_of: dict[Any, str] = {number: f"c{k}" for k, number in enumerate(numbers)}
+    constants = {name_of[number]: number for number in numbers}
+    input_names = [f"x{k}" for k in range(len(inputs))]
+    name_of |= zip(inputs, input_names, strict=True)
+    output_names = [f"y{k}" for k in range(len(outputs))]
+    for output, output_name in zip(outputs, output_names, strict=True):
+        name_of.setdefault(output, output_name)
+
+    steps = list[_ProgramStep]()
+    free_names = list[str]()
+    # A dictionary, because it keeps the order and finds a name quickly: long chains have
+    # thousands of names.
+    work_names = dict[str, None]()
+    for k, node in enumerate(nodes):
+        arguments = [name_of[x] for x in node.arguments]
+        # The result may overwrite an argument that no later step reads.
+        read_last = dict.fromkeys(
+            name_of[x] for x in node.arguments if last_step_reading[x] == k
+        )
+        free_names += [name for name in read_last if name in work_names]
+        if node not in name_of:
+            if not free_names:
+                free_names.append(f"z{len(work_names)}")
+                work_names[free_names[0]] = None
+            name_of[node] = free_names.pop()
+        steps.append(_ProgramStep(node.operation, arguments, name_of[node]))
+    # Numbers, inputs and repeated outputs have another name and are copied.
+    for output, output_name in zip(outputs, output_names, strict=True):
+        if name_of[output] != output_name:
+            steps.append(_ProgramStep("positive", [name_of[output]], output_name))
+    return _Program(steps, constants, input_names, output_names, [*work_names])

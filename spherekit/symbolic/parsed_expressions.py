@@ -1,0 +1,88 @@
+"""Conversion of parsed text, such as the torque of a load, to a graph of nodes."""
+
+import operator
+from collections.abc import Callable, Mapping
+from functools import reduce
+
+from spherekit.errors import EngineError
+from spherekit.mechanism.load_expression import Expression, fold
+from spherekit.symbolic.expression_graph import Expr, function, power, sign_of
+
+PERIODIC_FUNCTIONS = ("sin", "cos", "tan")
+"""Functions whose value does not change if the argument grows by 2 pi."""
+
+PRESERVES_WHOLE_REVOLUTIONS = ("+", "-", "negative")
+"""Operations whose result changes by whole revolutions if their arguments do."""
+
+
+def convert_to_graph(
+    expression: Expression,
+    nodes_by_name: Mapping[str, tuple[Expr, Expr]],
+    sign: Callable[[Expr], Expr] | None = None,
+) -> Expr:
+    """Return a parsed expression as a graph of nodes.
+
+    Each name, and each part of the expression, has two values: the full value, and a
+    reduced value that differs from it by whole revolutions at most. Sines, cosines and
+    tangents use the reduced value, which keeps its digits after many revolutions.
+
+    Parameters
+    ----------
+    expression
+        The parsed expression.
+    nodes_by_name
+        Full and reduced value of each name in the expression. Both are the same for names
+        that are no angles.
+    sign
+        Returns the sign of an expression at whose zero the result has a kink or a jump. An
+        integrator passes switches here. By default it is the function `sign_of`.
+
+    Raises
+    ------
+    EngineError
+        If a denominator is zero for all values of the names.
+    """
+
+    def form_maximum(a: Expr, b: Expr) -> Expr:
+        if sign is None:
+            return function("maximum", a, b)
+        difference = a - b
+        return 0.5 * (a + b + sign(difference) * difference)
+
+    sign_function = sign or sign_of
+    operations: Mapping[str, Callable[..., Expr]] = {
+        "+": operator.add,
+        "-": operator.sub,
+        "*": operator.mul,
+        "/": operator.truediv,
+        "**": power,
+        "negative": lambda a: -1.0 * a,
+        "abs": lambda a: sign_function(a) * a,
+        "sign": sign_function,
+        "max": lambda *items: reduce(form_maximum, items),
+        "min": lambda *items: -1.0 * reduce(form_maximum, (-1.0 * item for item in items)),
+    }
+
+    def convert_operation(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
+        full_arguments, reduced_arguments = zip(*parts, strict=True)
+        if name == "/" and full_arguments[1] == 0.0:
+            what = f'"{expression.text}"' if expression.text else "a load"
+            raise EngineError(f"{what} divides by what is zero everywhere")
+        is_periodic = name in PERIODIC_FUNCTIONS
+        arguments = reduced_arguments if is_periodic else full_arguments
+        if name in operations:
+            value = operations[name](*arguments)
+        else:
+            value = function(name, *arguments)
+        # A whole number times whole revolutions is again a number of whole revolutions.
+        is_integer_multiple = name == "*" and any(
+            isinstance(x, float) and x % 1.0 == 0.0 for x in full_arguments
+        )
+        if name in PRESERVES_WHOLE_REVOLUTIONS or is_integer_multiple:
+            return value, operations[name](*reduced_arguments)
+        return value, value
+
+    full_value: Expr = fold(
+        expression.root, lambda x: (x, x), nodes_by_name.__getitem__, convert_operation
+    )[0]
+    return full_value

@@ -1,0 +1,239 @@
+"""Taylor integration of differential equations with events, compiled by heyoka.
+
+The equations and the functions whose zeros are events are symbolic expressions. A step
+adapts its length to a tolerance. Its Taylor series describes the solution within the step.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.symbolic.compiler import heyoka, heyoka_expressions, heyoka_variables
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode
+
+MAX_EVENTS_BEFORE_SWITCH = 100_000
+"""A run ends at a switch if it has had this many events: its switches chatter.
+
+Larger: a chattering run takes longer until it ends. Smaller: runs with many legitimate
+events end early.
+"""
+
+IntegrationEventKind = Literal[
+    "rest", "dead_centre", "type_2", "singularity", "coordinates", "joint_limit", "switch"
+]
+"""What the zero of an event function means; ``coordinates`` asks for other coordinates."""
+
+ENDING_EVENTS: tuple[IntegrationEventKind, ...] = (
+    "singularity",
+    "coordinates",
+    "joint_limit",
+)
+"""Kinds of events at which an integration ends."""
+
+
+@dataclass(frozen=True)
+class EventFunction:
+    """A function of the state whose zeros are events of an integration.
+
+    Events of the `ENDING_EVENTS` end the integration. At a switch it restarts with another
+    parameter. Events of other kinds are only noted.
+
+    Attributes
+    ----------
+    expression
+        The function, an expression of the variables, the time and the parameters.
+    kind
+        What a zero means.
+    variable
+        Number of the pair variable that the event is about, or -1 if it is about none.
+    sense
+        Of an ending event: the sign that the function must have after the zero, or 0 if
+        passages in both directions count.
+    switch
+        Of a switch: number of the parameter that is set to the new sign of the function.
+    sticks
+        Of a switch: a function of the state, the time (s) and the parameters after the
+        switch. It returns whether the motion would switch back at once; the integration
+        then ends.
+    """
+
+    expression: Expr
+    kind: IntegrationEventKind
+    variable: int = -1
+    sense: Literal[-1, 0, 1] = 0
+    switch: int = -1
+    sticks: Callable[[Floats, float, Floats], bool] | None = None
+
+
+StepEnd = Literal["step", "limit", "switch", "not_finite", "event"]
+"""Why a step ended.
+
+- ``step``: it has the largest length that the tolerance allows.
+- ``limit``: it has the largest length that the caller allows.
+- ``switch``: a parameter was set to a new sign; the integration can continue.
+- ``not_finite``: the state is infinite or undefined.
+- ``event``: an event ends the integration.
+"""
+
+
+class Integrator:
+    """A compiled Taylor integrator of first-order differential equations, with events.
+
+    Parameters
+    ----------
+    equations
+        Each state variable and its rate by time.
+    time_symbol
+        Variable that represents the time in the expressions.
+    parameter_symbols
+        Variables that are constant during a run and whose values are set before it.
+    tolerance
+        Error of a step, relative to the largest element of the state.
+    compact
+        Whether heyoka writes shorter code, which compiles faster and runs more slowly.
+    events
+        Functions whose zeros are events.
+
+    Attributes
+    ----------
+    state, parameters
+        Current state and parameters, which may be changed between steps. Parameters end
+        with the last one that occurs in an expression.
+    seen_events
+        Index in `events` and time (s) of each event of the current run.
+    """
+
+    def __init__(
+        self,
+        equations: Sequence[tuple[ExpressionNode, Expr]],
+        time_symbol: ExpressionNode,
+        parameter_symbols: Sequence[ExpressionNode],
+        tolerance: float,
+        compact: bool,
+        events: Sequence[EventFunction],
+    ) -> None:
+        module = heyoka()
+        self.events = events
+        self.seen_events: list[tuple[int, float]] = []
+        variables = heyoka_variables([variable for variable, _ in equations])
+        state_variables = list(variables.values())
+        for k, symbol in enumerate(parameter_symbols):
+            variables[symbol] = module.par[k]
+        variables[time_symbol] = module.time
+
+        # heyoka calls events that may end a step terminal, and all others non-terminal.
+        self._terminal_indices: list[int] = []  # in `events`, in heyoka's order
+        terminal_events = []
+        other_events = []
+        functions = heyoka_expressions([event.expression for event in events], variables)
+        for index, (event, function) in enumerate(zip(events, functions, strict=True)):
+            if event.kind == "switch":
+                options = {"callback": self._make_switch_callback(event, index)}
+            elif event.kind in ENDING_EVENTS:
+                sense = {-1: "negative", 0: "any", 1: "positive"}[event.sense]
+                options = {"direction": getattr(module.event_direction, sense)}
+            else:
+                other_events.append(
+                    module.nt_event(function, self._make_noting_callback(index))
+                )
+                continue
+            terminal_events.append(module.t_event(function, **options))
+            self._terminal_indices.append(index)
+
+        rates = heyoka_expressions([rate for _, rate in equations], variables)
+        self._adaptive = module.taylor_adaptive(
+            list(zip(state_variables, rates, strict=True)),
+            np.zeros(len(state_variables)),
+            tol=tolerance,
+            compact_mode=compact,
+            # Full optimisation of long code takes most of the compilation time and makes
+            # it hardly faster. Compact code is short.
+            opt_level=3 if compact else 1,
+            t_events=terminal_events,
+            nt_events=other_events,
+        )
+        # Both are views of heyoka's own arrays.
+        self.state = self._adaptive.state
+        self.parameters = self._adaptive.pars
+        outcomes = module.taylor_outcome
+        self._step_end_of_outcome: dict[int, StepEnd] = {
+            int(outcomes.success): "step",
+            int(outcomes.time_limit): "limit",
+            int(outcomes.err_nf_state): "not_finite",
+        }
+
+    def _make_noting_callback(self, index: int) -> Callable[[Any, Any, int], None]:
+        """Return heyoka's callback that appends an event with its time to those seen."""
+        return lambda _, time, sense: self.seen_events.append((index, time))
+
+    def _make_switch_callback(
+        self, event: EventFunction, index: int
+    ) -> Callable[[Any, int], bool]:
+        """Return heyoka's callback at a switch, which says whether a run may continue.
+
+        heyoka calls it with the integrator and the new sign of the event function.
+        """
+
+        def set_sign(adaptive: Any, sign: int) -> bool:
+            time = float(adaptive.time)
+            self.seen_events.append((index, time))
+            if sign:
+                adaptive.pars[event.switch] = sign
+            sticks = event.sticks and event.sticks(
+                adaptive.state.copy(), time, adaptive.pars.copy()
+            )
+            return not sticks and len(self.seen_events) < MAX_EVENTS_BEFORE_SWITCH
+
+        return set_sign
+
+    def start(self, state: Floats, time: float, parameters: Floats) -> None:
+        """Start a run.
+
+        Parameters
+        ----------
+        state
+            (states,) values of the state variables, in the order of the equations.
+        time
+            Initial time, s.
+        parameters
+            (parameters,) values of all parameters.
+        """
+        self.state[:] = state
+        self._adaptive.time = time
+        self.parameters[:] = parameters[: len(self.parameters)]
+        # Otherwise an event that was close to the end of the last run could be ignored.
+        if self._terminal_indices:
+            self._adaptive.reset_cooldowns()
+        self.seen_events.clear()
+
+    @property
+    def time(self) -> float:
+        """The current time, s."""
+        return float(self._adaptive.time)
+
+    def step(self, max_length: float) -> tuple[StepEnd, float]:
+        """Take a step of at most this length (s); return why it ended, and its length (s).
+
+        If an event ends the integration, it is the last one of `seen_events`.
+        """
+        outcome, length = self._adaptive.step(max_delta_t=max_length, write_tc=True)
+        code = int(outcome)
+        if code in self._step_end_of_outcome:
+            return self._step_end_of_outcome[code], length
+        # heyoka returns the index n of a terminal event if the integration may continue,
+        # and -n - 1 if it must end.
+        if code >= 0:
+            return "switch", length
+        index = self._terminal_indices[-code - 1]
+        # The callback of a switch has noted it already.
+        if self.events[index].kind != "switch":
+            self.seen_events.append((index, self.time))
+        return "event", length
+
+    @property
+    def coefficients(self) -> Floats:
+        """(states, order + 1) Taylor coefficients of the last step, from its start."""
+        return np.array(self._adaptive.tc)
