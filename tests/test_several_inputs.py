@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 import spherekit as sk
 from spherekit.planning.mobility import graph_mobility
 from spherekit.planning.pole_plan import all_poles
-from spherekit.positions.linearisation import rank_mobility
+from spherekit.positions.loop_tree import rank_mobility
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 import spherekit as sk
 from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.positions import mode_search
-from spherekit.positions.linearisation import LoopTree
+from spherekit.positions.loop_tree import LoopTree
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 

@@ -15,7 +15,7 @@ from spherekit.errors import ModelError
 from spherekit.mechanism.joint import revolute
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.linearisation import LoopTree
+from spherekit.positions.loop_tree import LoopTree
 
 import mpmath as mp  # isort: skip
 

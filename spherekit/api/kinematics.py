@@ -22,7 +22,7 @@ from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.planning.pole_plan import Pole, all_poles, ordered_pole, parse_pole
 from spherekit.positions.motion import Motion
-from spherekit.positions.motion_cache import traced
+from spherekit.positions.motion_cache import position_analysis_of
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.analysis_requests import requests_for
 from spherekit.runs.batch import Batch
@@ -426,7 +426,7 @@ def _ready(
         link_rates=frozenset(mechanism.links),
         tracer=True,
     )
-    first = traced(mechanism) if len(mechanism.inputs) == 1 else None
+    first = position_analysis_of(mechanism) if len(mechanism.inputs) == 1 else None
     if crossings == "pass":
         # With several inputs this says why it is not possible.
         first = PositionAnalysis(mechanism, crossings=crossings)

@@ -67,7 +67,7 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
     from spherekit.files.study_reader import load_study
     from spherekit.planning.mobility import graph_mobility
     from spherekit.planning.pole_planner import plans
-    from spherekit.positions.linearisation import rank_mobility
+    from spherekit.positions.loop_tree import rank_mobility
     from spherekit.positions.position_analysis import PositionAnalysis
     from spherekit.runs.sampling import check_time
     from spherekit.runs.study_analyses import analyses_of

@@ -28,7 +28,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions, wrap
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.assembly_plan import driven_at
-from spherekit.positions.input_grid import InputGrid, sampled
+from spherekit.positions.input_grid import InputGrid, make_input_grid
 from spherekit.positions.timing import evaluate_time_laws
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.sampling import check_time
@@ -91,7 +91,7 @@ class DesignSamples:
             q, timing = evaluate_time_laws(names, {**laws, **study.laws}, t)
             rows = np.column_stack([q, timing.dq, timing.ddq, t])
             return DesignSamples(names, rows, (len(t),), study.crossings)
-        lattice = sampled(mechanism, study.samples, study.grid, study.path)
+        lattice = make_input_grid(mechanism, study.samples, study.grid, study.path)
         start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
         if study.path is not None:
             start = np.min(lattice.q, axis=0) if len(names) == 1 else lattice.q[0]

@@ -21,7 +21,7 @@ from spherekit.mechanism.elements import PoseGeometry, Profile
 from spherekit.mechanism.joint import ContactProfile
 from spherekit.mechanism.joint_construction import PROFILE_GAP_RAD, make_joints
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.pair_states import contact_tracks
+from spherekit.positions.pair_states import iterate_contact_profiles
 
 STEPS = 2.0 ** -np.array([5.0, 9.0, 13.0])
 """Differences of numbers of the file that are tried until all of them are allowed."""
@@ -162,7 +162,7 @@ def tracks_of(mechanism: Mechanism, apart: float = PROFILE_GAP_RAD) -> list[Cont
     They have the order of `PairRotations.sides_with_columns`.
     """
     joints = make_joints(mechanism, apart)
-    return [track for _, tracks in contact_tracks(joints) for track in tracks]
+    return [track for _, tracks in iterate_contact_profiles(joints) for track in tracks]
 
 
 def profiles_of(mechanism: Mechanism) -> list[tuple[Profile, bool]]:

@@ -23,9 +23,10 @@ from spherekit.errors import ModelError, SolveError
 from spherekit.geometry.rotation import all_finite, cross, nans, transpose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
-from spherekit.positions.linearisation import Linearisation, left_inverse
+from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.pair_states import penetrates
+from spherekit.positions.pair_states import has_penetration
 from spherekit.status import Status
 from spherekit.velocities.pole_sequence import null_motion
 from spherekit.wording import listing
@@ -136,7 +137,7 @@ def _derived(
     tree = at.tree
     w = tree.body_rates(at.vectors[:, None], rates)
     status = np.zeros(n, dtype=np.int8)
-    status[penetrates(at.joints, at.states)] = Status.CURVATURE
+    status[has_penetration(at.joints, at.states)] = Status.CURVATURE
     status[~np.all(at.states.inside, axis=1)] = Status.OFF_PROFILE
     second = nans((n, m, m, variables))
     dw = nans((n, m, m, tree.count, 3))

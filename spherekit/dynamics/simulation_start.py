@@ -23,9 +23,9 @@ from spherekit.mechanism.load import TorqueFunction, TorqueTable
 from spherekit.mechanism.load_kinds import DRIVE, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_at
-from spherekit.positions.linearisation import rank_mobility
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion_cache import bare, traced
+from spherekit.positions.loop_tree import rank_mobility
+from spherekit.positions.motion_cache import kinematics_only, position_analysis_of
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.wording import choices, counted, listing
 
@@ -350,11 +350,15 @@ def _find_configuration(
         raise SolveError(f"{name}: the input at the start is {q}, give finite numbers")
     _check_digits(name, q)
     if len(q) == 1:
-        position_analysis, motion = compute_modes_at_inputs(traced(mechanism), q[None])
+        position_analysis, motion = compute_modes_at_inputs(
+            position_analysis_of(mechanism), q[None]
+        )
     else:
         # Contacts can make a configuration depend on whole turns of the inputs.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
-        position_analysis, motion = compute_modes_at_inputs(bare(mechanism), inputs[None])
+        position_analysis, motion = compute_modes_at_inputs(
+            kinematics_only(mechanism), inputs[None]
+        )
     row = position_analysis.find_mode_index(assembly_mode)
     status = Status(int(motion.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):

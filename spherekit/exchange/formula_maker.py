@@ -43,7 +43,7 @@ from spherekit.files.study import Crossings
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 from spherekit.planning.assembly_plan import driven_at, driven_pairs
-from spherekit.positions.motion_cache import traced
+from spherekit.positions.motion_cache import position_analysis_of
 from spherekit.symbolic.expression_graph import (
     Expr,
     ExpressionNode,
@@ -125,7 +125,9 @@ def formulas(
         step = _step(terms)
         driven = (terms.places[v] for v in terms.structure.inputs)
         stands |= zip(driven, terms.sample, strict=False)
-    passes_crossings = crossings == "pass" and bool(traced(made, "pass").mode_meetings)
+    passes_crossings = crossings == "pass" and bool(
+        position_analysis_of(made, "pass").mode_meetings
+    )
     if not passes_crossings and not any(map(_moves_links, variables)):
         # With other sizes of links, a pair that swings now may turn fully. So may one whose
         # mode continues through a crossing on the curve of another one.

@@ -13,7 +13,7 @@ import numpy as np
 from spherekit.conventions import TURN
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.angle_unwrapping import continue_angles
-from spherekit.positions.motion_cache import bare
+from spherekit.positions.motion_cache import kinematics_only
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
 
@@ -47,7 +47,7 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     one_turn = mechanism.with_inputs(
         *inputs, ranges={inputs[0]: (0.0, TURN)}, angle_unit="rad"
     )
-    position_analysis = PositionAnalysis(bare(one_turn), samples=SWING_SAMPLES)
+    position_analysis = PositionAnalysis(kinematics_only(one_turn), samples=SWING_SAMPLES)
     motion = position_analysis.motion()
     angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
     middles: dict[str, float] = {}

@@ -27,7 +27,7 @@ from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
 from spherekit.geometry.rotation import max_abs
 from spherekit.mechanism.graph import component_labels, find_spanning_tree
 from spherekit.mechanism.inertia import shift_to_sphere_centre
-from spherekit.positions.linearisation import LoopTree
+from spherekit.positions.loop_tree import LoopTree
 from spherekit.wording import listing, numbered
 
 WITHIN = 1e-6

@@ -39,7 +39,7 @@ from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.motion import Motion
-from spherekit.positions.motion_cache import traced
+from spherekit.positions.motion_cache import position_analysis_of
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.symbolic.expression_graph import Expr
@@ -180,7 +180,7 @@ def compare_modes(
         "pass" also if there are several inputs, or if it is not known which modes continue
         each other.
     """
-    position_analysis = traced(varied.mechanism, crossings)
+    position_analysis = position_analysis_of(varied.mechanism, crossings)
     borders = np.zeros(0)
     if crossings == "pass":
         borders = np.array([x.input for x in position_analysis.mode_meetings])

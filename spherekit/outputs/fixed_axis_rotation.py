@@ -35,7 +35,7 @@ from spherekit.outputs.rotation_path import (
     Way,
 )
 from spherekit.positions.assembly_mode import has_configuration
-from spherekit.positions.linearisation import condition
+from spherekit.positions.linear_equations import condition_numbers
 from spherekit.status import Status
 from spherekit.tolerances import EPS, SINGULAR_RATIO, USABLE_DIRECTION
 from spherekit.velocities.transmission import SINGULAR, Transmission
@@ -154,7 +154,7 @@ class FollowedRotation(Way):
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
         predicted, size = self.nodes.between(np.minimum(theta, self.reached))
         near, _ = self.near(theta, predicted)
-        hold = np.nan_to_num(1.0 / condition(near.system))
+        hold = np.nan_to_num(1.0 / condition_numbers(near.system))
         if not self.exact:
             hold = np.minimum(near.least_eigenvalue, near.loop_conditioning)
         unfixed = (status == Status.OK) & ~(hold > UNFIXED)

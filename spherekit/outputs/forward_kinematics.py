@@ -26,7 +26,7 @@ from spherekit.outputs.wheel_revolutions import as_assembled
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
-from spherekit.positions.input_grid import given_path
+from spherekit.positions.input_grid import make_path
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
@@ -155,7 +155,7 @@ class ForwardKinematics:
                 f"{self.mechanism.name}: its groups are {kinds}; ask for `solutions` row "
                 "by row, or trace the mechanism along a path"
             )
-        q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
+        q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
         signs = self._modes if modes is None else tuple(map(tuple, modes))
         _, rotations, status = self._evaluated(q, signs)
         turned = pose_of(self.mechanism, self.output, rotations)
@@ -183,7 +183,7 @@ class ForwardKinematics:
         SolveError
             If the inputs are not finite or not as many as the mechanism has.
         """
-        q = given_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
+        q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
         if not self.solver.assembly.has_closed_form:
             return solved(self.solver, self.output, q)
         modes = self._modes

@@ -36,7 +36,7 @@ from spherekit.outputs.working_mode import PosedMode
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_mode import label_of
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.pair_states import turns_of
+from spherekit.positions.pair_states import measure_pair_angles
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_DYAD_SINE
@@ -374,7 +374,7 @@ class InverseKinematics:
                 parts.append((row + start, links, placed.given_rotation.T))
                 signs += [(*mode, int(sign)) for sign in sense]
         row, links, rotations = (np.concatenate(part) for part in zip(*parts, strict=True))
-        values, _ = turns_of(ends, joints, links)
+        values, _ = measure_pair_angles(ends, joints, links)
         # where axes of a dyad coincide it is placed by rounding, and closes no loop
         closed = Closure.of(self.own, tuple(joints)).at(values).gap < CLOSED
         order = np.argsort(row, kind="stable")

@@ -30,9 +30,9 @@ from spherekit.outputs.fixed_axis_rotation import (
     unit,
 )
 from spherekit.outputs.mid_plane import MidPlane
-from spherekit.positions.linearisation import rank_mobility
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.pair_states import turns_of
+from spherekit.positions.loop_tree import rank_mobility
+from spherekit.positions.pair_states import measure_pair_angles
 from spherekit.velocities.transmission import Transmission
 from spherekit.wording import listing
 
@@ -205,7 +205,7 @@ class MidPlaneArchitecture:
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
         """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""
-        return turns_of(self.mechanism.ends, revolutes(self.joints), placed)
+        return measure_pair_angles(self.mechanism.ends, revolutes(self.joints), placed)
 
     def proof(self) -> tuple[float, int]:
         """Return how well the closed form closes the graph, at poses over the reach.

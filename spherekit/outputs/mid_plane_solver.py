@@ -14,7 +14,7 @@ from spherekit.outputs.dyad_chain import Signs, input_rates
 from spherekit.outputs.forward_kinematics import PoseSolutions
 from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.outputs.pose_constraints import ClosedKinematics, Rows, Span
-from spherekit.positions.pair_states import turns_of
+from spherekit.positions.pair_states import measure_pair_angles
 
 
 class MidPlaneKinematics(ClosedKinematics):
@@ -95,7 +95,7 @@ class _MidPlaneRows:
     def angle(self, pair: int) -> Floats:
         ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
         placed = self.form.place(self.normals, self.signs, links=ends)
-        return turns_of([ends], [joint], placed)[0][:, 0]
+        return measure_pair_angles([ends], [joint], placed)[0][:, 0]
 
     @property
     def inputs(self) -> Floats:

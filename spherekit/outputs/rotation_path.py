@@ -38,7 +38,8 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.hermite import quintic_hermite
 from spherekit.numerics.minima import minimize_in_brackets
-from spherekit.positions.linearisation import Linearisation, left_inverse
+from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure, newton
 from spherekit.positions.path_continuation import STEP_PARTS, Verification
 from spherekit.status import Status

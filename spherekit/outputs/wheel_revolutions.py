@@ -16,12 +16,12 @@ from spherekit.geometry.rotation import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.planning.gear_mesh import SAME_LENGTH
 from spherekit.positions.gear_phases import (
-    MOST_ASSEMBLIES,
-    MOST_SORTED,
-    MOST_TURNS,
-    SAME_RATIO,
+    GEAR_RATIO_TOLERANCE,
+    MAX_INPUT_REVOLUTIONS,
+    MAX_LENGTH_COMBINATIONS,
+    MAX_TRIED_ASSEMBLIES,
     GearPhases,
-    whole_turns_apart,
+    list_equivalent_lengths,
 )
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.tolerances import CLOSURE_TOLERANCE
@@ -67,22 +67,26 @@ def as_assembled(
 def _lengths(held: PositionSolver, meshes: GearPhases, lengths: Floats) -> Floats:
     """Return lengths (n, m) whole turns of wheels from some, as inputs can roll them."""
     joints = [held.closure.joints[held.closure.tree.owners[v]] for v in meshes.variables]
-    choices = map(whole_turns_apart, joints, map(float, lengths))
-    every = np.array(list(islice(product(*choices), MOST_SORTED)))
+    choices = map(list_equivalent_lengths, joints, map(float, lengths))
+    every = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
     ratios = meshes.ratios
     onto = ratios @ np.linalg.pinv(ratios)
     beyond = every - meshes.lengths
     every = every[max_abs(beyond - beyond @ onto.T, axis=1) < SAME_LENGTH]
-    return every[np.argsort(np.sum(np.abs(every), axis=1), kind="stable")[:MOST_ASSEMBLIES]]
+    return every[
+        np.argsort(np.sum(np.abs(every), axis=1), kind="stable")[:MAX_TRIED_ASSEMBLIES]
+    ]
 
 
 def _turned(meshes: GearPhases, q: Floats, lengths: Floats) -> Floats | None:
     """Return inputs (k,) whole turns from some that roll the lengths (m,), the least."""
-    rolling = max_abs(meshes.ratios, axis=0) > SAME_RATIO
-    half = np.minimum(MOST_TURNS, np.ceil(0.5 * np.asarray(meshes.periods) / TURN))
+    rolling = max_abs(meshes.ratios, axis=0) > GEAR_RATIO_TOLERANCE
+    half = np.minimum(
+        MAX_INPUT_REVOLUTIONS, np.ceil(0.5 * np.asarray(meshes.periods) / TURN)
+    )
     turns = [range(-k, k + 1) for k in np.where(rolling, half, 0).astype(int).tolist()]
     places = q + TURN * np.array(list(product(*turns)), dtype=float)
-    fits = places[max_abs(meshes.rolled(places) - lengths, axis=1) < SAME_LENGTH]
+    fits = places[max_abs(meshes.rolled_lengths(places) - lengths, axis=1) < SAME_LENGTH]
     if not len(fits):
         return None
     return fits[np.argmin(np.sum(np.abs(fits), axis=1))]

@@ -14,7 +14,7 @@ from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.numerics.angles import wrap
 from spherekit.positions.gear_phases import GearPhases
 from spherekit.positions.group_assembly import (
-    State,
+    AssemblyState,
     group_closure,
     group_tree,
     group_variables,
@@ -30,8 +30,9 @@ from spherekit.positions.group_solutions import (
     least_complete,
 )
 from spherekit.positions.input_revolutions import whole_laps
-from spherekit.positions.linearisation import Linearisation, condition
-from spherekit.positions.pair_states import penetrates
+from spherekit.positions.linear_equations import condition_numbers
+from spherekit.positions.linearisation import Linearisation
+from spherekit.positions.pair_states import has_penetration
 from spherekit.positions.path_continuation import determinant_sign
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import (
@@ -112,7 +113,7 @@ def assemblies(solver: PositionSolver, q: Floats) -> Assemblies:
 def _modes_in_mesh(solver: PositionSolver, meshes: GearPhases, q: Floats) -> Floats:
     """Return the closed configurations (n, variables) found with wheels in mesh."""
     near = q - whole_laps(q - meshes.anchor, meshes.periods)
-    held = np.append(near, meshes.rolled(near[None]))[None]
+    held = np.append(near, meshes.rolled_lengths(near[None]))[None]
     locked = solver.closure.locked([*solver.driven, *meshes.variables], held)
     distinct = Distinct(locked)
     search(locked, distinct)
@@ -125,7 +126,7 @@ def chains(
     q: Floats,
     most: int,
     methods: list[SolutionMethod | None] | None = None,
-) -> list[tuple[tuple[int, ...], State]]:
+) -> list[tuple[tuple[int, ...], AssemblyState]]:
     """Return dyad signs and states of the modes that close at any of inputs q (n, inputs).
 
     At most so many. The `methods` of groups are noted; those other than dyads and trains of
@@ -133,8 +134,8 @@ def chains(
     """
 
     def extend(
-        state: State, signs: tuple[int, ...]
-    ) -> Iterator[tuple[tuple[int, ...], State]]:
+        state: AssemblyState, signs: tuple[int, ...]
+    ) -> Iterator[tuple[tuple[int, ...], AssemblyState]]:
         number = len(signs)
         if number == len(solver.assembly.groups):
             yield signs, state
@@ -150,8 +151,8 @@ def chains(
 
 
 def _grown(
-    solver: PositionSolver, state: State, number: int, q: Floats
-) -> tuple[list[tuple[int, State]], SolutionMethod]:
+    solver: PositionSolver, state: AssemblyState, number: int, q: Floats
+) -> tuple[list[tuple[int, AssemblyState]], SolutionMethod]:
     """Return the states in which a group is placed, with dyad signs, and the method.
 
     It is the group of that number; q (n, inputs) are the inputs.
@@ -163,10 +164,10 @@ def _grown(
             if sign:
                 place_dyad(further, group, sign)
             else:
-                further.lost |= ~(
+                further.is_open |= ~(
                     solver.place_wheel_train(further, number, q).gap < CLOSURE_TOLERANCE
                 )
-            if not np.all(further.lost):
+            if not np.all(further.is_open):
                 grown.append((sign, further))
         return grown, CLOSED_FORM
     reference = solver.reference
@@ -220,7 +221,9 @@ def group_signs(
         _, rows, columns = matrices.shape
         signs[:, number] = np.nan_to_num(determinant_sign(matrices))
         if least:
-            signs[:, number] *= (rows == columns) & (condition(matrices) < 1.0 / least)
+            signs[:, number] *= (rows == columns) & (
+                condition_numbers(matrices) < 1.0 / least
+            )
     return signs
 
 
@@ -265,11 +268,13 @@ def random_starts(
             values[:, driven] = samples[rows]
         with np.errstate(all="ignore"):
             if meshes is not None:
-                values[:, rolled] = meshes.rolled(values[:, driven])
+                values[:, rolled] = meshes.rolled_lengths(values[:, driven])
             values, near = damped(closure, values, held, least, most)
             at = closure.solve(values[near], driven + rolled, iterations=POLISHING_STEPS)
             reciprocal_condition = group_reciprocal_condition(at.jacobian[:, :, ~is_input])
             good = (at.gap < CLOSURE_TOLERANCE) & np.all(at.states.inside, axis=1)
-            good &= (reciprocal_condition > FLAT) & ~penetrates(closure.joints, at.states)
+            good &= (reciprocal_condition > FLAT) & ~has_penetration(
+                closure.joints, at.states
+            )
         at.values[:, turning] = wrap(at.values[:, turning])
         yield len(near), at.values[good], rows[near][good]

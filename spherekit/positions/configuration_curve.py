@@ -28,7 +28,7 @@ from spherekit.positions.curve_segment import (
     curve_points,
 )
 from spherekit.positions.input_revolutions import less_periods, whole_laps
-from spherekit.positions.linearisation import left_inverse
+from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.loop_closure import Closure
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS

@@ -24,7 +24,9 @@ from spherekit.positions.curve_segment import (
     correct,
     curve_points,
 )
-from spherekit.positions.linearisation import Linearisation, left_inverse
+from spherekit.positions.gear_phases import variable_periods
+from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure, newton
 from spherekit.positions.path_continuation import (
     NEARLY_THERE,
@@ -159,7 +161,7 @@ def _followed(
     """Return the curves through nodes, in both senses where they do not close."""
     if not starts:
         return []
-    start, periods = _Nodes.joined(starts), periods_of(closure)
+    start, periods = _Nodes.joined(starts), variable_periods(closure)
     back = replace(start.plain, tangents=-start.tangents)
     turned = _Nodes.of(closure.at(start.values), back, limits)
     ahead = _Arcs(start, periods, longest, LARGEST_STEP, closure, limits)
@@ -188,11 +190,6 @@ def _curve(ahead: "_Arcs", behind: "_Arcs", row: int, other: int | None) -> ArcC
             "joint limits"
         )
     return ArcCurve(nodes, ahead.closure.take(np.array([row])), ahead.periods, closed, ends)
-
-
-def periods_of(closure: Closure) -> Floats:
-    """Return the growth (variables,) of each variable that gives the same configuration."""
-    return np.array([period for joint in closure.joints for period in joint.periods])
 
 
 def _started(closure: Closure, values: Floats, limits: Limits) -> _Nodes:

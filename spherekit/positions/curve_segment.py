@@ -14,7 +14,8 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.rotation import unit_rows
 from spherekit.numerics.array_rows import ArrayRows
-from spherekit.positions.linearisation import Linearisation, left_inverse
+from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure, newton
 
 MOST_CORRECTIONS = 6

@@ -1,11 +1,12 @@
-"""How far wheels have rolled at an input, which is a place on the line, not on the circle.
+"""How far wheels have rolled on each other at given inputs, over whole revolutions.
 
-Two wheels put together one turn further on close the loops as well, and stand differently.
-Which of these assemblies a file means is said at one value of the inputs, the anchor: that
-of the reference pose, or zero, where the wheels have rolled least. From there the lengths
-rolled go on with the inputs over any number of turns. Where a train of wheels leads from
-the inputs to a contact, its length is a linear function of them, known also where the
-rest of the mechanism does not close.
+Two wheels that are put together one tooth or one revolution further on also close the
+loops, but the mechanism then has another configuration. The rolled length of a contact is
+therefore a number on the line, not an angle on the circle. Which assembly a file means is
+fixed at one value of the inputs, the anchor: the reference pose, or zero, where the wheels
+have rolled least. From there the rolled lengths continue with the inputs over any number of
+revolutions. If a train of wheels leads from the inputs to a contact, its rolled length is a
+linear function of the inputs, also where the rest of the mechanism does not close.
 """
 
 from fractions import Fraction
@@ -20,26 +21,55 @@ from spherekit.geometry.rotation import nans
 from spherekit.mechanism.joint import MAX_TEETH, Joint
 from spherekit.planning.gear_mesh import SAME_LENGTH
 from spherekit.planning.wheel_train import GearTrain
-from spherekit.positions.curve_continuation import periods_of
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.pair_states import rolled_lengths
+from spherekit.positions.pair_states import list_rolling_variables
 
-SAME_RATIO = 1e-9
-"""Laps in a turn of an input that differ by less are the same."""
-MOST_CHOICES, MOST_SORTED, MOST_ASSEMBLIES = 8, 4096, 64
-"""Lengths of one contact, assemblies of all, and the least rolled of those, to be tried."""
-MOST_TURNS = 12
-"""Whole turns of an input by which a configuration found may have been put together."""
+GEAR_RATIO_TOLERANCE = 1e-9
+"""Gear ratios below this are zero, and laps per revolution that differ by less are equal.
+
+Larger: wheels of irrational ratio can get a finite period. Smaller: rounding errors of the
+radii hide the ratio of the numbers of teeth.
+"""
+MAX_LENGTHS_PER_CONTACT = 8
+"""Rolled lengths of one contact that are tried. Larger: more assemblies, more time."""
+MAX_LENGTH_COMBINATIONS = 4096
+"""Combinations of the rolled lengths of all contacts that are compared.
+
+Larger: more time. Smaller: the assembly that is looked for may not be among them.
+"""
+MAX_TRIED_ASSEMBLIES = 64
+"""Combinations of rolled lengths, the smallest first, at which loops are closed.
+
+Larger: more time. Smaller: the assembly that is looked for may not be among them.
+"""
+MAX_INPUT_REVOLUTIONS = 12
+"""Most whole revolutions by which an input may differ from a configuration that is given.
+
+Larger: more combinations of inputs are tried. Smaller: wheels that have rolled far are not
+recognised.
+"""
 
 
 class GearPhases(NamedTuple):
-    """The rolled lengths that follow from the inputs alone.
+    """The rolled lengths that follow from the inputs by gear ratios.
 
-    `variables` are their numbers; `lengths` (m,) those at the inputs `anchor` (k,), rad;
-    `ratios` (m, k) their rates by the inputs. `all_known` says that no other contact
-    rolls. `periods` (k,) is the growth of each input with which the same assembly
-    returns, infinite if there is none, and NaN where no length follows from the inputs, so
-    that a curve itself says when it returns (`ArcCurve.returns_after`).
+    Attributes
+    ----------
+    variables
+        Numbers of the m variables that are these rolled lengths.
+    anchor
+        (inputs,) values of the inputs (rad) at which the lengths are `lengths`.
+    lengths
+        (m,) rolled lengths (rad) at the anchor.
+    ratios
+        (m, inputs) derivatives of the rolled lengths by the inputs.
+    periods
+        (inputs,) growth (rad) of each input after which the same configurations return.
+        Infinite if they never return. NaN if some rolled length does not follow from the
+        inputs: then only a configuration curve shows when it returns
+        (`spherekit.positions.configuration_curve.ArcCurve.returns_after`).
+    all_known
+        Whether the rolled lengths of all contacts follow from the inputs.
     """
 
     variables: tuple[int, ...]
@@ -49,54 +79,120 @@ class GearPhases(NamedTuple):
     periods: Floats
     all_known: bool
 
-    def rolled(self, q: Floats) -> Floats:
-        """Return the lengths (n, m), rad, at inputs q (n, k)."""
+    def rolled_lengths(self, q: Floats) -> Floats:
+        """Return the rolled lengths (n, m) in rad at inputs q (n, inputs) in rad."""
         return self.lengths + (q - self.anchor) @ self.ratios.T
 
 
-def meshes_of(
+def variable_periods(closure: Closure) -> Floats:
+    """Return the growth (variables,) of each variable after which its pair is the same.
+
+    In rad; infinite for variables that never return to the same state.
+    """
+    return np.array([period for joint in closure.joints for period in joint.periods])
+
+
+def make_gear_phases(
     closure: Closure, anchor: Floats, train: GearTrain | None
 ) -> GearPhases | None:
-    """Return what is known of the lengths rolled, None where no contact rolls.
+    """Return how far wheels have rolled at given inputs.
 
-    `anchor` (k,) rad are the inputs from which they go on, `train` is what is known of
-    wheels that follow the inputs.
+    Parameters
+    ----------
+    closure
+        The loops of the whole mechanism.
+    anchor
+        (inputs,) values of the inputs (rad) from which the rolled lengths continue.
+    train
+        The wheels that follow the inputs by gear ratios, None if there are none.
+
+    Returns
+    -------
+    The rolled lengths; None if the mechanism has no rolling contact.
     """
-    rolling = [variable for variable, _ in rolled_lengths(closure.joints)]
+    rolling = [variable for variable, _ in list_rolling_variables(closure.joints)]
     if not rolling:
         return None
     if train is None:
-        none = np.zeros((0, len(anchor)))
-        return GearPhases((), anchor, none[:, 0], none, nans(len(anchor)), False)
+        no_ratios = np.zeros((0, len(anchor)))
+        return GearPhases(
+            variables=(),
+            anchor=anchor,
+            lengths=no_ratios[:, 0],
+            ratios=no_ratios,
+            periods=nans(len(anchor)),
+            all_known=False,
+        )
     variables = [v for v in rolling if closure.tree.owners[v] in train.contacts]
-    ratios, all_known = train.length_ratios, len(variables) == len(rolling)
+    ratios = train.length_ratios
+    all_known = len(variables) == len(rolling)
     periods = np.full(len(anchor), np.inf)
     if all_known:
-        laps = periods_of(closure)[variables]
-        periods = np.array([_period(laps, ratio) for ratio in ratios.T])
-    lengths = train.lengths + ratios @ anchor
-    return GearPhases(tuple(variables), anchor, lengths, ratios, periods, all_known)
+        lap_lengths = variable_periods(closure)[variables]
+        periods = np.array(
+            [_find_input_period(lap_lengths, input_ratios) for input_ratios in ratios.T]
+        )
+    return GearPhases(
+        variables=tuple(variables),
+        anchor=anchor,
+        lengths=train.lengths + ratios @ anchor,
+        ratios=ratios,
+        periods=periods,
+        all_known=all_known,
+    )
 
 
-def whole_turns_apart(joint: Joint, length: float) -> list[float]:
-    """Return lengths that differ from one by whole turns of a wheel, the least first."""
+def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
+    """Return rolled lengths that differ by whole revolutions of one wheel.
+
+    Parameters
+    ----------
+    joint
+        The rolling contact.
+    length
+        A rolled length (rad) of this contact.
+
+    Returns
+    -------
+    The length itself, and the lengths that differ from it by revolutions of either wheel.
+    The smallest absolute values come first; at most `MAX_LENGTHS_PER_CONTACT`.
+    """
+    # Keys are rounded lengths, so that equal lengths occur once.
     lengths = {round(length / SAME_LENGTH): length}
-    for lap in joint.closed_lengths:
-        least = length - lap * round(length / lap)
-        most = int(np.ceil(0.5 * max(joint.closed_lengths) / lap))
-        for turns in range(-most, most + 1):
-            lengths[round((least + turns * lap) / SAME_LENGTH)] = least + turns * lap
-    return sorted(lengths.values(), key=abs)[:MOST_CHOICES]
+    for lap_length in joint.closed_lengths:
+        least = length - lap_length * round(length / lap_length)
+        max_laps = int(np.ceil(0.5 * max(joint.closed_lengths) / lap_length))
+        for laps in range(-max_laps, max_laps + 1):
+            candidate = least + laps * lap_length
+            lengths[round(candidate / SAME_LENGTH)] = candidate
+    return sorted(lengths.values(), key=abs)[:MAX_LENGTHS_PER_CONTACT]
 
 
-def _period(laps: Floats, ratios: Floats) -> float:
-    """Return the growth (rad), in whole turns, of an input with which all wheels return."""
-    turns = 1
-    if np.any(np.isinf(laps) & (np.abs(ratios) > SAME_RATIO)):
+def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
+    """Return the growth (rad) of one input after which all wheels are in the same phase.
+
+    It is a whole number of revolutions of the input, the least common multiple of those
+    that the single contacts need.
+
+    Parameters
+    ----------
+    lap_lengths
+        (m,) rolled length (rad) after which each contact is the same, which may be
+        infinite.
+    ratios
+        (m,) derivatives of the rolled lengths by the input.
+
+    Returns
+    -------
+    The period, infinite if the wheels never return together.
+    """
+    never_returns = np.isinf(lap_lengths) & (np.abs(ratios) > GEAR_RATIO_TOLERANCE)
+    if np.any(never_returns):
         return np.inf
-    for passed in TURN * ratios / laps:
-        whole = Fraction(float(passed)).limit_denominator(MAX_TEETH)
-        if abs(whole - passed) > SAME_RATIO:
+    revolutions = 1
+    for laps_per_revolution in TURN * ratios / lap_lengths:
+        fraction = Fraction(float(laps_per_revolution)).limit_denominator(MAX_TEETH)
+        if abs(fraction - laps_per_revolution) > GEAR_RATIO_TOLERANCE:
             return np.inf
-        turns = lcm(turns, whole.denominator)
-    return TURN * turns
+        revolutions = lcm(revolutions, fraction.denominator)
+    return TURN * revolutions

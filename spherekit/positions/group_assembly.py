@@ -1,7 +1,8 @@
-"""Placing the bodies of one group: dyads in closed form, others by Newton's method.
+"""Places the bodies of one group: dyads in closed form, others by Newton's method.
 
-While groups are assembled each body carries the orientations of its links in its own
-axes (those of one of its links); `State` holds them for a batch of samples.
+While a mechanism is assembled it consists of bodies, which are sets of links whose relative
+orientations are known already. An `AssemblyState` has the orientations of all links in
+their bodies at n samples. Placing a group merges its bodies into one.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -17,22 +18,35 @@ from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint, revolute
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
-from spherekit.positions.linearisation import Linearisation, LoopTree
+from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.pair_states import pair_angle, pair_states
+from spherekit.positions.loop_tree import LoopTree
+from spherekit.positions.pair_states import evaluate_pair_states, pair_angle
 from spherekit.tolerances import REACH_SLACK
 
 
 @dataclass
-class State:
-    """Orientations of links within their bodies while a batch is being assembled.
+class AssemblyState:
+    """The bodies of a mechanism at n samples, while its groups are placed.
 
-    `joints` are those of the mechanism's pairs, `ends` the links that these join, and
-    `variables[pair]` the numbers of their variables; `within[link]` is (n, 3, 3), from the
-    link's axes to those of its body; `values` (n, variables) are the variables known so
-    far. `slack` (n,) rad is what bodies may be off by: nearly straight dyads enlarge it, at
-    most to the root of rounding. `slenderness` (n,) is the least of any dyad placed, see
-    `spherekit.geometry.triangle.close_dyad`.
+    Attributes
+    ----------
+    joints, ends, variables
+        The joint, the two links, and the numbers of the variables of each pair.
+    within
+        Rotations (n, 3, 3) from the axes of each link, by its number, to the axes of its
+        body. The axes of a body are those of one of its links.
+    values
+        (n, variables) pair variables (rad), NaN as long as they are not known.
+    is_open
+        (n,) whether some group could not be closed.
+    slack
+        (n,) angle (rad) by which the sides of a triangle may miss closing. It is the error
+        of the bodies placed so far. Nearly straight dyads enlarge it, at most to the square
+        root of `REACH_SLACK`.
+    slenderness
+        (n,) least slenderness of the dyads placed so far, as
+        `spherekit.geometry.triangle.close_dyad` defines it.
     """
 
     joints: tuple[Joint, ...]
@@ -40,53 +54,77 @@ class State:
     variables: tuple[tuple[int, ...], ...]
     within: dict[int, Floats]
     values: Floats
-    lost: Bools
+    is_open: Bools
     slack: Floats
     slenderness: Floats
 
     @staticmethod
     def start(
         mechanism: Mechanism, joints: tuple[Joint, ...], assembly: Assembly, q: Floats
-    ) -> "State":
-        """Return the state in which only the inputs have values q (n, inputs)."""
+    ) -> "AssemblyState":
+        """Return the state in which only the inputs are placed.
+
+        Parameters
+        ----------
+        mechanism, joints
+            The mechanism and the joints of its pairs.
+        assembly
+            Its inputs, and the body of each link, which is the set of links that inputs
+            join.
+        q
+            (n, inputs) values of the inputs (rad).
+        """
         n = len(q)
-        unturned = np.broadcast_to(np.eye(3), (n, 3, 3))
-        within = dict.fromkeys(range(len(mechanism.links)), unturned)
+        identity = np.broadcast_to(np.eye(3), (n, 3, 3))
+        within = dict.fromkeys(range(len(mechanism.links)), identity)
         variables = tuple(map(mechanism.variables_of, range(len(joints))))
         values = nans((n, len(mechanism.variable_owners)))
-        for driven, column in zip(assembly.inputs, q.T, strict=True):
-            values[:, variables[driven][0]] = column
-        ways = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
-        for driven, parent, child in ways:
-            states = pair_states((joints[driven],), values[:, list(variables[driven])])
-            turn = states.first[:, 0] @ transpose(states.second[:, 0])
-            ahead = mechanism.ends[driven][0] == parent
-            within[child] = within[parent] @ (turn if ahead else transpose(turn))
-        lost, slack = np.zeros(n, dtype=bool), np.full(n, REACH_SLACK)
-        slenderness = np.ones(n)
-        return State(
-            joints, mechanism.ends, variables, within, values, lost, slack, slenderness
+        for input_pair, input_values in zip(assembly.inputs, q.T, strict=True):
+            values[:, variables[input_pair][0]] = input_values
+        # An input joins its two links to one body.
+        branches = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
+        for input_pair, parent, child in branches:
+            states = evaluate_pair_states(
+                (joints[input_pair],), values[:, list(variables[input_pair])]
+            )
+            first_from_second = states.first[:, 0] @ transpose(states.second[:, 0])
+            is_forward = mechanism.ends[input_pair][0] == parent
+            within[child] = within[parent] @ (
+                first_from_second if is_forward else transpose(first_from_second)
+            )
+        return AssemblyState(
+            joints=joints,
+            ends=mechanism.ends,
+            variables=variables,
+            within=within,
+            values=values,
+            is_open=np.zeros(n, dtype=bool),
+            slack=np.full(n, REACH_SLACK),
+            slenderness=np.ones(n),
         )
 
-    def copy(self) -> "State":
-        """Return a state that can be assembled differently from here on."""
+    def copy(self) -> "AssemblyState":
+        """Return a copy in which further groups can be placed independently."""
         return replace(
-            self, within=dict(self.within), values=self.values.copy(), lost=self.lost.copy()
+            self,
+            within=dict(self.within),
+            values=self.values.copy(),
+            is_open=self.is_open.copy(),
         )
 
-    def rows(self, chosen: Indices) -> "State":
+    def rows(self, chosen: Indices) -> "AssemblyState":
         """Return the state of some samples, by their numbers (k,), which may repeat."""
         return replace(
             self,
-            within={link: turn[chosen] for link, turn in self.within.items()},
+            within={link: rotations[chosen] for link, rotations in self.within.items()},
             values=self.values[chosen],
-            lost=self.lost[chosen],
+            is_open=self.is_open[chosen],
             slack=self.slack[chosen],
             slenderness=self.slenderness[chosen],
         )
 
     @staticmethod
-    def joined(states: Sequence["State"]) -> "State":
+    def joined(states: Sequence["AssemblyState"]) -> "AssemblyState":
         """Return the samples of several states of one mechanism, state after state."""
         first = states[0]
         return replace(
@@ -96,120 +134,194 @@ class State:
                 for link in first.within
             },
             values=np.concatenate([state.values for state in states]),
-            lost=np.concatenate([state.lost for state in states]),
+            is_open=np.concatenate([state.is_open for state in states]),
             slack=np.concatenate([state.slack for state in states]),
             slenderness=np.concatenate([state.slenderness for state in states]),
         )
 
-    def merge(self, group: Group, placed: Floats) -> None:
-        """Make the group one body, its bodies placed (n, bodies, 3, 3) in the first."""
+    def merge(self, group: Group, rotations: Floats) -> None:
+        """Merge the bodies of a group into its first body, in place.
+
+        Parameters
+        ----------
+        group
+            The group.
+        rotations
+            (n, bodies, 3, 3) rotations from the axes of each body of the group to the axes
+            of its first body.
+        """
         for position, links in enumerate(group.bodies):
             if position:
                 for link in links:
-                    self.within[link] = placed[:, position] @ self.within[link]
+                    self.within[link] = rotations[:, position] @ self.within[link]
 
     def read_values(self, group: Group) -> None:
         """Set the variables of a group's R pairs from the orientations of its links."""
         for pair in group.pairs:
             if not self.joints[pair].has_axis:
                 continue
-            a, b = self.ends[pair]
+            first_link, second_link = self.ends[pair]
             joint = revolute(self.joints[pair])
             self.values[:, self.variables[pair][0]] = pair_angle(
-                self.within[a] @ joint.first, self.within[b] @ joint.second
+                self.within[first_link] @ joint.first,
+                self.within[second_link] @ joint.second,
             )
 
 
-def place_dyad(state: State, group: Group, sign: Floats | float) -> Floats:
-    """Place the two free bodies of a dyad and merge; return the sine of its dead centre.
+def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floats:
+    """Place the two free bodies of a dyad in closed form, and merge its three bodies.
 
-    The mode's `sign`, one for all samples or (n,), is that of u_1 . (u_2 x u_3), the axes
-    of the group's pairs in file order. Samples whose arcs cannot close are marked in
-    `state.lost`.
+    Parameters
+    ----------
+    state
+        The bodies placed so far; changed in place. `state.is_open` becomes True at samples
+        at which the arcs of the dyad cannot close.
+    group
+        The dyad: three R pairs that join two bodies to a base body.
+    sign
+        Sign of the assembly mode, one for all samples or (n,). It is the sign of
+        u_1 . (u_2 x u_3), where the u are the axes of the pairs in file order.
+
+    Returns
+    -------
+    (n,) sine that is zero at the dead centre of the dyad, as `close_dyad` returns it.
     """
+    # Positions of the pairs in the group: the near and the far pair join the two free
+    # bodies 1 and 2 to the base body 0, and the middle pair joins them to each other.
     near, middle, far = group.dyad_positions
 
-    def axis(which: int, body: int) -> Floats:
-        pair, side = group.pairs[which], group.ends[which].index(body)
+    def pair_axis(position: int, body: int) -> Floats:
+        """Return the axis (n, 3) of a pair of the group, in the axes of a body."""
+        pair = group.pairs[position]
+        side = group.ends[position].index(body)
         joint = revolute(state.joints[pair])
         frame = (joint.first, joint.second)[side]
         return state.within[state.ends[pair][side]] @ frame[:, 2]
 
-    near_turn, far_turn, sine, slenderness, closes = close_dyad(
-        axis(near, 0),
-        axis(far, 0),
-        (axis(near, 1), axis(middle, 1)),
-        (axis(far, 2), axis(middle, 2)),
+    near_rotation, far_rotation, sine, slenderness, closes = close_dyad(
+        pair_axis(near, 0),
+        pair_axis(far, 0),
+        (pair_axis(near, 1), pair_axis(middle, 1)),
+        (pair_axis(far, 2), pair_axis(middle, 2)),
         group.dyad_parity * sign,
         state.slack,
     )
-    grown = state.slack / np.maximum(sine, np.sqrt(REACH_SLACK))
-    state.slack = np.minimum(grown, np.sqrt(REACH_SLACK))
+    # Near a dead centre, errors grow by the reciprocal of the sine, and at it to their
+    # square root.
+    grown_slack = state.slack / np.maximum(sine, np.sqrt(REACH_SLACK))
+    state.slack = np.minimum(grown_slack, np.sqrt(REACH_SLACK))
     state.slenderness = np.minimum(state.slenderness, slenderness)
-    placed = np.broadcast_arrays(np.eye(3), near_turn, far_turn)
-    state.merge(group, np.stack(placed, axis=1))
+    rotations = np.broadcast_arrays(np.eye(3), near_rotation, far_rotation)
+    state.merge(group, np.stack(rotations, axis=1))
     state.read_values(group)
-    state.lost |= ~closes
+    state.is_open |= ~closes
     return sine
 
 
-def group_variables(state: State, group: Group) -> list[int]:
-    """Return the numbers of the variables of a group's pairs."""
+def group_variables(state: AssemblyState, group: Group) -> list[int]:
+    """Return the numbers of the variables of a group's pairs, among all variables."""
     return [number for pair in group.pairs for number in state.variables[pair]]
 
 
 def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
-    """Return the tree and the loops of a group's bodies; `joints` are of all pairs."""
-    freedoms = [joints[pair].variable_count for pair in group.pairs]
-    owners = np.repeat(np.arange(len(freedoms)), freedoms).tolist()
+    """Return the loops of a group. `joints` are those of all pairs of the mechanism."""
+    variable_counts = [joints[pair].variable_count for pair in group.pairs]
+    owners = np.repeat(np.arange(len(variable_counts)), variable_counts).tolist()
     return LoopTree(len(group.bodies), group.ends, tuple(owners))
 
 
-def group_closure(state: State, group: Group) -> Closure:
-    """Return the closure of the group's bodies at the state's samples."""
-    first, second = (
+def group_closure(state: AssemblyState, group: Group) -> Closure:
+    """Return the loop closure of a group's bodies, at the samples of a state."""
+    first_leads, second_leads = (
         np.stack([state.within[state.ends[pair][side]] for pair in group.pairs], axis=1)
         for side in (0, 1)
     )
     joints = tuple(state.joints[pair] for pair in group.pairs)
-    return Closure(group_tree(group, state.joints), joints, (first, second))
+    return Closure(group_tree(group, state.joints), joints, (first_leads, second_leads))
 
 
-def place_group(state: State, group: Group, start: Floats) -> Linearisation:
-    """Close an irreducible group from starting values (n, its variables), and merge it."""
+def place_group(state: AssemblyState, group: Group, start: Floats) -> Linearisation:
+    """Close a group by Newton's method, and merge its bodies.
+
+    Parameters
+    ----------
+    state
+        The bodies placed so far; changed in place.
+    group
+        The group.
+    start
+        (n, variables of the group) values (rad) from which Newton's method starts.
+
+    Returns
+    -------
+    The closure of the group at the last values. The caller checks whether it is closed.
+    """
     at = group_closure(state, group).solve(start)
     state.merge(group, at.placed)
     state.values[:, group_variables(state, group)] = at.values
     return at
 
 
-def train_ways(group: Group, fixed: Collection[int]) -> tuple[tuple[int, int, int], ...]:
-    """Return how bodies are reached by R pairs, by number, whose angles are `fixed`.
+def find_train_paths(
+    group: Group, fixed_pairs: Collection[int]
+) -> tuple[tuple[int, int, int], ...]:
+    """Return the order in which known pair angles place the bodies of a train of wheels.
 
-    Each way is the place of a pair in the group, the body it starts at, and the new one.
+    Parameters
+    ----------
+    group
+        The train.
+    fixed_pairs
+        Numbers of the R pairs whose angles are known from the inputs.
+
+    Returns
+    -------
+    For each body that is reached: the position of the pair in the group, the body from
+    which it leads, and the body that it places.
     """
-    places = [place for place, pair in enumerate(group.pairs) if pair in fixed]
-    return find_spanning_tree(group.ends, pairs=places)
+    positions = [
+        position for position, pair in enumerate(group.pairs) if pair in fixed_pairs
+    ]
+    return find_spanning_tree(group.ends, pairs=positions)
 
 
-def train_turns(
+def place_train_bodies(
     group: Group,
     within: Mapping[int, Array] | Sequence[Array],
     ends: Sequence[tuple[int, int]],
     joints: Sequence[Joint],
     angles: Mapping[int, Floats],
 ) -> list[Array]:
-    """Return the rotations (..., 3, 3) of the bodies of a train, in order, to the first.
+    """Return the orientations of the bodies of a train of wheels.
 
-    `within[link]` (..., 3, 3) are those of links in their bodies, of any real or complex
-    numbers, `angles` (...,) rad those of pairs by number.
+    Parameters
+    ----------
+    group
+        The train.
+    within
+        Rotations (..., 3, 3) from the axes of each link to those of its body, by the number
+        of the link. They are real, or complex for complex assembly modes.
+    ends, joints
+        Links and joints of all pairs of the mechanism.
+    angles
+        Angles (...) in rad of the R pairs that the inputs determine, by number of the pair.
+
+    Returns
+    -------
+    The rotation (..., 3, 3) from the axes of each body of the group to those of its first
+    body.
     """
-    turns: dict[int, Array] = {0: np.eye(3)}
-    for place, parent, child in train_ways(group, angles):
-        pair = group.pairs[place]
-        joint, (first, second) = revolute(joints[pair]), ends[pair]
-        turn = within[first] @ joint.first @ about_z(angles[pair])
-        turn = turn @ transpose(within[second] @ joint.second)
-        ahead = group.ends[place][0] == parent
-        turns[child] = turns[parent] @ (turn if ahead else transpose(turn))
-    return [turns[body] for body in range(len(group.bodies))]
+    rotations: dict[int, Array] = {0: np.eye(3)}
+    for position, parent, child in find_train_paths(group, angles):
+        pair = group.pairs[position]
+        joint = revolute(joints[pair])
+        first_link, second_link = ends[pair]
+        first_from_second = within[first_link] @ joint.first @ about_z(angles[pair])
+        first_from_second = first_from_second @ transpose(
+            within[second_link] @ joint.second
+        )
+        is_forward = group.ends[position][0] == parent
+        rotations[child] = rotations[parent] @ (
+            first_from_second if is_forward else transpose(first_from_second)
+        )
+    return [rotations[body] for body in range(len(group.bodies))]

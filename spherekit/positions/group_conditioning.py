@@ -4,7 +4,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.geometry.rotation import all_finite
-from spherekit.positions.linearisation import left_inverse
+from spherekit.positions.linear_equations import left_inverse
 
 MIN_RELATIVE_SPREAD = 1e-9
 """Smallest spread of axes, relative to their common direction, that is compensated.

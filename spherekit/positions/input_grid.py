@@ -1,4 +1,4 @@
-"""The sampled values of the inputs: a path through them, or a grid over their ranges."""
+"""Samples of the inputs of a mechanism: a path, or a grid over the ranges of the inputs."""
 
 import math
 from collections.abc import Sequence
@@ -13,17 +13,22 @@ from spherekit.mechanism.elements import Input
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import counted, listing
 
-MOST_SAMPLES = 2**40
+MAX_SAMPLES = 2**40
 """Largest number of samples. NumPy has no arrays of many more. Fewer samples can already
 exceed the memory, which is reported when it happens."""
 
 
 @dataclass(frozen=True)
 class InputGrid:
-    """Sampled inputs `q` (n, inputs) rad, in rows.
+    """Samples of the inputs, on a path or on a grid.
 
-    `shape` counts the samples along each axis, the last running fastest: one axis for a
-    path, one for each input for a grid.
+    Attributes
+    ----------
+    q
+        (n, inputs) values of the inputs (rad) at each sample.
+    shape
+        Number of samples along each axis. A path has one axis. A grid has one axis for each
+        input, and samples that differ in the last input only follow each other.
     """
 
     q: Floats
@@ -43,41 +48,63 @@ class InputGrid:
         return float(np.min(self.q)), float(np.max(self.q))
 
     def neighbours(self) -> Indices:
-        """Return (2 axes, n): the next and the previous sample along each axis, or -1."""
+        """Return the neighbours of each sample along each axis.
+
+        Returns
+        -------
+        (2 axes, n) indices of samples. Row 2 a is the next sample along axis a, and row
+        2 a + 1 the previous one. At a border of the grid the index is -1.
+        """
+        # A border of -1 around the grid, which is shifted along each axis in both senses.
         padded = np.pad(np.arange(len(self)).reshape(self.shape), 1, constant_values=-1)
-        axes = range(len(self.shape))
-        inside = (slice(1, -1),) * len(axes)
-        rolled = [np.roll(padded, shift, axis) for axis in axes for shift in (-1, 1)]
-        return np.stack([beside[inside].ravel() for beside in rolled])
+        interior = (slice(1, -1),) * len(self.shape)
+        rows = []
+        for axis in range(len(self.shape)):
+            for shift in (-1, 1):
+                rows.append(np.roll(padded, shift, axis)[interior].ravel())
+        return np.stack(rows)
 
     def nearest(self, q: Floats, count: int) -> Indices:
-        """Return the rows of the `count` samples nearest to inputs q (inputs,)."""
+        """Return the indices of the `count` samples nearest to inputs q (inputs,) in rad.
+
+        The nearest one comes first.
+        """
         return np.argsort(np.linalg.norm(self.q - q, axis=1), kind="stable")[:count]
 
 
-def spread_rows(count: int, most: int) -> Indices:
-    """Return at most so many of the numbers below a count, spread evenly."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.intp))
+def spread_rows(count: int, max_rows: int) -> Indices:
+    """Return at most `max_rows` row numbers below `count`, spread evenly, both ends too."""
+    return np.unique(np.linspace(0, count - 1, min(max_rows, count)).astype(np.intp))
 
 
-def sampled(
+def make_input_grid(
     mechanism: Mechanism,
     samples: int | Sequence[int],
     wants_grid: bool,
     path: Floats | None,
 ) -> InputGrid:
-    """Return the samples of a mechanism: a path, a grid of its ranges, or a way through.
+    """Return the samples of the inputs of a mechanism.
 
-    The parameters are those of `PositionAnalysis`.
+    Parameters
+    ----------
+    mechanism
+        The mechanism with the ranges of its inputs.
+    samples
+        Number of samples on the straight path through all ranges. With `wants_grid` it is
+        the number for each input. A sequence has the numbers of a grid, one for each input.
+    wants_grid
+        Whether to sample all combinations of the inputs.
+    path
+        (n, inputs) given samples (rad), which are returned instead.
 
     Raises
     ------
     SolveError
-        If a range is empty, or the samples are not those of its inputs.
+        If a range is empty, or samples or path do not fit the number of inputs.
     """
     inputs = mechanism.inputs
     if path is not None:
-        return given_path(path, len(inputs))
+        return make_path(path, len(inputs))
     for item in inputs:
         if item.start == item.stop:
             raise SolveError(
@@ -86,10 +113,10 @@ def sampled(
             )
     check_sample_counts(mechanism, samples)
     if isinstance(samples, Sequence):
-        return grid(inputs, samples)
+        return make_grid(inputs, samples)
     if wants_grid:
-        return grid(inputs, [samples] * len(inputs))
-    columns = [_spaced(item.start, item.stop, samples) for item in inputs]
+        return make_grid(inputs, [samples] * len(inputs))
+    columns = [_space_evenly(item.start, item.stop, samples) for item in inputs]
     return InputGrid(np.stack(columns, axis=1), (samples,))
 
 
@@ -107,7 +134,7 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
     ------
     SolveError
         If a grid has another number of axes than there are inputs, or there are more than
-        `MOST_SAMPLES` samples.
+        `MAX_SAMPLES` samples.
     """
     inputs = mechanism.inputs
     counts = samples if isinstance(samples, Sequence) else (samples,)
@@ -119,25 +146,35 @@ def check_sample_counts(mechanism: Mechanism, samples: int | Sequence[int]) -> N
             f"{counted(len(inputs), 'input')} ({listing(i.pair for i in inputs)}); "
             "give one number for each, as 361 or 41x21"
         )
-    if math.prod(counts) > MOST_SAMPLES:
+    if math.prod(counts) > MAX_SAMPLES:
         raise SolveError(
-            f"{mechanism.name}: samples: found {text}; at most {MOST_SAMPLES} samples are "
+            f"{mechanism.name}: samples: found {text}; at most {MAX_SAMPLES} samples are "
             "possible, and a run of a million is already fine"
         )
 
 
-def grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:
-    """Return the grid with so many samples of each input, both ends of ranges included."""
+def make_grid(inputs: Sequence[Input], samples: Sequence[int]) -> InputGrid:
+    """Return the grid over the ranges of inputs, both ends included.
+
+    `samples` has the number of samples of each input.
+    """
     axes = [
-        _spaced(item.start, item.stop, count)
+        _space_evenly(item.start, item.stop, count)
         for item, count in zip(inputs, samples, strict=True)
     ]
     mesh = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     return InputGrid(mesh.reshape(-1, len(inputs)), tuple(samples))
 
 
-def given_path(q: Floats, inputs: int) -> InputGrid:
-    """Return a path of given samples q (n, inputs) rad; (n,) for a single input.
+def make_path(q: Floats, input_count: int) -> InputGrid:
+    """Return given samples as a path.
+
+    Parameters
+    ----------
+    q
+        (n, inputs) values of the inputs (rad); (n,) for a single input.
+    input_count
+        Number of inputs.
 
     Raises
     ------
@@ -147,16 +184,18 @@ def given_path(q: Floats, inputs: int) -> InputGrid:
     path = np.atleast_1d(np.asarray(q, dtype=float))
     if path.ndim == 1:
         path = path[:, None]
-    if path.shape[1:] != (inputs,) or not len(path):
+    if path.shape[1:] != (input_count,) or not len(path):
         raise SolveError(
-            f"a path for {inputs} inputs is an array (samples, {inputs}), not {np.shape(q)}"
+            f"a path for {input_count} inputs is an array (samples, {input_count}), not "
+            f"{np.shape(q)}"
         )
     if not all_finite(path):
         raise SolveError(f"the path is not finite in row {np.argmin(all_finite(path, 1))}")
     return InputGrid(path, (len(path),))
 
 
-def _spaced(low: float, high: float, count: int) -> Floats:
+def _space_evenly(low: float, high: float, count: int) -> Floats:
+    """Return `count` evenly spaced numbers from low to high, both included."""
     if count < 1:
         raise SolveError(f"samples must be at least 1, not {count}")
     return np.linspace(low, high, count)

@@ -26,7 +26,7 @@ from spherekit.numerics.sign_changes import MAX_CELLS, find_sign_changes
 from spherekit.positions.arc_equations import GroupGeometry
 from spherekit.positions.curve_crossing import Crossing
 from spherekit.positions.elimination_order import EliminationOrder, find_elimination_orders
-from spherekit.positions.group_assembly import train_turns
+from spherekit.positions.group_assembly import place_train_bodies
 from spherekit.positions.mode_meetings import SAME_INPUT_RAD, degrees_text, find_crossings
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.progress import ProgressReporter
@@ -153,7 +153,7 @@ class ModeCoalescence:
         for number, group in enumerate(self.groups[:part]):
             order, step = self._orders[number], self._count(number)
             if order is None:
-                turns = train_turns(group, within, ends, self.solver.joints, angles)
+                turns = place_train_bodies(group, within, ends, self.solver.joints, angles)
             else:
                 geometry = GroupGeometry(group, self._sides(group.pairs, within))
                 placed = geometry.place_bodies(order, geometry.solve_equations(order)[0])

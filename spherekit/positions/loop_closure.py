@@ -1,10 +1,10 @@
-"""Loop closure of bodies joined by pairs: residual, Jacobian, and its Newton solver.
+"""Closes the loops of bodies joined by pairs, by Newton's method.
 
 The unknowns are the variables of the pairs: one angle of an R pair, one arc length of a
-rolling contact, two of a sliding one. A spanning tree of pairs places every body in the
-axes of body 0; each remaining pair closes one loop, and the rotation vector by which it
-fails to close is the residual. Bodies may be links, or groups of links whose
-relative orientation differs from sample to sample.
+rolling contact, two of a sliding contact. A spanning tree of pairs places every body in the
+axes of body 0. Each remaining pair, a chord, closes one loop. The closure residual is the
+rotation vector between the frames that the two bodies of a chord give to it. Bodies are
+links, or groups of links whose relative orientation differs from sample to sample.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,53 +16,92 @@ from spherekit.arrays import Floats, Indices
 from spherekit.geometry.rotation import max_abs
 from spherekit.mechanism.joint import Joint
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.linearisation import REDUNDANT, Linearisation, Locks, LoopTree
+from spherekit.positions.linear_equations import solve_least_norm
+from spherekit.positions.linearisation import Linearisation, Locks
+from spherekit.positions.loop_tree import LoopTree
 
-ROUNDED = 1e-15
-"""Loops that are open by less (rad) are closed to rounding."""
-SETTLED = 1e-8
-"""A Newton step (rad) below this leaves an error that its square bounds."""
+ROUNDED_RESIDUAL_RAD = 1e-15
+"""Loops with a smaller closure residual are not changed by Newton's method.
+
+Larger: configurations keep avoidable errors. Smaller: steps follow rounding errors.
+"""
+LAST_NEWTON_STEP_RAD = 1e-8
+"""Newton's method ends with a step that is smaller.
+
+It converges quadratically, so that the error after the step is about the square of it.
+Larger: the error can exceed rounding. Smaller: steps without effect are taken.
+"""
+TINY_STEP_RAD = 1e-300
+"""Replaces a step of length zero as a divisor."""
 
 
 def newton(
-    change: Callable[[Floats, Indices], Floats],
+    compute_steps: Callable[[Floats, Indices], Floats],
     values: Floats,
-    most: int,
+    max_steps: int,
     settled: float = 0.0,
     trust: float = np.inf,
 ) -> tuple[Floats, Floats]:
-    """Return what so many steps at most make of values (n, variables), and their sizes.
+    """Take Newton steps from many starts side by side.
 
-    `change` returns the steps (k, variables) of some rows from values (k, variables). A row
-    ends with a step of at most `settled` (rad), or one that is not a number; no variable
-    changes by more than `trust` in one. The sizes (2, n) are that of the first step, and
-    that of the second by the first, 0 where one was enough: small both, they say that the
-    start was near a solution.
+    Parameters
+    ----------
+    compute_steps
+        Takes values (k, variables) and the rows (k,) to which they belong, and returns the
+        Newton steps (k, variables).
+    values
+        (n, variables) start values (rad). They are not changed.
+    max_steps
+        Largest number of steps of a row.
+    settled
+        A row ends after a step in which no variable changes by more (rad). It also ends
+        with a step that is NaN.
+    trust
+        Largest change of a variable (rad) in one step. Longer steps are shortened.
+
+    Returns
+    -------
+    values
+        (n, variables) values after the last step, converged or not.
+    step_sizes
+        (2, n) the largest change of a variable in the first step (rad), and that in the
+        second step relative to the first, which is 0 if there was one step only. Both are
+        small if the start was near a solution.
     """
     values = values.copy()
-    active = np.arange(len(values))
-    sizes = np.zeros((2, len(values)))
-    for taken in range(most):
-        step = change(values[active], active)
+    active_rows = np.arange(len(values))
+    step_sizes = np.zeros((2, len(values)))
+    for step_number in range(max_steps):
+        step = compute_steps(values[active_rows], active_rows)
         length = max_abs(step, axis=1)
-        if taken < 2:
-            sizes[taken, active] = length
-        part = np.minimum(1.0, trust / np.maximum(length, 1e-300))
-        values[active] += step * part[:, None]
-        active = active[length > settled]
-        if not len(active):
+        if step_number < 2:
+            step_sizes[step_number, active_rows] = length
+        fraction = np.minimum(1.0, trust / np.maximum(length, TINY_STEP_RAD))
+        values[active_rows] += step * fraction[:, None]
+        active_rows = active_rows[length > settled]
+        if not len(active_rows):
             break
-    sizes[1] /= np.maximum(sizes[0], 1e-300)
-    return values, sizes
+    step_sizes[1] /= np.maximum(step_sizes[0], TINY_STEP_RAD)
+    return values, step_sizes
 
 
 @dataclass(frozen=True)
 class Closure:
-    """A loop tree with the joints of its pairs.
+    """The loops of a chain of bodies, with the geometry of its pairs.
 
-    `leads`: (n or 1, pairs, 3, 3) twice, from the axes of the pair's first and second links
-    to those of the bodies that hold them; None where bodies are links. `locks` are
-    variables, and the values (n or 1, locks) rad at which they are locked.
+    Attributes
+    ----------
+    tree
+        The bodies, the pairs that join them, and their loops.
+    joints
+        The joint of each pair.
+    leads
+        Two arrays (n or 1, pairs, 3, 3) of rotations from the axes of the first and of the
+        second link of each pair to the axes of its body, if bodies are groups of links.
+        None if each body is one link.
+    locks
+        Numbers of locked variables, with the values (n or 1, locks) at which they are
+        locked (rad). None if no variable is locked.
     """
 
     tree: LoopTree
@@ -72,11 +111,14 @@ class Closure:
 
     @staticmethod
     def of(mechanism: Mechanism, joints: tuple[Joint, ...]) -> "Closure":
-        """Return the closure of a whole mechanism, each link a body."""
+        """Return the closure of a whole mechanism, in which each link is a body."""
         return Closure(LoopTree.of(mechanism), joints)
 
     def take(self, rows: Indices) -> "Closure":
-        """Return the closure of some samples only."""
+        """Return the closure of some samples, by their numbers (k,).
+
+        Leads and locks with a single row belong to all samples, and stay as they are.
+        """
         leads = self.leads
         locks = self.locks
         if leads is not None and len(leads[0]) > 1:
@@ -86,11 +128,11 @@ class Closure:
         return replace(self, leads=leads, locks=locks)
 
     def locked(self, variables: Sequence[int], values: Floats) -> "Closure":
-        """Return the closure with some variables locked at values (n or 1, locks) rad."""
+        """Return the closure with variables locked at values (n or 1, variables) rad."""
         return replace(self, locks=(list(variables), values))
 
     def at(self, values: Floats) -> Linearisation:
-        """Return the closure at configurations (n, variables)."""
+        """Return the closure linearised at configurations (n, variables) in rad."""
         return Linearisation(self.tree, self.joints, values, self.leads, None, self.locks)
 
     def solve(
@@ -105,42 +147,40 @@ class Closure:
         Parameters
         ----------
         values
-            (n, variables) starting values.
+            (n, variables) start values (rad).
         held
-            Numbers of the variables that are not changed, those of inputs.
-        iterations, trust
-            Most steps taken, and the largest change (rad) of a variable in one step.
+            Numbers of the variables that are not changed, as those of inputs.
+        iterations
+            Largest number of steps.
+        trust
+            Largest change (rad) of a variable in one step.
 
         Returns
         -------
-        Linearisation
-            The closure where that ended, closed or not.
+        The closure at the last values. The caller checks whether the loops are closed.
         """
-        return self.solving(values, held, iterations, trust)[0]
+        linearisation, _ = self.solve_with_step_sizes(values, held, iterations, trust)
+        return linearisation
 
-    def solving(
+    def solve_with_step_sizes(
         self, values: Floats, held: Sequence[int], iterations: int, trust: float = 0.5
     ) -> tuple[Linearisation, Floats]:
-        """Return what `solve` does, and the sizes of its steps, see `newton`."""
-        free = np.delete(np.arange(values.shape[1]), held)
+        """Close the loops as `solve` does; return also the step sizes of `newton`."""
+        passive = np.delete(np.arange(values.shape[1]), held)
         values = values.copy()
 
-        def change(some: Floats, rows: Indices) -> Floats:
-            whole = values[rows]
-            whole[:, free] = some
-            step = np.zeros_like(some)
-            at = self.take(rows).at(whole)
-            open_ = at.gap > ROUNDED
-            step[open_] = least_change(at.jacobian[open_][:, :, free], -at.residual[open_])
-            return step
+        def compute_steps(passive_values: Floats, rows: Indices) -> Floats:
+            all_values = values[rows]
+            all_values[:, passive] = passive_values
+            steps = np.zeros_like(passive_values)
+            at = self.take(rows).at(all_values)
+            is_open = at.gap > ROUNDED_RESIDUAL_RAD
+            steps[is_open] = solve_least_norm(
+                at.jacobian[is_open][:, :, passive], -at.residual[is_open]
+            )
+            return steps
 
-        values[:, free], steps = newton(change, values[:, free], iterations, SETTLED, trust)
-        return self.at(values), steps
-
-
-def least_change(matrices: Floats, right: Floats) -> Floats:
-    """Return the least x (n, k) with matrices (n, m, k) x = right (n, m)."""
-    try:
-        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
-    except np.linalg.LinAlgError:  # not square, or singular
-        return np.einsum("nij,nj->ni", np.linalg.pinv(matrices, rcond=REDUNDANT), right)
+        values[:, passive], step_sizes = newton(
+            compute_steps, values[:, passive], iterations, LAST_NEWTON_STEP_RAD, trust
+        )
+        return self.at(values), step_sizes

@@ -205,7 +205,7 @@ class ModeSearch:
                 for of_mode, state in chains(solver, some, MOST_ASSEMBLY_MODES + 1):
                     signs.append(of_mode)
                     if any(group.redundant for group in self.groups):
-                        closed = state.values[~state.lost]
+                        closed = state.values[~state.is_open]
                         rows = spread_rows(len(closed), RANKED)
                         self._check_rank(min(map(solver.compute_mobility, closed[rows])))
         different = list(dict.fromkeys(signs))
@@ -485,7 +485,7 @@ def _why_nothing_closes(solver: PositionSolver, input_grid: InputGrid) -> str:
             if not group.is_dyad:
                 break
             place_dyad(state, group, 1)
-            if np.all(state.lost):
+            if np.all(state.is_open):
                 return (
                     f"{name}: arcs cannot close: the {group.kind} of pairs {pairs} "
                     f"reaches nowhere for inputs {degrees}; change the arcs of its "

@@ -22,12 +22,11 @@ from spherekit.positions.fold_bounds import (
     curvature_bound,
     rounding_of_loops,
 )
+from spherekit.positions.linear_equations import condition_numbers, left_inverse
 from spherekit.positions.linearisation import (
     Linearisation,
-    LoopTree,
-    condition,
-    left_inverse,
 )
+from spherekit.positions.loop_tree import LoopTree
 from spherekit.positions.position_solver import ModeConfigurations, PositionSolver
 from spherekit.positions.timing import Timing
 from spherekit.status import Status
@@ -177,7 +176,7 @@ class Motion(ArrayRows):
         It is unbounded near singularities of type II, infinite if the loops do not
         determine the passive variables, 1 without loops, and NaN in failed rows.
         """
-        return condition(self.passive_jacobian)
+        return condition_numbers(self.passive_jacobian)
 
     @cached_property
     def sensitivity(self) -> Floats:

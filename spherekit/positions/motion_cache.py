@@ -1,8 +1,8 @@
-"""The assembly modes of mechanisms, found once, and what they say of the mobility.
+"""Position analyses of mechanisms, computed once and reused, and the mobility by rank.
 
-Counting on the graph leaves too few degrees of freedom where constraints repeat each
-other, as equal links side by side do. The rank of the velocity equations at
-configurations then decides, and the configurations have to be found first.
+Counting links and pairs gives too few degrees of freedom if constraints repeat each other,
+as in a mechanism with equal links side by side. Then the rank of the velocity equations
+decides, for which configurations have to be computed first.
 """
 
 from dataclasses import replace
@@ -21,50 +21,65 @@ exports of the same few mechanisms in turn search their modes again."""
 _POSITION_ANALYSES = MechanismCache(max_results=MAX_KEPT_GEOMETRIES)
 
 
-def traced(mechanism: Mechanism, crossings: Crossings = "end") -> PositionAnalysis:
-    """Return the assembly modes of a mechanism, found once for the last few geometries.
+def position_analysis_of(
+    mechanism: Mechanism, crossings: Crossings = "end"
+) -> PositionAnalysis:
+    """Return the position analysis of a mechanism over the ranges of its inputs.
 
-    `crossings` says what a mode does where curves cross, as in `PositionAnalysis`.
+    The analyses of the last few geometries are kept, so that modes are searched only once.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism. Its masses, loads and joint limits are ignored.
+    crossings
+        What a mode does where configuration curves cross, as in `PositionAnalysis`.
     """
-    made = bare(mechanism)
+    geometry = kinematics_only(mechanism)
     return _POSITION_ANALYSES.get(
-        made,
+        geometry,
         f"assembly modes, crossings {crossings}",
-        lambda: PositionAnalysis(made, crossings=crossings),
+        lambda: PositionAnalysis(geometry, crossings=crossings),
     )
 
 
-def bare(mechanism: Mechanism) -> Mechanism:
-    """Return a mechanism without what its configurations do not depend on."""
+def kinematics_only(mechanism: Mechanism) -> Mechanism:
+    """Return the mechanism without masses, loads and joint limits.
+
+    Its configurations do not depend on these.
+    """
     return replace(mechanism, masses=(), loads=(), joint_limits=())
 
 
 def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
-    """Return the groups of a mechanism whose inputs are locked.
+    """Return the groups of a mechanism in the order in which they are solved.
 
-    Where constraints repeat each other, so that counting on the graph leaves too few
-    degrees of freedom, configurations are searched and their rank decides.
+    If counting gives too few degrees of freedom, configurations are searched and the rank
+    of the velocity equations decides.
 
     Raises
     ------
     PlanError
-        If there is not one degree of freedom for each input, by counting and by rank.
+        If the mobility is not the number of inputs, neither by counting nor by rank.
     SolveError
-        If the arcs close nowhere.
+        If the mechanism cannot be assembled anywhere.
     """
     try:
         return plan_assembly(mechanism)
     except CountError:
-        return traced(driven_at(mechanism)).assembly
+        return position_analysis_of(driven_at(mechanism)).assembly
 
 
 def is_mobile_by_rank_only(mechanism: Mechanism) -> bool:
-    """Return whether the rank leaves the degrees of freedom that counting does not.
+    """Return whether a mechanism moves by rank, although counting says that it does not.
 
-    The errors are those of `assembly_by_count_or_rank`.
+    Raises
+    ------
+    PlanError, SolveError
+        As `assembly_by_count_or_rank`.
     """
     try:
         plan_assembly(mechanism)
     except CountError:
-        return traced(driven_at(mechanism)).by_rank
+        return position_analysis_of(driven_at(mechanism)).by_rank
     return False

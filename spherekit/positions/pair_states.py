@@ -1,11 +1,12 @@
-"""The pairs of a configuration: their frames, and how their variables move links.
+"""Evaluates the pairs of a mechanism: their frames, profiles and measured angles.
 
-What a pair of each kind does is said in `spherekit.mechanism.joint`; here those of one kind
-are evaluated together.
+`spherekit.mechanism.joint` defines the kinematics of each kind of pair. Here the pairs of
+one kind are evaluated together, which takes one array operation instead of many.
 """
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,95 +15,190 @@ from spherekit.geometry.triangle import arc
 from spherekit.mechanism.joint import ContactProfile, Joint, Kind, PairStates, Revolute
 from spherekit.tolerances import EQUAL_CURVATURE
 
+IndexRange = slice | list[int]
+"""Indices along an array axis, as a slice if they have no gap and otherwise as a list."""
 
-def pair_angle(one: Floats, other: Floats) -> Floats:
-    """Return the variable (...,) rad of an R pair by its frames (..., 3, 3) in links."""
-    cosine, sine = (np.sum(one[..., k] * other[..., 0], axis=-1) for k in (0, 1))
+
+def pair_angle(first_frames: Floats, second_frames: Floats) -> Floats:
+    """Return the variable (...) of an R pair (rad), from the frames of its two links.
+
+    Parameters
+    ----------
+    first_frames, second_frames
+        (..., 3, 3) frames `Revolute.first` and `Revolute.second` of the pair in its first
+        and its second link, turned to common axes. Both have the pair axis in the z column.
+
+    Returns
+    -------
+    Angle about the pair axis from the x column of the first to that of the second frame.
+    """
+    x_of_second = second_frames[..., 0]
+    cosine = np.sum(first_frames[..., 0] * x_of_second, axis=-1)
+    sine = np.sum(first_frames[..., 1] * x_of_second, axis=-1)
     return np.arctan2(sine, cosine)
 
 
-def turns_of(
-    ends: Sequence[tuple[int, int]], joints: Sequence[Revolute], placed: Floats
+def measure_pair_angles(
+    ends: Sequence[tuple[int, int]], joints: Sequence[Revolute], rotations: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the variables (n, pairs) rad of R pairs between placed links, and gaps.
+    """Measure the variables of R pairs between links whose orientations are known.
 
-    `ends` are the numbers of each pair's links, `placed` (n, links, 3, 3) the orientations
-    of these; a gap (n, pairs) rad is the angle between the axes of a pair in its links.
+    Parameters
+    ----------
+    ends
+        Numbers of the first and the second link of each pair.
+    joints
+        The joint of each pair.
+    rotations
+        (n, links, 3, 3) rotations from link axes to common axes.
+
+    Returns
+    -------
+    angles
+        (n, pairs) variables of the pairs (rad).
+    axis_gaps
+        (n, pairs) angles (rad) between the axes of a pair in its first and its second link.
+        They are zero if the orientations close all loops.
     """
-    a, b = np.array(ends).T
-    one = placed[:, a] @ np.array([joint.first for joint in joints])
-    other = placed[:, b] @ np.array([joint.second for joint in joints])
-    return pair_angle(one, other), arc(one[..., 2], other[..., 2])
+    first_links, second_links = np.array(ends).T
+    first_frames = rotations[:, first_links] @ np.array([joint.first for joint in joints])
+    second_frames = rotations[:, second_links] @ np.array(
+        [joint.second for joint in joints]
+    )
+    angles = pair_angle(first_frames, second_frames)
+    return angles, arc(first_frames[..., 2], second_frames[..., 2])
 
 
-def numbered(joints: Sequence[Joint]) -> Iterator[tuple[int, int, Joint]]:
-    """Yield each joint after its number and that of its first variable."""
-    at = 0
-    for number, joint in enumerate(joints):
-        yield number, at, joint
-        at += joint.variable_count
+def enumerate_joints(joints: Sequence[Joint]) -> Iterator[tuple[int, int, Joint]]:
+    """Yield the number of each pair, the number of its first variable, and its joint."""
+    first_variable = 0
+    for pair, joint in enumerate(joints):
+        yield pair, first_variable, joint
+        first_variable += joint.variable_count
 
 
-def contact_tracks(
+def iterate_contact_profiles(
     joints: Sequence[Joint],
 ) -> Iterator[tuple[int, tuple[ContactProfile, ...]]]:
-    """Yield the profiles of each contact after its number, variables numbered in all."""
-    for number, at, joint in numbered(joints):
-        if tracks := joint.contact_profiles:
-            yield number, tuple(x._replace(variable=at + x.variable) for x in tracks)
+    """Yield the number of each contact pair, and the profiles of its two links.
+
+    `ContactProfile.variable` is numbered among the variables of all joints here, not among
+    those of its own joint.
+    """
+    for pair, first_variable, joint in enumerate_joints(joints):
+        profiles = joint.contact_profiles
+        if profiles:
+            yield (
+                pair,
+                tuple(
+                    profile._replace(variable=first_variable + profile.variable)
+                    for profile in profiles
+                ),
+            )
 
 
-def rolled_lengths(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
-    """Return the variables that say how far wheels have rolled, with their joints."""
+def list_rolling_variables(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:
+    """Return the variables that count how far two wheels have rolled on each other.
+
+    Returns
+    -------
+    The number of each such variable among those of all joints, with its joint.
+    """
     return [
-        (at + variable, joint)
-        for _, at, joint in numbered(joints)
+        (first_variable + variable, joint)
+        for _, first_variable, joint in enumerate_joints(joints)
         for variable in joint.rolling_variables
     ]
 
 
-Places = slice | list[int]
+class JointsOfKind(NamedTuple):
+    """The pairs of one kind in a list of joints.
 
+    Attributes
+    ----------
+    kind
+        Their class, for example `Revolute`.
+    joints
+        Their joints.
+    pairs, variables
+        Indices of the pairs among all pairs, and of their variables among all variables.
+    """
 
-Alike = tuple[Kind, tuple[Joint, ...], Places, Places]
-"""The joints of one kind, with the places of them and of their variables."""
+    kind: Kind
+    joints: tuple[Joint, ...]
+    pairs: IndexRange
+    variables: IndexRange
 
 
 @lru_cache(maxsize=512)
-def _by_kind(joints: tuple[Joint, ...]) -> tuple[Alike, ...]:
-    pairs: dict[Kind, list[int]] = {}
-    variables: dict[Kind, list[int]] = {}
-    for number, at, joint in numbered(joints):
-        pairs.setdefault(type(joint), []).append(number)
-        variables.setdefault(type(joint), []).extend(range(at, at + joint.variable_count))
+def group_joints_by_kind(joints: tuple[Joint, ...]) -> tuple[JointsOfKind, ...]:
+    """Return the joints in groups of one kind each, in the order of first occurrence."""
+    pairs_by_kind: dict[Kind, list[int]] = {}
+    variables_by_kind: dict[Kind, list[int]] = {}
+    for pair, first_variable, joint in enumerate_joints(joints):
+        kind = type(joint)
+        pairs_by_kind.setdefault(kind, []).append(pair)
+        variables_by_kind.setdefault(kind, []).extend(
+            range(first_variable, first_variable + joint.variable_count)
+        )
     return tuple(
-        (kind, tuple(joints[k] for k in members), _run(members), _run(variables[kind]))
-        for kind, members in pairs.items()
+        JointsOfKind(
+            kind=kind,
+            joints=tuple(joints[pair] for pair in pairs),
+            pairs=_as_slice(pairs),
+            variables=_as_slice(variables_by_kind[kind]),
+        )
+        for kind, pairs in pairs_by_kind.items()
     )
 
 
-def _run(numbers: list[int]) -> Places:
-    """Return rising numbers as a slice where they have no gap: a view, not a copy."""
-    first, last = numbers[0], numbers[-1] + 1
-    return slice(first, last) if last - first == len(numbers) else numbers
+def _as_slice(indices: list[int]) -> IndexRange:
+    """Return rising indices, as a slice if they have no gap. A slice copies nothing."""
+    start = indices[0]
+    stop = indices[-1] + 1
+    return slice(start, stop) if stop - start == len(indices) else indices
 
 
-def pair_states(joints: tuple[Joint, ...], values: Floats) -> PairStates:
-    """Return the states of pairs for variables (n, variables)."""
-    n, parts = len(values), list[tuple[Places, PairStates]]()
-    for kind, members, pairs, variables in _by_kind(joints):
-        given = values[:, variables].reshape(n, len(members), kind.variable_count)
-        parts.append((pairs, kind.evaluate_states(members, given)))
+def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairStates:
+    """Return the frames and curvatures of all pairs at n samples.
+
+    Parameters
+    ----------
+    joints
+        The joints of the pairs.
+    values
+        (n, variables) values of their variables (rad), pair after pair.
+    """
+    n = len(values)
+    parts = list[tuple[IndexRange, PairStates]]()
+    for kind, joints_of_kind, pairs, variables in group_joints_by_kind(joints):
+        values_by_joint = values[:, variables].reshape(
+            n, len(joints_of_kind), kind.variable_count
+        )
+        parts.append((pairs, kind.evaluate_states(joints_of_kind, values_by_joint)))
     if len(parts) == 1:
         return parts[0][1]
     states = PairStates.blank(n, len(joints))
-    for pairs, part in parts:
-        states.put(pairs, part)
+    for pairs, states_of_kind in parts:
+        states.put(pairs, states_of_kind)
     return states
 
 
-def penetrates(joints: Sequence[Joint], states: PairStates) -> Bools:
-    """Return (n,) whether a contact's profiles curve into each other, or alike."""
-    contact = [bool(joint.contact_profiles) for joint in joints]
-    relative = states.curvatures[:, contact, 0] - states.curvatures[:, contact, 1]
-    return np.any(relative < EQUAL_CURVATURE, axis=1)
+def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
+    """Return (n,) whether the profiles of a contact enter each other beside the contact.
+
+    This is decided by their curvatures at the contact point. Profiles whose curvatures
+    differ by less than `EQUAL_CURVATURE` count too, because they do not determine the
+    motion.
+
+    Parameters
+    ----------
+    joints
+        The joints of all pairs.
+    states
+        Their states at n samples.
+    """
+    is_contact = [bool(joint.contact_profiles) for joint in joints]
+    curvatures = states.curvatures[:, is_contact]
+    relative_curvature = curvatures[..., 0] - curvatures[..., 1]
+    return np.any(relative_curvature < EQUAL_CURVATURE, axis=1)

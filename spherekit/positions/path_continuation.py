@@ -34,9 +34,10 @@ from spherekit.numerics.array_rows import ArrayRows
 from spherekit.positions.configuration_curve import between
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.positions.input_revolutions import whole_laps
-from spherekit.positions.linearisation import Linearisation, condition, left_inverse
+from spherekit.positions.linear_equations import condition_numbers, left_inverse
+from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.pair_states import contact_tracks
+from spherekit.positions.pair_states import iterate_contact_profiles
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE, EQUAL_CURVATURE
 
@@ -287,7 +288,7 @@ class Limits:
 
         `stops` has the lowest and the highest value (rad) of variables by their numbers.
         """
-        contacts = list(contact_tracks(closure.joints))
+        contacts = list(iterate_contact_profiles(closure.joints))
         ranges = [(variable, ends, Status.OK) for variable, ends in stops.items()]
         ranges += [
             (x.variable, (-x.start, x.curve.length - x.start), Status.OFF_PROFILE)
@@ -415,7 +416,7 @@ def _advanced(
     guess[:, driven] = np.where(last[:, None], q, here + h * at.direction)
     finite = all_finite(guess, 1)  # a slope may be endless
     guess[~finite] = at.values[~finite]
-    there, steps = closure.solving(guess, driven, iterations=6)
+    there, steps = closure.solve_with_step_sizes(guess, driven, iterations=6)
     holds = finite & (there.gap < CLOSURE_TOLERANCE)
     moved = np.minimum(LARGEST_MOVE, max_abs(guess - at.values, axis=1))
     holds &= VERIFIED.corrected(steps, moved)
@@ -440,7 +441,7 @@ def flat(at: Linearisation, driven: Sequence[int], least: float) -> Bools:
     Where its smallest singular value is below this part of the largest.
     """
     square = np.delete(at.jacobian, driven, axis=2)
-    return ~(condition(square) < 1.0 / least)
+    return ~(condition_numbers(square) < 1.0 / least)
 
 
 def _why_ended(closure: Closure, driven: Sequence[int], values: Floats) -> Status:

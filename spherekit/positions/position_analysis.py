@@ -17,7 +17,7 @@ from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.positions.angle_unwrapping import AngleUnwrapping
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_space import Configurations, configuration_curves
-from spherekit.positions.input_grid import given_path, sampled, spread_rows
+from spherekit.positions.input_grid import make_input_grid, make_path, spread_rows
 from spherekit.positions.mode_meetings import (
     ModeMeeting,
     find_mode_meetings,
@@ -129,7 +129,7 @@ class PositionAnalysis:
         self.crossings = crossings
         self.numbering_input = np.nan
         self.mechanism = driven_at(mechanism, input_pair)
-        self.input_grid = sampled(self.mechanism, samples, grid, path)
+        self.input_grid = make_input_grid(self.mechanism, samples, grid, path)
         self.by_rank = False
         try:
             self.assembly_modes = self._search_modes(search)
@@ -306,7 +306,7 @@ class PositionAnalysis:
                 "motion is known at the samples of the tracer only; give these inputs as "
                 "its path"
             )
-        return self._evaluate(given_path(q, len(self.inputs)).q, None)
+        return self._evaluate(make_path(q, len(self.inputs)).q, None)
 
     def given(self, values: Floats) -> Motion:
         """Return closed configurations (n, variables), rad, as a motion of one mode."""

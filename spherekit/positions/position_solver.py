@@ -22,20 +22,21 @@ from spherekit.planning.assembly_plan import Assembly
 from spherekit.planning.wheel_train import GearTrain, wheel_train
 from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
 from spherekit.positions.fold_bounds import place_at_folds
-from spherekit.positions.gear_phases import GearPhases, meshes_of
+from spherekit.positions.gear_phases import GearPhases, make_gear_phases
 from spherekit.positions.group_assembly import (
-    State,
+    AssemblyState,
+    find_train_paths,
     group_variables,
     place_dyad,
     place_group,
-    train_turns,
-    train_ways,
+    place_train_bodies,
 )
 from spherekit.positions.group_conditioning import group_reciprocal_condition
-from spherekit.positions.linearisation import DEPENDENT, Linearisation, rank_mobility
+from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
+from spherekit.positions.loop_tree import RANK_TOLERANCE, rank_mobility
 from spherekit.positions.mode_predictor import ModeCurve
-from spherekit.positions.pair_states import penetrates
+from spherekit.positions.pair_states import has_penetration
 from spherekit.positions.path_continuation import determinant_sign
 from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD, QuadAssembly
 from spherekit.status import Status
@@ -149,7 +150,7 @@ class PositionSolver:
     @cached_property
     def gear_phases(self) -> GearPhases | None:
         """How far wheels have rolled at given inputs, None without rolling contacts."""
-        return meshes_of(self.closure, self.anchor, self._gear_train)
+        return make_gear_phases(self.closure, self.anchor, self._gear_train)
 
     @property
     def periods(self) -> Floats:
@@ -200,7 +201,7 @@ class PositionSolver:
         positions = set()
         for position, group in enumerate(self.assembly.groups):
             contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
-            placed_count = 1 + len(train_ways(group, gear_train.followers))
+            placed_count = 1 + len(find_train_paths(group, gear_train.followers))
             all_placed = placed_count == len(group.bodies)
             if all_placed and contacts and contacts <= {*gear_train.contacts}:
                 positions.add(position)
@@ -222,7 +223,9 @@ class PositionSolver:
         angles = gear_train.offsets + q @ gear_train.ratios.T
         return dict(zip(gear_train.followers, angles.T, strict=True))
 
-    def place_wheel_train(self, state: State, position: int, q: Floats) -> Linearisation:
+    def place_wheel_train(
+        self, state: AssemblyState, position: int, q: Floats
+    ) -> Linearisation:
         """Place the bodies of a train of wheels, and merge them into one body of `state`.
 
         Parameters
@@ -240,7 +243,7 @@ class PositionSolver:
             The closure of the group, from which the caller reads whether it is closed.
         """
         group = self.assembly.groups[position]
-        rotations = train_turns(
+        rotations = place_train_bodies(
             group, state.within, state.ends, self.joints, self.gear_train_angles(q)
         )
         rotations = [np.broadcast_to(rotation, (len(q), 3, 3)) for rotation in rotations]
@@ -251,15 +254,17 @@ class PositionSolver:
         predicted.read_values(group)
         if self.gear_phases is not None:
             rolled_variables = list(self.gear_phases.variables)
-            predicted.values[:, rolled_variables] = self.gear_phases.rolled(q)
+            predicted.values[:, rolled_variables] = self.gear_phases.rolled_lengths(q)
         start = predicted.values[:, group_variables(state, group)]
         return place_group(state, group, start)
 
-    def start(self, q: Floats) -> State:
+    def start(self, q: Floats) -> AssemblyState:
         """Return the state in which only the inputs are placed, at q (n, inputs) rad."""
-        return State.start(self.mechanism, self.joints, self.assembly, q)
+        return AssemblyState.start(self.mechanism, self.joints, self.assembly, q)
 
-    def compute_mobility(self, values: Floats, rank_tolerance: float = DEPENDENT) -> int:
+    def compute_mobility(
+        self, values: Floats, rank_tolerance: float = RANK_TOLERANCE
+    ) -> int:
         """Return the mobility of a closed configuration (variables,) by rank.
 
         Singular values of the velocity equations count as zero below `rank_tolerance`
@@ -291,7 +296,7 @@ class PositionSolver:
             for position, sign in enumerate(assembly_mode.signs):
                 if sign:
                     sine = place_dyad(state, self.assembly.groups[position], sign)
-                    _set_status(status, state.lost, Status.OUT_OF_REACH)
+                    _set_status(status, state.is_open, Status.OUT_OF_REACH)
                     _set_status(status, sine < SINGULAR_DYAD_SINE, Status.AT_SINGULARITY)
                 else:
                     self._place_without_sign(
@@ -346,7 +351,7 @@ class PositionSolver:
         position: int,
         q: Floats,
         rows: Indices | None,
-        state: State,
+        state: AssemblyState,
         status: SmallIntegers,
     ) -> None:
         """Place a group that is not a dyad, and set the status of samples that fail.
@@ -387,7 +392,7 @@ class PositionSolver:
         is_off_profile = ~np.all(closure.states.inside, axis=1)
         _set_status(status, is_off_profile, Status.OFF_PROFILE)
         joints = [self.joints[pair] for pair in group.pairs]
-        _set_status(status, penetrates(joints, closure.states), Status.CURVATURE)
+        _set_status(status, has_penetration(joints, closure.states), Status.CURVATURE)
 
     def _restore_exact(self, q: Floats, values: Floats, status: SmallIntegers) -> Bools:
         """Replace singular configurations at the inputs of an exact configuration by it.
@@ -429,7 +434,11 @@ class PositionSolver:
         return QuadAssembly(self.mechanism, self.assembly)
 
     def _clip_to_last_node(
-        self, assembly_mode: AssemblyMode, q: Floats, state: State, status: SmallIntegers
+        self,
+        assembly_mode: AssemblyMode,
+        q: Floats,
+        state: AssemblyState,
+        status: SmallIntegers,
     ) -> Bools:
         """Return which samples (n,) lie between the last node of a curve and its end.
 
@@ -450,7 +459,7 @@ class PositionSolver:
         assembly_mode: AssemblyMode,
         q: Floats,
         rows: Indices,
-        state: State,
+        state: AssemblyState,
         status: SmallIntegers,
     ) -> Floats:
         """Place the samples `rows` (k,) beside a dead centre again, and set their status.

@@ -31,7 +31,8 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import COLLINEAR_SINE, axes_from_sizes
 from spherekit.numerics.quad_precision import QUAD_EPS, quad, quad_pi
 from spherekit.planning.assembly_plan import Assembly, Group
-from spherekit.positions.linearisation import LoopTree, left_inverse
+from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.loop_tree import LoopTree
 from spherekit.status import Status
 from spherekit.tolerances import EPS
 

@@ -15,7 +15,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.rotation import max_abs
 from spherekit.numerics.least_squares import minimize_squares
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.pair_states import penetrates, rolled_lengths
+from spherekit.positions.pair_states import has_penetration, list_rolling_variables
 from spherekit.progress import ProgressReporter
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 from spherekit.wording import counted
@@ -169,7 +169,7 @@ class Distinct:
         self._poses, self._tolerances = list[Floats](), list[float]()
         self._loose = 0
         self.is_truncated = False
-        self._rolling = rolled_lengths(closure.joints)
+        self._rolling = list_rolling_variables(closure.joints)
         self._rolled = [variable for variable, _ in self._rolling]
 
     def add(self, values: Floats) -> Indices:
@@ -181,7 +181,9 @@ class Distinct:
         places = np.full(len(values), -1, dtype=np.intp)
         at = self.closure.at(values)
         placed, states = at.placed, at.states
-        exists = np.all(states.inside, axis=1) & ~penetrates(self.closure.joints, states)
+        exists = np.all(states.inside, axis=1) & ~has_penetration(
+            self.closure.joints, states
+        )
         sizes = np.linalg.svd(at.jacobian, compute_uv=False)
         least, loose = sizes[:, -1], sizes[:, -1] < LOOSE * sizes[:, 0]
         error = np.maximum(at.gap, EPS) / np.maximum(least, EPS)

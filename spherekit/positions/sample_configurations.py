@@ -28,7 +28,7 @@ from spherekit.positions.elimination_order import (
     has_elimination,
 )
 from spherekit.positions.group_assembly import (
-    State,
+    AssemblyState,
     group_closure,
     group_variables,
     place_dyad,
@@ -38,8 +38,8 @@ from spherekit.positions.group_solutions import (
     find_distinct_by_elimination,
     sortable_angles,
 )
-from spherekit.positions.linearisation import condition
-from spherekit.positions.loop_closure import Closure, least_change
+from spherekit.positions.linear_equations import condition_numbers, solve_least_norm
+from spherekit.positions.loop_closure import Closure
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import POLISHING_STEPS
 from spherekit.tolerances import CLOSURE_TOLERANCE, SINGULAR_DYAD_SINE
@@ -153,7 +153,7 @@ def _polish(solver: PositionSolver, values: Floats) -> Floats:
     at = solver.closure.at(values)
     passive = np.delete(np.arange(values.shape[1]), solver.driven)
     step = np.zeros_like(values)
-    step[:, passive] = least_change(at.jacobian[:, :, passive], -at.residual)
+    step[:, passive] = solve_least_norm(at.jacobian[:, :, passive], -at.residual)
     # Next to a singular configuration a step can be of any size.
     is_small = max_abs(step, axis=1) < LARGEST_POLISHING_STEP_RAD
     return np.where(is_small[:, None], values + step, values)
@@ -195,7 +195,7 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
     return SampleConfigurations(sample, state.values, is_complete, problem)
 
 
-def _place_both_modes(state: State, group: Group) -> tuple[State, Indices]:
+def _place_both_modes(state: AssemblyState, group: Group) -> tuple[AssemblyState, Indices]:
     """Place a dyad in both of its modes.
 
     Parameters
@@ -218,7 +218,7 @@ def _place_both_modes(state: State, group: Group) -> tuple[State, Indices]:
     for sign in (1, -1):
         placed = state.copy()
         sine = place_dyad(placed, group, sign)
-        closes = ~placed.lost
+        closes = ~placed.is_open
         # Both signs give the same configuration of a flat dyad. Sign 1 has it already.
         if sign < 0:
             closes &= ~(sine < SINGULAR_DYAD_SINE)
@@ -226,7 +226,7 @@ def _place_both_modes(state: State, group: Group) -> tuple[State, Indices]:
         states.append(placed.rows(parents[-1]))
     parent = np.concatenate(parents)
     order = np.argsort(parent, kind="stable")
-    return State.joined(states).rows(order), parent[order]
+    return AssemblyState.joined(states).rows(order), parent[order]
 
 
 def _eliminate_distinct_rows(
@@ -372,7 +372,7 @@ def _solve_batch(
     at = closure.take(sample).solve(start_values, iterations=POLISHING_STEPS)
     correction = max_abs(wrap(at.values - start_values), axis=1)
     is_sound = (at.gap < CLOSURE_TOLERANCE) & (correction < MAX_CORRECTION_RAD)
-    is_sound &= condition(at.jacobian) < MAX_CONDITION_NUMBER
+    is_sound &= condition_numbers(at.jacobian) < MAX_CONDITION_NUMBER
     is_clear[sample[~is_sound]] = False
     # Two real solutions must not converge to the same configuration. Points on the unit
     # circle are compared, which do not depend on whole turns.

@@ -12,7 +12,7 @@ from spherekit.arrays import Array, Floats, SmallIntegers
 from spherekit.conventions import Facts, Names
 from spherekit.numerics.lazy_columns import Interleaved
 from spherekit.positions.angle_unwrapping import LastAngles
-from spherekit.positions.linearisation import rank_mobility, redundancy
+from spherekit.positions.loop_tree import rank_mobility, redundancy
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.batch import Batch, PoleFields, run_status

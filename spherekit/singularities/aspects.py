@@ -19,7 +19,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.connectivity import label_components
 from spherekit.positions import input_grid as grids
-from spherekit.positions.curve_continuation import periods_of
+from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.input_revolutions import less_periods
 from spherekit.positions.path_continuation import follow_inputs
@@ -134,7 +134,7 @@ def aspects(
             "always move while it rests: no aspect is free of type I; leave that out"
         )
     counts = samples if isinstance(samples, Sequence) else [samples] * count
-    input_grid = grids.grid(mechanism.inputs, counts)
+    input_grid = grids.make_grid(mechanism.inputs, counts)
     budget = budget or TimeLimit()
     spread = _Spread(solver, input_grid, rest, "I" in free_of, budget)
     if budget.goes_on("modes at samples of the input grid"):
@@ -197,7 +197,7 @@ class _Spread:
         self.solver, self.input_grid = solver, input_grid
         self.beside = input_grid.neighbours()
         self.driven = list(solver.driven)
-        self.periods = periods_of(solver.closure)
+        self.periods = variable_periods(solver.closure)
         self.output = output
         self.divides = divides
         self.signed = False

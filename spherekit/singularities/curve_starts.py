@@ -180,7 +180,7 @@ def closed_configurations(
     start[:, held] = random.uniform(first, last, (count, len(held)))
     meshes = solver.gear_phases
     if meshes is not None and meshes.all_known:
-        start[:, list(meshes.variables)] = meshes.rolled(start[:, held])
+        start[:, list(meshes.variables)] = meshes.rolled_lengths(start[:, held])
         held += meshes.variables
     solution = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
     return solution.values[solution.gap < CLOSURE_TOLERANCE]

@@ -9,8 +9,8 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.completeness import TimeLimit
-from spherekit.positions.curve_continuation import periods_of
 from spherekit.positions.curve_segment import CurvePoints
+from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.path_continuation import (
     GOING,
     STEP_PARTS,
@@ -58,7 +58,13 @@ def trace_curves(
     both = LocusPoints.joined([starts, _turned(starts, -1.0)])
     still = np.zeros(both.values.shape)
     start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both)
-    given = periods_of(locus.closure), LONGEST, LARGEST_STEP, locus, budget or TimeLimit()
+    given = (
+        variable_periods(locus.closure),
+        LONGEST,
+        LARGEST_STEP,
+        locus,
+        budget or TimeLimit(),
+    )
     paths = _LocusCurves(start, *given)
     paths.follow(FIRST_STEP)
     return [paths.curve(number, count + number) for number in range(count)]

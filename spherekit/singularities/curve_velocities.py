@@ -15,7 +15,7 @@ from spherekit.numerics.zeros import find_zeros
 from spherekit.planning.pole_plan import Plan, Pole
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_segment import bordered, bordered_condition
-from spherekit.positions.linearisation import left_inverse
+from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.motion import make_motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status

@@ -21,7 +21,7 @@ from spherekit.completeness import Completeness, TimeLimit
 from spherekit.geometry.sphere_mesh import list_edges
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.connectivity import label_components
-from spherekit.positions.curve_continuation import periods_of
+from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.input_revolutions import in_range, less_periods
 from spherekit.singularities.curve_starts import StartPoints
 from spherekit.singularities.several_inputs import (
@@ -141,7 +141,7 @@ class SingularSurface:
     @property
     def periods(self) -> Floats:
         """(V,) growth of each variable that changes nothing."""
-        return periods_of(self.view.locus.closure)
+        return variable_periods(self.view.locus.closure)
 
     def _between(
         self, edges: Indices, part: Floats | float
@@ -296,7 +296,7 @@ class _Front:
         self.source = source
         self.view = source.view
         self.side = side
-        self.periods = periods_of(self.view.locus.closure)
+        self.periods = variable_periods(self.view.locus.closure)
         self.nodes = self.view.locus.onto(np.zeros((0, len(self.periods))))
         self.triangles: list[tuple[int, int, int]] = []
         self.inside: list[bool] = []

@@ -23,7 +23,7 @@ from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import follow_arcs
 from spherekit.positions.curve_segment import CurvePoints
-from spherekit.positions.linearisation import REDUNDANT
+from spherekit.positions.linear_equations import REDUNDANT_EQUATION_RATIO
 from spherekit.positions.loop_closure import Closure, newton
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.stationarity import StationarityConstraint
@@ -258,7 +258,7 @@ class SingularityLocus:
         right = np.concatenate([-off - shift, np.zeros((len(off), 1)), miss], axis=1)
         finite = all_finite(equations, (1, 2))
         change = np.zeros((len(off), equations.shape[2]))
-        inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT)
+        inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT_EQUATION_RATIO)
         change[finite] = np.matvec(inverse, right[finite])
         ways, turning = np.split(change, [self.freedoms], axis=1)
         turned = unit - motions + moving.along(turning)
@@ -297,7 +297,7 @@ class SingularityLocus:
         kernel = np.swapaxes(right[:, rank:], 1, 2)
         turned = moving.basis @ kernel[:, g:] + swing[..., :g] @ kernel[:, :g]
         left, lengths, mixing = np.linalg.svd(kernel[:, :g], full_matrices=False)
-        scale = np.maximum(lengths, REDUNDANT)[:, None]
+        scale = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
         turns = turned @ np.swapaxes(mixing, 1, 2) / scale
         condition = sizes[:, rank - 1] * lengths[:, -1] / np.maximum(sizes[:, 0], TINY)
         return space.basis @ left, turns, np.where(finite, condition, 0.0)

@@ -15,7 +15,9 @@ from spherekit.geometry.rotation import all_finite
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly
 from spherekit.planning.submechanism import moving_pairs
-from spherekit.positions.linearisation import REDUNDANT, Linearisation, LoopTree
+from spherekit.positions.linear_equations import REDUNDANT_EQUATION_RATIO
+from spherekit.positions.linearisation import Linearisation
+from spherekit.positions.loop_tree import LoopTree
 
 TINY = float(np.finfo(float).tiny)
 
@@ -178,7 +180,7 @@ def tangent_space(
     elif rows == rank and freedoms:
         sense = np.linalg.det(left) * np.linalg.det(right)
         inner[:, :, -1] *= np.where(sense < 0.0, -1.0, 1.0)[:, None]
-    floor = np.maximum(REDUNDANT * sizes[:, :1], TINY)
+    floor = np.maximum(REDUNDANT_EQUATION_RATIO * sizes[:, :1], TINY)
     sizable = np.where(sizes[:, :rank] > floor, sizes[:, :rank], np.inf)
     scaled = np.swapaxes(right[:, :rank], 1, 2) / sizable[:, None]
     inverse = scaled @ np.swapaxes(left[:, :, :rank], 1, 2)

@@ -25,7 +25,7 @@ from spherekit.mechanism.elements import Pair
 from spherekit.mechanism.joint import ContactProfile, revolute
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.pair_states import contact_tracks, numbered
+from spherekit.positions.pair_states import enumerate_joints, iterate_contact_profiles
 from spherekit.symbolic.expression_graph import (
     ADVICE_WITHOUT_EXPRESSIONS,
     Expr,
@@ -224,9 +224,9 @@ def pair_rotations(
     design_frames = revolute_frames(mechanism, design) if design else {}
     joints = make_joints(mechanism)
     chains: list[JointTransform] = []
-    tracks = dict(contact_tracks(joints))
+    tracks = dict(iterate_contact_profiles(joints))
     sides: dict[int, tuple[ProfileSide, ProfileSide]] = {}
-    for number, first_variable, joint in numbered(joints):
+    for number, first_variable, joint in enumerate_joints(joints):
         pair = mechanism.pairs[number]
         if number in tracks:
             first_side, second_side = (

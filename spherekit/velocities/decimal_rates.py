@@ -19,7 +19,7 @@ import numpy as np
 from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.assembly_mode import AssemblyMode
-from spherekit.positions.linearisation import left_inverse
+from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.motion import Motion
 from spherekit.positions.quad_positions import QuadAssembly, dot, rotated
 from spherekit.status import Status

@@ -20,7 +20,7 @@ from operator import itemgetter
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.positions.linearisation import left_inverse
+from spherekit.positions.linear_equations import left_inverse
 
 Pivot = tuple[int, list[int]]
 """Number of a loop, and the numbers of the variables that its equations give, at most

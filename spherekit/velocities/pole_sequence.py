@@ -21,7 +21,8 @@ from spherekit.planning.pole_plan import (
     PrimaryPole,
     pole_of,
 )
-from spherekit.positions.linearisation import LoopTree, left_inverse
+from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.loop_tree import LoopTree
 from spherekit.positions.motion import Motion
 from spherekit.tolerances import EPS
 from spherekit.velocities.direction_signs import dot, norm

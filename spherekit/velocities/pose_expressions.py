@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.positions.linearisation import LoopTree
+from spherekit.positions.loop_tree import LoopTree
 from spherekit.symbolic.expression_graph import Expr, function
 from spherekit.symbolic.vector_algebra import Exprs, constants, vector
 from spherekit.velocities.axis_rotations import (

@@ -28,8 +28,9 @@ from spherekit.geometry.rotation import all_finite, max_abs, nans
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_pairs
-from spherekit.positions.linearisation import LoopTree, left_inverse
+from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.loop_closure import Closure
+from spherekit.positions.loop_tree import LoopTree
 
 SINGULAR = 1e-6
 """A configuration whose transmission is less is at a singularity of type II: the output is

@@ -36,9 +36,9 @@ from spherekit.errors import EngineError
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, driven_at, plan_assembly
-from spherekit.positions.linearisation import LoopTree
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion_cache import assembly_by_count_or_rank, traced
+from spherekit.positions.loop_tree import LoopTree
+from spherekit.positions.motion_cache import assembly_by_count_or_rank, position_analysis_of
 from spherekit.symbolic.expression_derivatives import differentiate
 from spherekit.symbolic.expression_graph import (
     ADVICE_WITHOUT_EXPRESSIONS,
@@ -139,7 +139,7 @@ class Structure:
         def vectors() -> Floats:
             values = closed
             if values is None:
-                motion = traced(driven_at(mechanism, input_pairs)).sparse(9)
+                motion = position_analysis_of(driven_at(mechanism, input_pairs)).sparse(9)
                 if np.all(motion.failed):
                     raise EngineError(
                         f"{mechanism.name}: no configuration was found at which to choose "

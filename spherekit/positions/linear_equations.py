@@ -1,0 +1,84 @@
+"""Linear equations of many configurations at once, also redundant and singular ones."""
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.geometry.rotation import all_finite, nans
+
+REDUNDANT_EQUATION_RATIO = 1e-10
+"""Singular values of redundant equations below this part of the largest count as zero.
+
+Larger: well-determined equations near a singularity count as singular. Smaller: rounding
+errors of equations that repeat each other are taken for independent equations.
+"""
+
+
+def condition_numbers(matrices: Floats) -> Floats:
+    """Return the condition numbers (n,) of matrices (n, rows, columns) in the 2-norm.
+
+    They are infinite if the columns depend on each other or exceed the rows in number, 1 if
+    there are no columns, and NaN if the matrix is not finite.
+    """
+    _, rows, columns = matrices.shape
+    is_finite = all_finite(matrices, (1, 2))
+    conditions = np.where(is_finite, np.inf if columns else 1.0, np.nan)
+    if 0 < columns <= rows:
+        conditions[is_finite] = np.linalg.cond(matrices[is_finite])
+    return conditions
+
+
+def left_inverse(matrices: Floats) -> Floats:
+    """Return the left inverses (n, columns, rows) of matrices (n, rows, columns).
+
+    A left inverse B of A satisfies B A = 1. If A has more rows than columns, B is the
+    pseudoinverse. It solves A x = b only if the extra equations agree with the others.
+
+    Returns
+    -------
+    The inverses. They are NaN for singular matrices, and for all matrices if there are
+    fewer rows than columns, or no columns.
+    """
+    n, rows, columns = matrices.shape
+    if rows == columns:
+        try:
+            return np.asarray(np.linalg.inv(matrices))
+        except np.linalg.LinAlgError:
+            # NumPy refuses all matrices if one of them is exactly singular.
+            with np.errstate(invalid="ignore"):
+                is_regular = np.linalg.slogdet(matrices)[0] != 0.0
+            inverses = nans(matrices.shape)
+            inverses[is_regular] = np.linalg.inv(matrices[is_regular])
+            return inverses
+    if rows < columns or not columns:
+        return nans((n, columns, rows))
+    is_finite = all_finite(matrices, (1, 2))[:, None, None]
+    # The decomposition fails for NaN. Zero matrices have rank zero, so they become NaN.
+    left_vectors, singular_values, right_vectors = np.linalg.svd(
+        np.where(is_finite, matrices, 0.0), full_matrices=False
+    )
+    has_full_rank = (
+        singular_values[:, -1] > REDUNDANT_EQUATION_RATIO * singular_values[:, 0]
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scaled = np.swapaxes(right_vectors, 1, 2) / singular_values[:, None]
+        inverses = scaled @ np.swapaxes(left_vectors, 1, 2)
+    return np.where(has_full_rank[:, None, None], inverses, np.nan)
+
+
+def solve_least_norm(matrices: Floats, right_sides: Floats) -> Floats:
+    """Return the solutions x (n, columns) of A x = b with the least norm.
+
+    If the equations contradict each other, the sum of squared errors is minimal.
+
+    Parameters
+    ----------
+    matrices
+        (n, rows, columns) the matrices A.
+    right_sides
+        (n, rows) the right-hand sides b.
+    """
+    try:
+        return np.asarray(np.linalg.solve(matrices, right_sides[..., None])[..., 0])
+    except np.linalg.LinAlgError:  # The matrices are not square, or one is singular.
+        inverses = np.linalg.pinv(matrices, rcond=REDUNDANT_EQUATION_RATIO)
+        return np.einsum("nij,nj->ni", inverses, right_sides)

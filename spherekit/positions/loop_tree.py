@@ -1,0 +1,218 @@
+"""The loops of a chain of bodies: spanning tree, velocity equations, mobility by rank.
+
+A chain consists of bodies joined by pairs. A spanning tree of pairs reaches every body from
+body 0. Each other pair is a chord, which closes one loop: the chord, and the tree paths to
+its two bodies. At rates of the pair variables that keep the loops closed, the angular
+velocities around each loop add up to zero,
+
+    sum over the variables v of  sign(loop, v) rate_v w_v  =  0,
+
+where the velocity vector w_v is the angular velocity of the second body of the pair
+relative to the first one at unit rate of v, and the sign is +1, -1 or 0. These are three
+equations for each loop; their matrix is the Jacobian of the loop closure.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.arrays import Floats, Indices
+from spherekit.mechanism.graph import find_spanning_tree
+from spherekit.mechanism.mechanism import Mechanism
+
+RANK_TOLERANCE = 1e-9
+"""Singular values of the velocity equations below this part of the largest count as zero.
+
+Larger: configurations near singular ones have a higher mobility. Smaller: rounding hides
+that constraints repeat each other.
+"""
+
+
+@dataclass(frozen=True)
+class LoopTree:
+    """A spanning tree of bodies, and the loops that the other pairs close.
+
+    Attributes
+    ----------
+    count
+        Number of bodies. Body 0 is the root.
+    ends
+        First and second body of each pair.
+    owners
+        The pair to which each variable belongs.
+    """
+
+    count: int
+    ends: tuple[tuple[int, int], ...]
+    owners: tuple[int, ...]
+
+    @staticmethod
+    def of(mechanism: Mechanism) -> "LoopTree":
+        """Return the tree of a whole mechanism: bodies are links, body 0 is the ground."""
+        return LoopTree(len(mechanism.links), mechanism.ends, mechanism.variable_owners)
+
+    @cached_property
+    def firsts(self) -> Indices:
+        """(pairs,) the first body of each pair."""
+        return np.array(self.ends, dtype=np.intp)[:, 0]
+
+    @cached_property
+    def seconds(self) -> Indices:
+        """(pairs,) the second body of each pair."""
+        return np.array(self.ends, dtype=np.intp)[:, 1]
+
+    @cached_property
+    def placements(self) -> tuple[tuple[int, int, int], ...]:
+        """The pairs of the tree, in an order in which bodies can be placed.
+
+        Each entry consists of the pair, the body that is placed already (parent), and the
+        body that the pair places (child).
+        """
+        return find_spanning_tree(self.ends)
+
+    @cached_property
+    def _pair_paths(self) -> Floats:
+        """(bodies, pairs) the `paths`, for pairs instead of variables."""
+        paths = np.zeros((self.count, len(self.ends)))
+        for pair, parent, child in self.placements:
+            paths[child] = paths[parent]
+            paths[child, pair] = 1.0 if self.ends[pair][0] == parent else -1.0
+        return paths
+
+    @cached_property
+    def paths(self) -> Floats:
+        """(bodies, variables) how the tree path from body 0 to a body passes a variable.
+
+        +1 if the path passes the pair of the variable from its first to its second body, -1
+        in the opposite sense, 0 if it does not pass the pair.
+        """
+        return self._pair_paths[:, list(self.owners)]
+
+    @cached_property
+    def chords(self) -> tuple[int, ...]:
+        """The pairs outside the tree, each of which closes one loop."""
+        tree_pairs = {pair for pair, _, _ in self.placements}
+        return tuple(sorted({*range(len(self.ends))} - tree_pairs))
+
+    @cached_property
+    def closing(self) -> Indices:
+        """(3, loops) the chord of each loop, its first body, and its second body."""
+        chords = np.array(self.chords, dtype=np.intp)
+        return np.stack([chords, self.firsts[chords], self.seconds[chords]])
+
+    @cached_property
+    def signs(self) -> Floats:
+        """(loops, variables) how each loop passes a variable: +1, -1 or 0 as in `paths`.
+
+        A loop runs from body 0 to the first body of its chord, over the chord, and back
+        from the second body.
+        """
+        chords, firsts, seconds = self.closing
+        signs_of_pairs = self._pair_paths[firsts] - self._pair_paths[seconds]
+        return (signs_of_pairs + np.eye(len(self.ends))[chords])[:, list(self.owners)]
+
+    @property
+    def longest_loop(self) -> int:
+        """Number of variables in the longest loop."""
+        return int(np.max(np.count_nonzero(self.signs, axis=1), initial=0))
+
+    @property
+    def longest_path(self) -> int:
+        """Number of variables on the longest tree path from body 0 to a body."""
+        return int(np.max(np.count_nonzero(self.paths, axis=1)))
+
+    @cached_property
+    def incidence(self) -> Floats:
+        """(pairs, bodies) -1 at the first body of each pair, +1 at the second."""
+        bodies = np.eye(self.count)
+        return bodies[self.seconds] - bodies[self.firsts]
+
+    @cached_property
+    def cycles(self) -> Floats:
+        """(loops, pairs) orthonormal basis of the cycles of the graph."""
+        # Cycles are the left null space of the incidence matrix, whose rank is one less
+        # than the number of bodies in a connected graph.
+        left_vectors, _, _ = np.linalg.svd(self.incidence)
+        return np.ascontiguousarray(left_vectors[:, self.count - 1 :].T)
+
+    def jacobian(self, vectors: Floats) -> Floats:
+        """Return the matrix of the velocity equations of all loops.
+
+        Parameters
+        ----------
+        vectors
+            (n, variables, 3) velocity vector w_v of each variable, in common axes.
+
+        Returns
+        -------
+        (n, 3 loops, variables) matrices J. Rates with J rates = 0 keep the loops closed.
+        """
+        n, variables, _ = vectors.shape
+        # Axes: sample, loop, component of the vector, variable.
+        blocks = self.signs[None, :, None, :] * np.swapaxes(vectors, 1, 2)[:, None]
+        return np.ascontiguousarray(blocks.reshape(n, 3 * len(self.chords), variables))
+
+    def body_rates(self, vectors: Floats, rates: Floats) -> Floats:
+        """Return the angular velocities (n, bodies, 3) of all bodies relative to body 0.
+
+        Parameters
+        ----------
+        vectors
+            (n, variables, 3) velocity vector w_v of each variable, in the axes of body 0.
+        rates
+            (n, variables) rates of the variables.
+        """
+        return self.paths @ (rates[..., None] * vectors)
+
+
+def rank_mobility(
+    tree: LoopTree, vectors: Floats, rank_tolerance: float = RANK_TOLERANCE
+) -> Floats:
+    """Return the mobility (n,) of configurations, by the rank of the velocity equations.
+
+    The mobility is the number of variables less the rank of the Jacobian.
+
+    Parameters
+    ----------
+    tree
+        The loops.
+    vectors
+        (n, variables, 3) velocity vector of each variable.
+    rank_tolerance
+        Singular values below this part of the largest count as zero.
+    """
+    singular_values = np.linalg.svd(tree.jacobian(vectors), compute_uv=False)
+    is_nonzero = singular_values > rank_tolerance * singular_values[:, :1]
+    return vectors.shape[1] - np.sum(is_nonzero, axis=1)
+
+
+def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
+    """Return how many velocity equations repeat others, and which pairs take part.
+
+    Parameters
+    ----------
+    tree
+        The loops.
+    vectors
+        (variables, 3) velocity vector of each variable in one configuration.
+
+    Returns
+    -------
+    count
+        Number of equations less their rank.
+    pairs
+        Numbers of the pairs in the loops whose equations depend on each other.
+    """
+    if not tree.chords:
+        return 0, ()
+    jacobian = tree.jacobian(vectors[None])[0]
+    left_vectors, singular_values, _ = np.linalg.svd(jacobian)
+    rank = int(np.sum(singular_values > RANK_TOLERANCE * singular_values[0]))
+    # The left null space consists of the dependencies between equations. Each dependency
+    # has three components for each loop: axes are loop, component, dependency.
+    dependencies = left_vectors[:, rank:].reshape(len(tree.chords), 3, -1)
+    loop_weights = np.linalg.norm(dependencies, axis=(1, 2))
+    takes_part = np.any(tree.signs[loop_weights > RANK_TOLERANCE] != 0.0, axis=0)
+    pairs = {tree.owners[variable] for variable in np.flatnonzero(takes_part)}
+    return len(jacobian) - rank, tuple(sorted(pairs))
