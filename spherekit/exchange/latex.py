@@ -13,8 +13,8 @@ from spherekit.arrays import Floats
 from spherekit.designs.design_variables import design_variable
 from spherekit.errors import EngineError
 from spherekit.escaping import latex_text
-from spherekit.exchange.latex_formulas import Formulas
-from spherekit.exchange.latex_text import text_of
+from spherekit.exchange.latex_formulas import LatexFormulas
+from spherekit.exchange.latex_text import latex_of
 from spherekit.files.number_change import document_of
 from spherekit.mechanism.changed_axes import restated
 from spherekit.mechanism.elements import LinkSizes, PoseGeometry
@@ -22,11 +22,12 @@ from spherekit.mechanism.locking import sizes_by_frames
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes, pair_frames, reference_frame
 from spherekit.planning.plan_text import as_text
+from spherekit.planning.pole_plan import SELF_MARK
 from spherekit.positions.motion_cache import assembly_by_count_or_rank
 from spherekit.symbolic.expression_graph import Expr
 from spherekit.wording import listing, nearest
 
-HEAD = r"""\documentclass[a4paper]{article}
+DOCUMENT_HEAD = r"""\documentclass[a4paper]{article}
 \usepackage{amsmath}
 \allowdisplaybreaks
 \begin{document}
@@ -37,7 +38,7 @@ is its first axis, and $\mathbf{j}_j$ leads from there toward the second. At the
 $\mathbf{u}_{ik}$ of a pair $\mathbf{t}^j_{ik}$ is the tangent to the arc of link $j$, and
 $\mathbf{z}_{ik}$ is where that of the pair's second link is at the angle 0.
 """
-SAID = {
+SECTION_INTRODUCTIONS = {
     "Positions": r"""The links of a dyad follow from three axes: the middle one is at given
 arcs from two that are known, on the side that the sign $s_k$ says.""",
     "Velocity coefficients": r"""Per unit rate of the input link $j$ turns by
@@ -50,12 +51,18 @@ coefficients change with them.""",
     "Equation of motion": r"""$\mathbf{x}_j$ is $\mathbf{w}_j$ along the axes of link $j$;
 as these turn with the link, its derivative is that of the vector along them.""",
 }
-POLES = r"""Each pole is where two great circles meet, case (a): $\mathbf{n}_{ij|k}$ is at
-right angles to the plane of $\mathbf{u}_{ik}$ and $\mathbf{u}_{jk}$."""
+POLE_INTRODUCTION = (
+    r"Each pole is where two great circles meet, case (a): $\mathbf{n}_{ij|k}$ is at"
+    "\n"
+    r"right angles to the plane of $\mathbf{u}_{ik}$ and $\mathbf{u}_{jk}$."
+)
 
 
-LONGEST = 230
-"""Characters in a row of LaTeX, about a line of a page."""
+MAX_ROW_CHARACTERS = 230
+"""Number of characters of LaTeX after which a sum continues in a new row.
+
+Larger: rows may be wider than a page; smaller: formulas take more rows.
+"""
 
 
 def latex(
@@ -64,20 +71,20 @@ def latex(
     """Return the formulas of a mechanism of R pairs and dyads as a LaTeX document.
 
     Sizes, inertia tensors and the signs of the assembly mode are symbols, with their values
-    in tables; arcs and angles of 0, 90 and 180 degrees are put in.
+    in tables. Arcs and angles of 0, 90 and 180 degrees are inserted as numbers.
 
     Parameters
     ----------
     mechanism
-        The mechanism, its inputs joined to the ground.
+        The mechanism, whose inputs lead to the ground.
     quantities
-        What is wanted, by the names of
+        The quantities to print, by the names or patterns of
         `spherekit.velocities.row_quantities.row_quantities`; vectors also without their
-        components. By default the angles of pairs, poles, coefficients of links against the
-        ground and, where there are masses, torques.
+        components. By default the angles of pairs, poles, coefficients of links relative to
+        the ground and, if there are masses, torques.
     vary
-        Keys of sizes and masses in the mechanism's file, ``links.2.arc``, that stay symbols
-        whatever their values.
+        Keys of sizes and masses in the file of the mechanism, such as ``links.2.arc``, that
+        stay symbols whatever their values.
 
     Raises
     ------
@@ -89,146 +96,240 @@ def latex(
     """
     for group in assembly_by_count_or_rank(mechanism).groups:
         if not group.is_dyad:
-            links = (mechanism.links[x] for body in group.bodies[1:] for x in body)
+            links = [mechanism.links[link] for body in group.bodies[1:] for link in body]
             raise EngineError(
                 f"{mechanism.name}: the {group.kind} of links {listing(links)} has no "
                 "closed form, so no formula of it can be printed; choose an input from "
                 "which all links follow by dyads, or export to a language that solves it"
             )
-    free = _free(mechanism, vary)
-    made, ground = _by_sizes(mechanism)
-    formulas = Formulas(made, ground, free)
-    text = "\n".join(_document(formulas, _wanted(formulas, quantities)))
-    idle = [
-        x for slot, x in free.items() if formulas.free_terms.get(slot) not in formulas.given
+    key_by_size = _find_free_sizes(mechanism, vary)
+    sized_mechanism, ground_axes = _convert_to_sizes(mechanism)
+    latex_formulas = LatexFormulas(sized_mechanism, ground_axes, key_by_size)
+    expressions = _select_expressions(latex_formulas, quantities)
+    text = "\n".join(_document_lines(latex_formulas, expressions))
+
+    # Symbols that no printed formula uses have been removed from the meanings by now.
+    used_symbols = latex_formulas.formula_list.symbol_meanings
+    unused_keys = [
+        key
+        for size, key in key_by_size.items()
+        if latex_formulas.free_symbols.get(size) not in used_symbols
     ]
-    if idle:
+    if unused_keys:
         raise EngineError(
-            f"{mechanism.name}: {listing(idle)}: no quantity that is printed depends on "
-            "this number; leave it out, or ask for quantities that depend on it"
+            f"{mechanism.name}: {listing(unused_keys)}: no quantity that is printed "
+            "depends on this number; leave it out, or ask for quantities that depend on it"
         )
     return text
 
 
-def _wanted(formulas: Formulas, names: Sequence[str] | None) -> list[Expr]:
-    """Return the terms of quantities, by names or patterns."""
-    table, mechanism = formulas.quantities, formulas.mechanism
+def _select_expressions(
+    latex_formulas: LatexFormulas, names: Sequence[str] | None
+) -> list[Expr]:
+    """Return the expressions of quantities by names or patterns, by default the usual ones.
+
+    A name may end in a component of a vector, ``_x``; the vector is then printed whole.
+    """
+    quantities = latex_formulas.formula_list.quantities
+    mechanism = latex_formulas.mechanism
     if names is None:
-        names = [name for name in table if name.startswith(("theta_", "pole_", "torque"))]
+        usual_prefixes = ("theta_", "pole_", "torque")
+        names = [name for name in quantities if name.startswith(usual_prefixes)]
         names += [
-            f"{kind}_coefficient_{link}_{mechanism.ground}{end}"
-            for end, link, kind in product(
-                formulas.ends, mechanism.links[1:], ("velocity", "acceleration")
+            f"{kind}_coefficient_{link}_{mechanism.ground}{suffix}"
+            for suffix, link, kind in product(
+                latex_formulas.input_suffixes,
+                mechanism.links[1:],
+                ("velocity", "acceleration"),
             )
         ]
-    wanted: list[Expr] = []
+    expressions: list[Expr] = []
     for name in names:
-        matching = fnmatch.filter(table, name) or fnmatch.filter(
-            table, name.rpartition("_")[0]
+        vector_name, _, _ = name.rpartition("_")
+        matching_names = fnmatch.filter(quantities, name) or fnmatch.filter(
+            quantities, vector_name
         )
-        if not matching:
+        if not matching_names:
             raise EngineError(
                 f'{mechanism.name}: "{name}" is not written as LaTeX'
-                f"{nearest(name, table) or ';'} there are {listing(table)}"
+                f"{nearest(name, quantities) or ';'} there are {listing(quantities)}"
             )
-        wanted += (term for one in matching for term in table[one])
-    return wanted
+        for matching_name in matching_names:
+            expressions += quantities[matching_name]
+    return expressions
 
 
-def _document(formulas: Formulas, wanted: Sequence[Expr]) -> Iterator[str]:
-    lines = formulas.needed(wanted)
-    mechanism, index = formulas.mechanism, formulas.index
-    yield HEAD + rf"\section*{{The spherical mechanism {latex_text(mechanism.name)}}}"
-    links = (
-        name if name == link else f"{name} is {latex_text(link)}"
-        for name, link in zip(index, mechanism.links, strict=True)
+def _document_lines(
+    latex_formulas: LatexFormulas, expressions: Sequence[Expr]
+) -> Iterator[str]:
+    """Yield the parts of the document, each of one or more lines.
+
+    Parameters
+    ----------
+    latex_formulas
+        The formulas.
+    expressions
+        Expressions of the quantities to print. Only formulas that they need are printed.
+    """
+    formula_list = latex_formulas.formula_list
+    formulas = formula_list.select_required(expressions)
+    mechanism = latex_formulas.mechanism
+    yield DOCUMENT_HEAD + (
+        rf"\section*{{The spherical mechanism {latex_text(mechanism.name)}}}"
     )
-    yield f"Links: {listing(links)}; the first is the ground. Pairs, axes and angles:"
-    pairs = zip(mechanism.pairs, formulas.pair_axes, formulas.angles, strict=True)
-    yield _table(
-        (latex_text(x.name), _dollars(axis), _dollars(angle)) for x, axis, angle in pairs
-    )
+    link_texts: list[str] = []
+    for label, link in zip(formula_list.link_labels, mechanism.links, strict=True):
+        link_texts.append(label if label == link else f"{label} is {latex_text(link)}")
+    yield f"Links: {listing(link_texts)}; the first is the ground. Pairs, axes and angles:"
+    positions = latex_formulas.positions
+    pair_rows = [
+        (latex_text(pair.name), _math(axis), _math(angle))
+        for pair, axis, angle in zip(
+            mechanism.pairs, positions.pair_axes, positions.pair_angles, strict=True
+        )
+    ]
+    yield _format_table(pair_rows)
     yield NOTATION
-    said = formulas.given.items()
-    yield _table((_dollars(x), meaning, value) for x, (meaning, value) in said)
-    for pair, plan in zip(mechanism.names_of(formulas.inputs), formulas.plans, strict=True):
-        moving = latex_text(pair)
-        yield f"Poles while {moving} moves: x those of pairs, I, II, ... by passes."
-        table = as_text(plan).replace("■", "-")
-        yield f"\\begin{{verbatim}}\n{table}\n\\end{{verbatim}}"
-    for section, of in groupby(lines.items(), lambda item: item[1].section):
-        yield f"\\section*{{{section}}}\n{SAID.get(section, POLES)}"
-        rows = (f"{text_of(left)} &= {_right(formula.rows)}" for left, formula in of)
+    symbol_rows = [
+        (_math(term), meaning, value)
+        for term, (meaning, value) in formula_list.symbol_meanings.items()
+    ]
+    yield _format_table(symbol_rows)
+    for pair_name, pole_plan in zip(
+        mechanism.names_of(latex_formulas.inputs), latex_formulas.pole_plans, strict=True
+    ):
+        yield (
+            f"Poles while {latex_text(pair_name)} moves: x those of pairs, I, II, ... by "
+            "passes."
+        )
+        # The document has ASCII characters only.
+        pole_table = as_text(pole_plan).replace(SELF_MARK, "-")
+        yield f"\\begin{{verbatim}}\n{pole_table}\n\\end{{verbatim}}"
+    for section, items in groupby(formulas.items(), lambda item: item[1].section):
+        introduction = SECTION_INTRODUCTIONS.get(section, POLE_INTRODUCTION)
+        yield f"\\section*{{{section}}}\n{introduction}"
+        rows = [
+            f"{latex_of(term)} &= {_format_right_side(formula.rows)}"
+            for term, formula in items
+        ]
         yield "\\begin{align}\n" + " \\\\\n".join(rows) + "\n\\end{align}"
-    if formulas.left_out:
-        friction = latex_text(listing(formulas.left_out))
+    if latex_formulas.omitted_loads:
+        friction = latex_text(listing(latex_formulas.omitted_loads))
         yield f"Friction of {friction} follows from reactions and is left out."
     yield "\\end{document}\n"
 
 
-def _dollars(term: Expr) -> str:
-    return f"${text_of(term)}$"
+def _math(expression: Expr) -> str:
+    """Return an expression as LaTeX within a text."""
+    return f"${latex_of(expression)}$"
 
 
-def _right(rows: Sequence[Expr]) -> str:
+def _format_right_side(rows: Sequence[Expr]) -> str:
+    """Return one expression, or the components of a vector as a column."""
     if len(rows) == 1:
-        return _broken(text_of(rows[0]))
-    column = r" \\ ".join(map(text_of, rows))
+        return _break_sum(latex_of(rows[0]))
+    column = r" \\ ".join(map(latex_of, rows))
     return rf"\begin{{pmatrix}} {column} \end{{pmatrix}}"
 
 
-def _broken(text: str) -> str:
-    """Return a sum as rows of ``align`` that are not too long."""
-    rows, before = [""], ""
-    for part in re.split(r"(?= [+-] )", text):
-        inside = before.count("{") - before.count("}") + before.count(r"\left")
-        if inside == before.count(r"\right") and len(rows[-1] + part) > LONGEST:
+def _break_sum(text: str) -> str:
+    """Return a sum in LaTeX as rows of ``align`` that are not too long.
+
+    A row ends before a plus or minus sign that is outside all brackets and braces.
+    """
+    rows = [""]
+    text_before = ""
+    for summand in re.split(r"(?= [+-] )", text):
+        open_braces = text_before.count("{") - text_before.count("}")
+        open_brackets = text_before.count(r"\left") - text_before.count(r"\right")
+        is_outside = open_braces + open_brackets == 0
+        if is_outside and len(rows[-1] + summand) > MAX_ROW_CHARACTERS:
             rows.append("")
-        rows[-1] += part
-        before += part
+        rows[-1] += summand
+        text_before += summand
     return " \\nonumber \\\\\n&\\quad {}".join(rows)
 
 
-def _table(rows: Iterable[Sequence[str]]) -> str:
+def _format_table(rows: Iterable[Sequence[str]]) -> str:
+    """Return a centred table of three columns."""
     body = " \\\\\n".join(map(" & ".join, rows))
     table = f"\\begin{{tabular}}{{lll}}\n{body}\n\\end{{tabular}}"
     return f"\\begin{{center}}\n{table}\n\\end{{center}}"
 
 
-def _free(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str]:
-    """Return the keys of the sizes, and of the links whose masses they name."""
-    document, free = document_of(mechanism), dict[Any, str]()
+def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str]:
+    """Return the keys of the numbers that stay symbols, by the names of these numbers.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    keys
+        Keys of its file, such as ``links.2.arc`` or ``mass.3.mass``.
+
+    Returns
+    -------
+    The key of each number, by ("arcs", (link, pair)), ("angles", (link, pair)),
+    ("zeros", pair) or ("mass", link).
+    """
+    document = document_of(mechanism)
+    key_by_size: dict[Any, str] = {}
     for key in keys:
         variable = design_variable(document, key)
         table, name, *_ = variable.path
-        weighed = table == "mass" and not mechanism.loads
-        slot = ("mass", name) if weighed else variable.slot
-        if slot is None or slot[0] not in ("mass", "arcs", "angles", "zeros"):
+        # Without loads a mass acts only by its inertia tensor, which is one symbol.
+        is_inertia = table == "mass" and not mechanism.loads
+        size = ("mass", name) if is_inertia else variable.slot
+        if size is None or size[0] not in ("mass", "arcs", "angles", "zeros"):
             raise EngineError(
                 f"{mechanism.name}: {key} is a number in LaTeX, not a symbol; vary arcs, "
                 "angles, zeros, or masses where there are no loads, or export to another "
                 "language"
             )
-        free[slot] = key
-    return free
+        key_by_size[size] = key
+    return key_by_size
 
 
-def _by_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
-    """Return a mechanism by arcs and angles, and (3, 3) the axes of its ground as given."""
+def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
+    """Return a mechanism given by the sizes of its links, and the axes of its ground.
+
+    Returns
+    -------
+    mechanism
+        The mechanism itself if it is given by sizes. Otherwise its link axes are rotated to
+        the frames of sizes: the first axis of a link is z, and the second is in the
+        half-plane x = 0, y > 0.
+    ground_axes
+        (3, 3) matrix whose columns are the axes i, j, k of the ground in the axes of the
+        file. The identity if the mechanism is given by sizes.
+    """
     if not isinstance(mechanism.geometry, PoseGeometry):
         return mechanism, np.eye(3)
-    sizes, turns = {}, {}
+    sizes_by_link: dict[str, LinkSizes] = {}
+    rotation_by_link: dict[str, Floats] = {}
     for link, axes in link_axes(mechanism).items():
-        x, y, z = reference_frame(axes, next(iter(axes))).T
-        turns[link] = turn = np.stack([-y, x, z])
-        x, y, z = turn @ np.transpose([*axes.values()])
-        arcs, angles = np.arctan2(np.hypot(x, y), z), np.arctan2(-x, y)
-        sizes[link] = LinkSizes(tuple(axes), (*arcs[1:].tolist(),), (*angles[2:].tolist(),))
-    ground, pairs = turns[mechanism.ground], mechanism.pairs
-    first, second = (
-        {pair.name: turns[pair.links[end]] @ frames[pair.name] for pair in pairs}
-        for end, frames in enumerate(pair_frames(mechanism))
+        # The columns are unit vectors: towards the second axis, at right angles to it, and
+        # the first axis. They become y, -x and z of the new frame.
+        toward, across, first = reference_frame(axes, next(iter(axes))).T
+        rotation = np.stack([-across, toward, first])
+        rotation_by_link[link] = rotation
+        x, y, z = rotation @ np.transpose([*axes.values()])
+        arcs = np.arctan2(np.hypot(x, y), z)
+        angles = np.arctan2(-x, y)
+        # The first axis has neither arc nor angle, and the second has no angle.
+        sizes_by_link[link] = LinkSizes(
+            tuple(axes), tuple(arcs[1:].tolist()), tuple(angles[2:].tolist())
+        )
+    ground_rotation = rotation_by_link[mechanism.ground]
+    pairs = mechanism.pairs
+    frames_in_first, frames_in_second = (
+        {
+            pair.name: rotation_by_link[pair.links[side]] @ frames[pair.name]
+            for pair in pairs
+        }
+        for side, frames in enumerate(pair_frames(mechanism))
     )
-    geometry = sizes_by_frames(pairs, (first, second), sizes)
-    parts = restated(mechanism, turns=turns, ground=ground)
-    return replace(mechanism, geometry=geometry, **parts), ground.T
+    geometry = sizes_by_frames(pairs, (frames_in_first, frames_in_second), sizes_by_link)
+    restated_parts = restated(mechanism, turns=rotation_by_link, ground=ground_rotation)
+    sized_mechanism = replace(mechanism, geometry=geometry, **restated_parts)
+    return sized_mechanism, ground_rotation.T

@@ -1,14 +1,16 @@
-r"""Terms as LaTeX, variables by their names; ``\mathbf`` begins those of vectors.
+r"""Expressions as LaTeX. Variables are printed by their names.
 
-Factors stand at a thin space, ``\,``, so that what is printed can be read back.
+The names of vectors begin with ``\mathbf``. Factors are separated by a thin space, ``\,``,
+so that the printed formula can be read back by a program.
 """
 
 from collections.abc import Mapping
+from enum import IntEnum
 from typing import NamedTuple
 
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, rewrite
 
-_NAMED: Mapping[str, str] = {
+_COMMAND_BY_FUNCTION: Mapping[str, str] = {
     "asin": r"\arcsin",
     "acos": r"\arccos",
     "atan": r"\arctan",
@@ -16,79 +18,186 @@ _NAMED: Mapping[str, str] = {
     "log": r"\ln",
     "maximum": r"\max",
 }
-_SIGNS: Mapping[str, str] = {"cross": r"\times", "dot": r"\cdot"}
-_FORMS: Mapping[str, str] = {
+"""Commands of functions. Other functions have the command of their name."""
+
+_SIGN_BY_VECTOR_PRODUCT: Mapping[str, str] = {"cross": r"\times", "dot": r"\cdot"}
+
+_TEMPLATE_BY_OPERATION: Mapping[str, str] = {
     "/": r"\frac{{{0}}}{{{1}}}",
     "**": r"\left({0}\right)^{{{1}}}",
     "norm": r"\left\|{0}\right\|",
     "sqrt": r"\sqrt{{{0}}}",
     "sign": r"\frac{{{0}}}{{\left|{0}\right|}}",
 }
-SYMBOL, PRODUCT, SUM = range(3)
-_RANKS = (r"\mathbf{I}", 3), (r"\mathbf", 4), ("dot{", 2)
-_LATE = 1
+"""LaTeX of operations that need no brackets around them, with the arguments inserted."""
 
 
-class _Printed(NamedTuple):
-    """A text, how loosely it is joined, and how late it stands in products."""
+class Binding(IntEnum):
+    """How loosely the parts of an expression are joined: a looser one needs brackets."""
+
+    SYMBOL = 0
+    PRODUCT = 1
+    SUM = 2
+
+
+class FactorRank(IntEnum):
+    """Position of a factor in a product: factors of smaller rank are printed first.
+
+    The order is numbers and scalars, functions, time derivatives, tensors, vectors.
+    """
+
+    SCALAR = 0
+    FUNCTION = 1
+    RATE = 2
+    TENSOR = 3
+    VECTOR = 4
+
+
+_RANK_BY_MARK = (
+    (r"\mathbf{I}", FactorRank.TENSOR),
+    (r"\mathbf", FactorRank.VECTOR),
+    ("dot{", FactorRank.RATE),
+)
+"""Ranks of symbols whose name contains a text; the first that matches applies."""
+
+
+class LatexText(NamedTuple):
+    """An expression as LaTeX, and how it joins with others.
+
+    Attributes
+    ----------
+    text
+        The LaTeX.
+    binding
+        How loosely its parts are joined.
+    rank
+        Its position in products.
+    """
 
     text: str
-    joint: int
-    rank: int = 0
+    binding: Binding
+    rank: int = FactorRank.SCALAR
 
-    def within(self, most: int) -> str:
-        """Return the text, in brackets if it is joined more loosely."""
-        return self.text if self.joint <= most else rf"\left({self.text}\right)"
+    def bracketed_beyond(self, loosest: Binding) -> str:
+        """Return the text, in brackets if its binding is looser than this one."""
+        if self.binding <= loosest:
+            return self.text
+        return rf"\left({self.text}\right)"
 
 
-def text_of(item: Expr) -> str:
+def latex_of(expression: Expr) -> str:
     """Return an expression as LaTeX."""
-    (made,) = rewrite([item], _number, _applied)
-    text: str = made.text
+    (latex_text,) = rewrite([expression], _print_number, _print_operation)
+    text: str = latex_text.text
     return text
 
 
 def number(value: float) -> str:
-    """Return a number with 15 digits at most."""
+    """Return a number as LaTeX, with at most 15 digits."""
     digits, _, exponent = f"{value:.15g}".partition("e")
     return rf"{digits}\cdot 10^{{{int(exponent)}}}" if exponent else digits
 
 
-def _number(value: float) -> _Printed:
-    half = r"\frac{1}{2}" if value == 0.5 else number(value)
-    return _Printed(half, SUM if value < 0.0 else SYMBOL)
+def _print_number(value: float) -> LatexText:
+    """Return a number as LaTeX; a negative one is bracketed like a sum."""
+    text = r"\frac{1}{2}" if value == 0.5 else number(value)
+    return LatexText(text, Binding.SUM if value < 0.0 else Binding.SYMBOL)
 
 
-def _applied(term: ExpressionNode, given: list[_Printed]) -> _Printed:
-    name = term.operation
-    if name == "variable":
-        symbol: str = term.arguments[0]
-        rank = next((rank for mark, rank in _RANKS if mark in symbol), 0)
-        return _Printed(symbol, SYMBOL, rank)
-    if name in _FORMS:
-        rank = given[0].rank if name == "/" else 0
-        return _Printed(_FORMS[name].format(*(x.text for x in given)), SYMBOL, rank)
-    if name not in ("+", "-", "*", *_SIGNS):
-        inside = ", ".join(x.text for x in given)
-        alone = name in ("sin", "cos") and given[0].joint == SYMBOL and "frac" not in inside
-        inside = f" {inside}" if alone else rf"\left({inside}\right)"
-        return _Printed(_NAMED.get(name, f"\\{name}") + inside, SYMBOL, _LATE)
-    a, b = given
-    if name in _SIGNS:
-        text = f"{a.within(SYMBOL)} {_SIGNS[name]} {b.within(SYMBOL)}"
-        return _Printed(text, PRODUCT, 4 * (name == "cross"))
-    if name == "*":
-        if term.arguments[0] == -1.0:
-            return _Printed("-" + b.within(PRODUCT), SUM, b.rank)
-        if term.arguments[0] is term.arguments[1]:
-            base = a.within(SYMBOL) if "^" not in a.text else rf"\left({a.text}\right)"
-            return _Printed(f"{base}^{{2}}", SYMBOL)
-        first, last = sorted(given, key=lambda x: x.rank)
-        inner = [x.within(PRODUCT if r" \, " in x.text else SYMBOL) for x in (first, last)]
-        if isinstance(term.arguments[0], float):
-            inner[0] = first.text
-        joint = SUM if inner[0].startswith("-") else PRODUCT
-        return _Printed(r" \, ".join(inner), joint, last.rank)
-    if name == "+" and b.text.startswith("-"):
-        return _Printed(f"{a.text} - {b.text[1:]}", SUM, a.rank)
-    return _Printed(f"{a.text} {name} {b.within(SUM - (name == '-'))}", SUM, a.rank)
+def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
+    """Return a node of an expression as LaTeX.
+
+    Parameters
+    ----------
+    node
+        A variable, an operation or a function.
+    arguments
+        Its arguments as LaTeX; empty for a variable.
+    """
+    operation = node.operation
+    if operation == "variable":
+        return _print_symbol(node.arguments[0])
+    if operation in _TEMPLATE_BY_OPERATION:
+        # A vector divided by a number remains a vector.
+        rank = arguments[0].rank if operation == "/" else FactorRank.SCALAR
+        template = _TEMPLATE_BY_OPERATION[operation]
+        text = template.format(*(argument.text for argument in arguments))
+        return LatexText(text, Binding.SYMBOL, rank)
+    if operation in _SIGN_BY_VECTOR_PRODUCT:
+        a, b = (argument.bracketed_beyond(Binding.SYMBOL) for argument in arguments)
+        rank = FactorRank.VECTOR if operation == "cross" else FactorRank.SCALAR
+        text = f"{a} {_SIGN_BY_VECTOR_PRODUCT[operation]} {b}"
+        return LatexText(text, Binding.PRODUCT, rank)
+    if operation == "*":
+        return _print_product(node, arguments)
+    if operation in ("+", "-"):
+        return _print_sum(operation, *arguments)
+    return _print_function(operation, arguments)
+
+
+def _print_symbol(name: str) -> LatexText:
+    """Return a variable, with the rank that its name shows."""
+    for mark, rank in _RANK_BY_MARK:
+        if mark in name:
+            return LatexText(name, Binding.SYMBOL, rank)
+    return LatexText(name, Binding.SYMBOL)
+
+
+def _print_function(name: str, arguments: list[LatexText]) -> LatexText:
+    """Return a function of arguments; a sine or cosine of a symbol has no brackets."""
+    command = _COMMAND_BY_FUNCTION.get(name, f"\\{name}")
+    inside = ", ".join(argument.text for argument in arguments)
+    is_sine_of_symbol = (
+        name in ("sin", "cos")
+        and arguments[0].binding == Binding.SYMBOL
+        and "frac" not in inside
+    )
+    text = (
+        f"{command} {inside}" if is_sine_of_symbol else rf"{command}\left({inside}\right)"
+    )
+    return LatexText(text, Binding.SYMBOL, FactorRank.FUNCTION)
+
+
+def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
+    """Return a product: a negative, a square, or two factors in the order of their ranks.
+
+    Parameters
+    ----------
+    node
+        The product.
+    arguments
+        Its two factors as LaTeX.
+    """
+    first_argument, second_argument = node.arguments
+    first_text, second_text = arguments
+    if first_argument == -1.0:
+        negative = "-" + second_text.bracketed_beyond(Binding.PRODUCT)
+        return LatexText(negative, Binding.SUM, second_text.rank)
+    if first_argument is second_argument:
+        base = first_text.bracketed_beyond(Binding.SYMBOL)
+        if "^" in first_text.text:
+            base = rf"\left({first_text.text}\right)"
+        return LatexText(f"{base}^{{2}}", Binding.SYMBOL)
+    factors = sorted(arguments, key=lambda factor: factor.rank)
+    factor_texts: list[str] = []
+    for factor in factors:
+        # A product of products needs no brackets if the inner one is separated by spaces. A
+        # vector product needs them.
+        is_spaced_product = r" \, " in factor.text
+        loosest = Binding.PRODUCT if is_spaced_product else Binding.SYMBOL
+        factor_texts.append(factor.bracketed_beyond(loosest))
+    if isinstance(first_argument, float):
+        # A number is the first factor, and stands without brackets even if it is negative.
+        factor_texts[0] = factors[0].text
+    binding = Binding.SUM if factor_texts[0].startswith("-") else Binding.PRODUCT
+    return LatexText(r" \, ".join(factor_texts), binding, factors[1].rank)
+
+
+def _print_sum(operation: str, a: LatexText, b: LatexText) -> LatexText:
+    """Return a sum or a difference of two expressions."""
+    if operation == "+" and b.text.startswith("-"):
+        return LatexText(f"{a.text} - {b.text[1:]}", Binding.SUM, a.rank)
+    # a - (b + c) needs its brackets, a + (b + c) does not.
+    loosest = Binding.PRODUCT if operation == "-" else Binding.SUM
+    text = f"{a.text} {operation} {b.bracketed_beyond(loosest)}"
+    return LatexText(text, Binding.SUM, a.rank)

@@ -1,0 +1,328 @@
+r"""Printed formulas of poles, velocity coefficients and acceleration coefficients.
+
+While one input moves at the rate 1 and the others are locked, link j has the angular
+velocity w_j = m_j u_j relative to the ground, where u_j is the direction of its pole and
+m_j its velocity coefficient. Angular velocities of links i and j differ along the pole u_ij
+of the two links,
+
+    m_j u_j = m_i u_i + m_ij u_ij,
+
+which gives m_j from m_i by Aronhold and Kennedy. Accelerations are the derivatives of these
+formulas with respect to an input, in which the axes of pairs move with their links.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import permutations
+
+from spherekit.errors import EngineError
+from spherekit.exchange.latex_formula_list import (
+    Formula,
+    FormulaList,
+    cross_product,
+    inner_product,
+    is_negated,
+)
+from spherekit.exchange.latex_positions import PositionFormulas
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.pole_plan import (
+    LinePole,
+    Plan,
+    Pole,
+    PrimaryPole,
+    pole_of,
+    roman_numeral,
+)
+from spherekit.planning.pole_sequence import group_by_circle
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    ExpressionNode,
+    function,
+    substitute,
+)
+from spherekit.wording import listing
+
+
+class CoefficientFormulas:
+    """Formulas of the motion of all links per unit rate of each input.
+
+    They are written to the formula list when this object is made: poles, velocity
+    coefficients, acceleration coefficients, then coefficients between moving links.
+
+    Parameters
+    ----------
+    formula_list
+        The list to which formulas are added. It has the formulas of the positions.
+    mechanism
+        The mechanism.
+    positions
+        Formulas of its positions.
+    pole_plans
+        For each input the plan of the poles while it moves.
+    input_suffixes
+        For each input the text that ends the names of quantities while it moves.
+
+    Raises
+    ------
+    EngineError
+        If a pole follows only from velocity equations that are solved together.
+    """
+
+    def __init__(
+        self,
+        formula_list: FormulaList,
+        mechanism: Mechanism,
+        positions: PositionFormulas,
+        pole_plans: Sequence[Plan],
+        input_suffixes: Sequence[str],
+    ) -> None:
+        self._formula_list = formula_list
+        self._mechanism = mechanism
+        self._positions = positions
+        self._pole_plans = pole_plans
+        self._input_suffixes = input_suffixes
+
+        # One item for each input. Bodies are links that are rigid while it moves.
+        input_indices = range(len(pole_plans))
+        self._poles = [self._write_poles(index) for index in input_indices]
+        formula_list.section = "Velocity coefficients"
+        self._ratios_by_body: list[dict[int, Expr]] = []
+        self._velocities_by_body: list[dict[int, Expr]] = []
+        for index in input_indices:
+            self._write_velocities(index)
+        formula_list.section = "Acceleration coefficients"
+        earlier_formulas = [*formula_list.formulas.items()]
+        self._derivatives_by_term = [
+            self._write_derivatives(index, earlier_formulas) for index in input_indices
+        ]
+        formula_list.section = "Coefficients between moving links"
+        for index in input_indices:
+            self._name_coefficients(index)
+
+    def angular_velocity(self, input_index: int, link: int) -> Expr:
+        """Return the angular velocity of a link per unit rate of an input, ground axes."""
+        body = self._pole_plans[input_index].body[link]
+        return self._velocities_by_body[input_index][body]
+
+    def derivative(self, expression: Expr, input_index: int) -> Expr:
+        """Return the derivative of an expression with respect to an input.
+
+        The expression consists of axes of pairs and of poles and coefficients. It does not
+        depend otherwise on the inputs.
+        """
+        return differentiate([expression], self._derivatives_by_term[input_index])[0]
+
+    def pair_coefficient(self, input_index: int, pair: int) -> Expr:
+        """Return the derivative of the variable of a pair with respect to an input."""
+        first, second = self._mechanism.pairs[pair].links
+        suffix = self._input_suffixes[input_index]
+        name = f"velocity_coefficient_{second}_{first}{suffix}"
+        return self._formula_list.quantities[name][0]
+
+    def _write_poles(self, input_index: int) -> dict[Pole, Expr]:
+        """Return the unit vectors of all poles while an input moves, by their bodies.
+
+        A pole that is no axis of a pair is the line common to two planes. Each plane is
+        spanned by the poles of the two bodies relative to a third body.
+        """
+        formula_list = self._formula_list
+        pole_plan = self._pole_plans[input_index]
+        mark = formula_list.input_mark(input_index)
+        condition = ""
+        if formula_list.has_several_inputs:
+            input_text = self._positions.input_angles[input_index].arguments[0]
+            condition = f" while ${input_text}$ moves"
+        poles: dict[Pole, Expr] = {}
+        for step in pole_plan.steps:
+            if isinstance(step, PrimaryPole):
+                poles[step.pole] = self._positions.pair_axes[step.pair]
+                continue
+            if not isinstance(step, LinePole):
+                raise EngineError(
+                    f"{self._mechanism.name}: the poles of links "
+                    f"{listing(map(pole_plan.name, step.links))} follow from the velocity "
+                    "equations of an irreducible part alone, which no formula is printed "
+                    "for; export to another language"
+                )
+            smaller_body, larger_body = step.pole
+            label = formula_list.join_labels(larger_body, smaller_body)
+            formula_list.section = f"Poles of pass {roman_numeral(step.round)}{condition}"
+            # Third bodies of one group give the same plane, so one of each group is used.
+            third_body_groups = group_by_circle(step.via, step.pole, pole_plan.coaxial)
+            normals: list[Expr] = []
+            for third_body, *_ in third_body_groups[:2]:
+                pole_a = poles[pole_of(smaller_body, third_body)]
+                pole_b = poles[pole_of(larger_body, third_body)]
+                normals.append(
+                    formula_list.write_indexed(
+                        r"\mathbf{n}",
+                        f"{label}|{formula_list.link_labels[third_body]}",
+                        cross_product(pole_a, pole_b),
+                        mark=mark,
+                    )
+                )
+            line = formula_list.write_indexed(
+                r"\mathbf{v}", label, cross_product(*normals), mark=mark
+            )
+            length = formula_list.write_indexed(
+                "v", label, function("norm", line), mark=mark
+            )
+            poles[step.pole] = formula_list.write_indexed(
+                r"\mathbf{u}", label, line / length, mark=mark
+            )
+        return poles
+
+    def _write_velocities(self, input_index: int) -> None:
+        """Write the velocity coefficients and angular velocities of all bodies.
+
+        The coefficient of body j follows from that of a body t, m_j = m_t N / D, with
+        c = u_j x u_t, N = c . (u_jt x u_t) and D = c . (u_jt x u_j). This is the equation
+        m_j u_j = m_t u_t + m_jt u_jt, multiplied by u_jt and then by c.
+        """
+        formula_list = self._formula_list
+        pole_plan = self._pole_plans[input_index]
+        poles = self._poles[input_index]
+        mark = formula_list.input_mark(input_index)
+        ground = pole_plan.body[0]
+        first, second = pole_plan.ends[pole_plan.input]
+        # The rate of the input is 1, that of its second body relative to its first.
+        ratios: dict[int, Expr] = {second: 1.0} if first == ground else {first: -1.0}
+        velocities: dict[int, Expr] = {ground: 0.0}
+        self._ratios_by_body.append(ratios)
+        self._velocities_by_body.append(velocities)
+        moving_bodies = {*pole_plan.bodies} - {ground}
+        driven_body_first = sorted(moving_bodies, key=lambda body: body not in ratios)
+        for body in driven_body_first:
+            axis = poles[pole_of(body, ground)]
+            label = formula_list.join_labels(body, ground)
+            if body not in ratios:
+                # With a common axis of the three bodies both N and D would be zero.
+                third_body = next(
+                    known_body
+                    for known_body in ratios
+                    if not any(
+                        {known_body, body, ground} <= coaxial_bodies
+                        for coaxial_bodies, _ in pole_plan.coaxial
+                    )
+                )
+                relative_axis = poles[pole_of(body, third_body)]
+                third_axis = poles[pole_of(third_body, ground)]
+                normal = formula_list.write_indexed(
+                    r"\mathbf{c}", label, cross_product(axis, third_axis), mark=mark
+                )
+                numerator = formula_list.write_indexed(
+                    "N",
+                    label,
+                    inner_product(normal, cross_product(relative_axis, third_axis)),
+                    mark=mark,
+                )
+                denominator = formula_list.write_indexed(
+                    "D",
+                    label,
+                    inner_product(normal, cross_product(relative_axis, axis)),
+                    mark=mark,
+                )
+                ratios[body] = formula_list.write_indexed(
+                    "m", label, ratios[third_body] * numerator / denominator, mark=mark
+                )
+            velocities[body] = formula_list.write_indexed(
+                r"\mathbf{w}",
+                formula_list.link_labels[body],
+                ratios[body] * axis,
+                mark=mark,
+            )
+
+    def _write_derivatives(
+        self, input_index: int, earlier_formulas: Sequence[tuple[ExpressionNode, Formula]]
+    ) -> Mapping[ExpressionNode, Expr]:
+        """Write the derivatives of axes, poles and coefficients with respect to an input.
+
+        Parameters
+        ----------
+        input_index
+            The input that moves.
+        earlier_formulas
+            Symbols and formulas up to the velocity coefficients. Those of the positions are
+            not differentiated: the axes of pairs move with their links.
+
+        Returns
+        -------
+        The derivative of each symbol.
+        """
+        formula_list = self._formula_list
+        derivative_by_term: dict[ExpressionNode, Expr] = {}
+        for axis, ends in zip(self._positions.pair_axes, self._mechanism.ends, strict=True):
+            # The axis is fixed in both links of the pair. The link at rest is preferred,
+            # then a link whose velocity has no minus sign.
+            velocities = [self.angular_velocity(input_index, link) for link in ends]
+            if 0.0 in velocities:
+                velocity: Expr = 0.0
+            else:
+                velocity = min(velocities, key=is_negated)
+            derivative_by_term[axis] = formula_list.write(
+                formula_list.derivative_symbol(axis, input_index),
+                cross_product(velocity, axis),
+            )
+        for term, formula in earlier_formulas:
+            if formula.section == "Positions":
+                continue
+            right_side = formula.rows[0]
+            (derivative,) = differentiate([right_side], derivative_by_term)
+            # The derivative of a quotient has the quotient in it, which has a symbol.
+            (short_derivative,) = substitute([derivative], {right_side: term})
+            derivative_by_term[term] = formula_list.write(
+                formula_list.derivative_symbol(term, input_index), short_derivative
+            )
+        return derivative_by_term
+
+    def _name_coefficients(self, input_index: int) -> None:
+        """Name angular velocities, poles and coefficients of all links for users.
+
+        Coefficients between two moving links are written here.
+        """
+        formula_list = self._formula_list
+        links = self._mechanism.links
+        suffix = self._input_suffixes[input_index]
+        mark = formula_list.input_mark(input_index)
+        body = self._pole_plans[input_index].body
+        ratios = self._ratios_by_body[input_index]
+        for link, name in enumerate(links):
+            velocity = self.angular_velocity(input_index, link)
+            formula_list.name_quantity("angular_velocity", name + suffix, velocity)
+            formula_list.name_quantity(
+                "angular_velocity_dq",
+                name + suffix,
+                self.derivative(velocity, input_index),
+            )
+        for a, b in permutations(range(len(links)), 2):
+            axis: Expr = 0.0
+            ratio: Expr = 0.0
+            ratio_derivative: Expr = 0.0
+            if body[a] != body[b]:
+                axis = self._poles[input_index][pole_of(body[a], body[b])]
+                velocity_a = self.angular_velocity(input_index, a)
+                velocity_b = self.angular_velocity(input_index, b)
+                if 0.0 in (velocity_a, velocity_b):
+                    b_rests = velocity_b == 0.0
+                    ratio = ratios[body[a]] if b_rests else -1.0 * ratios[body[b]]
+                    ratio_derivative = self.derivative(ratio, input_index)
+                else:
+                    ratio = formula_list.write_indexed(
+                        "m",
+                        formula_list.join_labels(a, b),
+                        inner_product(velocity_a - velocity_b, axis),
+                        mark=mark,
+                    )
+                    # The derivative of the axis is at right angles to the difference of
+                    # velocities, which lies along the axis, so it drops out.
+                    change = self.derivative(velocity_a, input_index) - self.derivative(
+                        velocity_b, input_index
+                    )
+                    ratio_derivative = formula_list.write(
+                        formula_list.derivative_symbol(ratio, input_index),
+                        inner_product(change, axis),
+                    )
+            owner = f"{links[a]}_{links[b]}{suffix}"
+            formula_list.name_quantity("pole", owner, axis)
+            formula_list.name_quantity("velocity_coefficient", owner, ratio)
+            formula_list.name_quantity("acceleration_coefficient", owner, ratio_derivative)

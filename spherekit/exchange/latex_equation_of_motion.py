@@ -1,0 +1,350 @@
+r"""Printed formulas of the equation of motion: inertia, generalized forces, input torques.
+
+The inertia matrix B has the elements B_ki = sum over links of x_k . (I x_i), where I is the
+inertia tensor of the link about the centre of the sphere, and x_k its angular velocity per
+unit rate of input k. Vectors x, y, z and I are in link axes. The torque of input k is
+
+    tau_k = sum_i B_ki qdd_i + r_k - Q_k,
+
+where Q_k are the generalized forces, and r_k are the inertia forces at constant rates of
+the inputs. They are r = (1/2) B' qd^2 for one input. For several inputs
+
+    r_k = sum over links of x_k . (I z + y x (I y)),
+
+where y is the angular velocity of the link, and z its angular acceleration at qdd = 0.
+"""
+
+from collections.abc import Collection, Sequence
+from itertools import product
+from typing import Any
+
+from spherekit.escaping import latex_text
+from spherekit.exchange.latex_coefficients import CoefficientFormulas
+from spherekit.exchange.latex_formula_list import (
+    FormulaList,
+    cross_product,
+    inner_product,
+    make_symbol,
+)
+from spherekit.exchange.latex_positions import PositionFormulas
+from spherekit.exchange.latex_text import number
+from spherekit.mechanism.inertia import Mass
+from spherekit.mechanism.load import Component, TorqueTable, expression_of
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    ExpressionNode,
+    dot,
+)
+from spherekit.symbolic.parsed_expressions import convert_to_graph
+
+
+class EquationOfMotion:
+    """Formulas of the inertia matrix, of generalized forces and of the input torques.
+
+    They are written to the formula list when this object is made.
+
+    Parameters
+    ----------
+    formula_list
+        The list to which formulas are added, with positions and coefficients.
+    mechanism
+        A mechanism with masses or loads.
+    positions, coefficients
+        Formulas of its positions, poles and coefficients.
+    input_suffixes
+        For each input the text that ends the names of its quantities.
+    free_sizes
+        Names of free numbers. A link whose mass is free has ("mass", link) in it.
+
+    Attributes
+    ----------
+    omitted_loads
+        Names of loads that are not written, because their friction follows from reactions.
+    free_symbols
+        Symbols of the free inertia tensors.
+    """
+
+    def __init__(
+        self,
+        formula_list: FormulaList,
+        mechanism: Mechanism,
+        positions: PositionFormulas,
+        coefficients: CoefficientFormulas,
+        input_suffixes: Sequence[str],
+        free_sizes: Collection[Any],
+    ) -> None:
+        self._formula_list = formula_list
+        self._mechanism = mechanism
+        self._positions = positions
+        self._coefficients = coefficients
+        self._input_suffixes = input_suffixes
+        self._free_sizes = free_sizes
+        self._input_indices = range(formula_list.input_count)
+        self.omitted_loads: list[str] = []
+        self.free_symbols: dict[Any, ExpressionNode] = {}
+        forces = self._write_generalized_forces()
+        self._write_torques(forces)
+
+    # Inertia
+
+    def _write_torques(self, forces: Sequence[Expr]) -> None:
+        """Write the inertia matrix and the torque of each input.
+
+        Parameters
+        ----------
+        forces
+            Generalized force (N m) of each input.
+        """
+        formula_list = self._formula_list
+        has_several_inputs = formula_list.has_several_inputs
+        rates = self._positions.input_rates
+        input_count = formula_list.input_count
+        inertia: dict[tuple[int, int], Expr] = dict.fromkeys(
+            product(range(input_count), repeat=2), 0.0
+        )
+        inertia_forces: list[Expr] = [0.0] * input_count
+        inertia_derivative: Expr = 0.0
+        for mass in self._mechanism.masses:
+            link = self._mechanism.link_number[mass.link]
+            tensor = self._declare_tensor(mass)
+            velocities = [
+                self._coefficients.angular_velocity(k, link) for k in self._input_indices
+            ]
+            link_velocities = [
+                self._resolve_in_link("x", link, velocity, formula_list.input_mark(k))
+                for k, velocity in enumerate(velocities)
+            ]
+            for k, i in inertia:
+                inertia[k, i] += inner_product(
+                    link_velocities[k], tensor * link_velocities[i]
+                )
+            if not has_several_inputs:
+                # The axes of the link turn with it, so the derivative of the components is
+                # that of the vector along them.
+                velocity_derivative = self._coefficients.derivative(velocities[0], 0)
+                change = self._resolve_in_link("x", link, velocity_derivative, "'")
+                inertia_derivative += 2.0 * inner_product(
+                    change, tensor * link_velocities[0]
+                )
+                continue
+            link_torque = self._write_link_torque(link, tensor, velocities)
+            inertia_forces = [
+                force + inner_product(velocity, link_torque)
+                for velocity, force in zip(link_velocities, inertia_forces, strict=True)
+            ]
+
+        self._name_inertia(inertia)
+        if not has_several_inputs:
+            inertia_derivative = formula_list.write(make_symbol("B'"), inertia_derivative)
+            formula_list.quantities["dB_dq"] = [inertia_derivative]
+        for k, suffix in enumerate(self._input_suffixes):
+            row = [inertia[k, i] for i in self._input_indices]
+            right_side = dot(row, self._positions.input_accelerations)
+            inertia_force = inertia_forces[k]
+            if not has_several_inputs:
+                inertia_force = 0.5 * inertia_derivative * (rates[k] * rates[k])
+            right_side = right_side + inertia_force - forces[k]
+            formula_list.quantities[f"generalized_force{suffix}"] = [forces[k]]
+            torque_symbol = make_symbol(formula_list.number_by_input(r"\tau", k))
+            torque = formula_list.write(torque_symbol, right_side, always=True)
+            formula_list.quantities[f"torque{suffix}"] = [torque]
+
+    def _declare_tensor(self, mass: Mass) -> ExpressionNode:
+        """Declare the symbol of the inertia tensor of a link, and return it."""
+        link_label = self._formula_list.link_labels[self._mechanism.link_number[mass.link]]
+        is_free = ("mass", mass.link) in self._free_sizes
+        meaning = f"inertia tensor of link {link_label} (kg m$^2$)"
+        if is_free:
+            meaning += ", free"
+        rows = r" \\ ".join(" & ".join(map(number, row)) for row in mass.tensor)
+        tensor = self._formula_list.declare_symbol(
+            rf"\mathbf{{I}}_{{{link_label}}}",
+            meaning,
+            rf"$\begin{{pmatrix}}{rows}\end{{pmatrix}}$",
+        )
+        if is_free:
+            self.free_symbols["mass", mass.link] = tensor
+        return tensor
+
+    def _write_link_torque(
+        self, link: int, tensor: ExpressionNode, velocities: Sequence[Expr]
+    ) -> Expr:
+        """Return the torque I z + y x (I y) that a link needs at constant input rates.
+
+        Parameters
+        ----------
+        link
+            Number of the link.
+        tensor
+            Its inertia tensor in link axes.
+        velocities
+            Its angular velocity in ground axes per unit rate of each input.
+
+        Returns
+        -------
+        The torque about the centre of the sphere in link axes.
+        """
+        formula_list = self._formula_list
+        link_label = formula_list.link_labels[link]
+        rates = self._positions.input_rates
+        velocity = formula_list.write_indexed(
+            r"\mathbf{W}", link_label, dot(rates, velocities)
+        )
+        velocity = self._resolve_in_link("y", link, velocity)
+        acceleration: Expr = 0.0
+        for k, i in product(self._input_indices, repeat=2):
+            derivative = self._coefficients.derivative(velocities[k], i)
+            acceleration = acceleration + rates[k] * rates[i] * derivative
+        acceleration = formula_list.write_indexed(r"\mathbf{A}", link_label, acceleration)
+        acceleration = self._resolve_in_link("z", link, acceleration)
+        torque = tensor * acceleration + cross_product(velocity, tensor * velocity)
+        return formula_list.write_indexed(r"\mathbf{h}", link_label, torque)
+
+    def _name_inertia(self, inertia: dict[tuple[int, int], Expr]) -> None:
+        """Write the elements of the inertia matrix, and replace them by their symbols."""
+        formula_list = self._formula_list
+        names = self._mechanism.names_of(self._positions.inputs)
+        for k, i in inertia:
+            symbol_name = "B"
+            quantity = "B"
+            if formula_list.has_several_inputs:
+                symbol_name = f"B_{{{k + 1},{i + 1}}}"
+                quantity = f"B_{names[k]}{self._input_suffixes[i]}"
+            inertia[k, i] = formula_list.write(make_symbol(symbol_name), inertia[k, i])
+            formula_list.quantities[quantity] = [inertia[k, i]]
+
+    def _resolve_in_link(
+        self, letter: str, link: int, vector: Expr, mark: str = ""
+    ) -> Expr:
+        """Return a vector in ground axes by its components along the axes of a link.
+
+        Parameters
+        ----------
+        letter
+            Letter of the symbol of the components.
+        link
+            Number of the link.
+        vector
+            The vector; 0.0 remains 0.0.
+        mark
+            Text after the index of the symbol.
+        """
+        if vector == 0.0:
+            return 0.0
+        frame = self._positions.link_frames[link]
+        if any(axis is vector for axis in frame):
+            components: list[Expr] = [float(axis is vector) for axis in frame]
+        else:
+            components = [inner_product(axis, vector) for axis in frame]
+        return self._formula_list.write_indexed(
+            rf"\mathbf{{{letter}}}",
+            self._formula_list.link_labels[link],
+            *components,
+            mark=mark,
+        )
+
+    # Loads
+
+    def _write_generalized_forces(self) -> list[Expr]:
+        """Return the generalized force of each input (N m).
+
+        Loads with friction that depends on reactions are listed in `omitted_loads`.
+        """
+        formula_list = self._formula_list
+        totals: list[Expr] = [0.0] * formula_list.input_count
+        component_count = 0
+        for load in self._mechanism.loads:
+            components = load.components(self._mechanism)
+            if any(component.rubs and component.rubs.grip for component in components):
+                self.omitted_loads.append(load.name)
+                continue
+            for component in components:
+                component_count += 1
+                label = str(component_count)
+                magnitude = self._write_magnitude(component, load.name, label)
+                for k in self._input_indices:
+                    totals[k] += magnitude * self._write_power(component, k, label)
+        return [
+            formula_list.write(make_symbol(formula_list.number_by_input("Q", k)), total)
+            for k, total in enumerate(totals)
+        ]
+
+    def _write_magnitude(self, component: Component, load_name: str, label: str) -> Expr:
+        """Return the magnitude of a component of a load, in its unit.
+
+        Parameters
+        ----------
+        component
+            The component.
+        load_name
+            Name of its load.
+        label
+            Index of the symbols of the component, its number among all from 1 on.
+        """
+        law = component.magnitude
+        if isinstance(law, TorqueTable):
+            return self._formula_list.declare_symbol(
+                f"T_{{{label}}}", f"torque of {latex_text(load_name)} at the time (N m)"
+            )
+        expression = expression_of(law)
+        terms_by_name = {name: self._write_load_name(name) for name in expression.names}
+        return self._formula_list.write_indexed(
+            "T", label, convert_to_graph(expression, terms_by_name)
+        )
+
+    def _write_power(self, component: Component, input_index: int, label: str) -> Expr:
+        """Return the power of a component of magnitude 1 per unit rate of an input.
+
+        Parameters
+        ----------
+        component
+            The component: it works at a pair, by moments on links, or both.
+        input_index
+            The input that moves.
+        label
+            Index of the symbols of the component.
+        """
+        power: Expr = 0.0
+        if component.pair:
+            pair = self._mechanism.pair_number[component.pair]
+            power = self._coefficients.pair_coefficient(input_index, pair)
+        for moment_index, moment in enumerate(component.moments):
+            link = self._mechanism.link_number[moment.link]
+            link_frame = self._positions.link_frames[link]
+            ground_frame = self._positions.link_frames[0]
+            frame = link_frame if moment.axes == "link" else ground_frame
+            vector = dot(moment.direction, frame)
+            if moment.arm is not None:
+                # The direction is that of a force. Its moment is arm x force.
+                vector = cross_product(dot(moment.arm, link_frame), vector)
+            moment_vector = self._formula_list.write_indexed(
+                r"\mathbf{M}", f"{label},{moment_index + 1}", vector
+            )
+            velocity = self._coefficients.angular_velocity(input_index, link)
+            power += inner_product(moment_vector, velocity)
+        return power
+
+    def _write_load_name(self, name: str) -> tuple[Expr, Expr]:
+        """Return the expression of a name in a load, twice.
+
+        The names are the time ``t``, the variable ``theta_PAIR`` of a pair, and its rate
+        ``dtheta_PAIR``. `convert_to_graph` takes a second expression, which may differ by
+        whole turns. In print both are the same.
+        """
+        kind, _, pair_name = name.partition("_")
+        if kind == "t":
+            time = self._formula_list.declare_symbol("t", "time (s)")
+            return time, time
+        pair = self._mechanism.pair_number[pair_name]
+        angle = self._positions.pair_angles[pair]
+        if kind != "dtheta":
+            return angle, angle
+        coefficients = [
+            self._coefficients.pair_coefficient(k, pair) for k in self._input_indices
+        ]
+        rate_name = angle.arguments[0].replace(r"\theta", r"\dot{\theta}")
+        rate = self._formula_list.write(
+            make_symbol(rate_name), dot(coefficients, self._positions.input_rates)
+        )
+        return rate, rate

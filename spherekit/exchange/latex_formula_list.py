@@ -1,0 +1,209 @@
+r"""The list of formulas that a LaTeX document prints, and the names of its symbols.
+
+A formula defines a symbol by symbols before it, as in a paper. Expressions are nodes of
+`spherekit.symbolic.expression_graph`. A node stands for a number or for a vector (3,): the
+LaTeX names of vectors begin with ``\mathbf``.
+
+Products of expressions are sorted by the age of their nodes, so the order in which symbols
+and expressions are made decides how a formula is printed.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    ExpressionNode,
+    function,
+    iterate_nodes,
+    vector_product,
+)
+
+
+class Formula(NamedTuple):
+    """The right-hand side of a printed formula.
+
+    Attributes
+    ----------
+    section
+        Title of the section of the document in which the formula is printed.
+    rows
+        One expression, or the three components of a vector.
+    """
+
+    section: str
+    rows: list[Expr]
+
+
+class SymbolMeaning(NamedTuple):
+    """Meaning of a symbol that no formula defines, and its value.
+
+    Both are LaTeX. The value is empty if it is not known, as of an input.
+    """
+
+    meaning: str
+    value: str
+
+
+class FormulaList:
+    """The formulas written so far, and the symbols and quantities that they define.
+
+    The label of a link is its name if all names are numbers of at most two digits,
+    otherwise its position from 1 on. Labels of links are the indices of symbols.
+
+    Attributes
+    ----------
+    formulas
+        Formulas by the symbol that each defines, in the order of printing.
+    symbol_meanings
+        Meanings and values of the symbols that no formula defines.
+    quantities
+        Expressions of each quantity, by the names of
+        `spherekit.velocities.row_quantities.row_quantities` without components of vectors.
+        An orientation has three expressions, the axes of the link, others have one.
+    link_labels
+        Label of each link.
+    input_count
+        Number of inputs. Symbols show which input moves only if there are several.
+    section
+        Title of the section to which new formulas are added.
+    """
+
+    def __init__(self, mechanism: Mechanism, input_count: int) -> None:
+        self.formulas: dict[ExpressionNode, Formula] = {}
+        self.symbol_meanings: dict[ExpressionNode, SymbolMeaning] = {}
+        self.quantities: dict[str, list[Expr]] = {}
+        self.section = "Positions"
+        self.input_count = input_count
+        links = mechanism.links
+        if all(len(name) < 3 and name.isdigit() for name in links):
+            self.link_labels: Sequence[str] = links
+        else:
+            self.link_labels = [str(number + 1) for number in range(len(links))]
+
+    @property
+    def has_several_inputs(self) -> bool:
+        """Whether there is more than one input."""
+        return self.input_count > 1
+
+    def join_labels(self, link_a: int, link_b: int) -> str:
+        """Return the index of a symbol that belongs to two links, given by numbers.
+
+        A comma separates the labels only if one of them has two digits.
+        """
+        label_a = self.link_labels[link_a]
+        label_b = self.link_labels[link_b]
+        separator = "" if max(len(label_a), len(label_b)) == 1 else ","
+        return label_a + separator + label_b
+
+    def number_by_input(self, letter: str, input_index: int) -> str:
+        """Return a letter with the number of an input, without it for the only input."""
+        return f"{letter}_{{{input_index + 1}}}" if self.has_several_inputs else letter
+
+    def input_mark(self, input_index: int) -> str:
+        """Return the superscript of symbols that hold while this input alone moves.
+
+        It is empty for the only input.
+        """
+        return rf"^{{({input_index + 1})}}" if self.has_several_inputs else ""
+
+    def derivative_symbol(self, term: ExpressionNode, input_index: int) -> ExpressionNode:
+        """Return the symbol of the derivative of a symbol with respect to an input."""
+        name = term.arguments[0]
+        if self.has_several_inputs:
+            return make_symbol(rf"\partial_{{{input_index + 1}}}{name}")
+        return make_symbol(f"{name}'")
+
+    def declare_symbol(self, name: str, meaning: str, value: str = "") -> ExpressionNode:
+        """Add a symbol that no formula defines to the table of symbols, and return it."""
+        self.symbol_meanings[make_symbol(name)] = SymbolMeaning(meaning, value)
+        return make_symbol(name)
+
+    def write(self, term: ExpressionNode, *rows: Expr, always: bool = False) -> Expr:
+        """Add the formula of a symbol, unless its right-hand side is a symbol itself.
+
+        Parameters
+        ----------
+        term
+            The symbol on the left-hand side.
+        rows
+            The right-hand side: one expression, or the components of a vector.
+        always
+            Whether the formula is written even if its right-hand side is a number, a symbol
+            or the negative of one of them.
+
+        Returns
+        -------
+        What stands for the quantity in further formulas: the symbol, or the right-hand side
+        if no formula was written.
+        """
+        right_side = rows[0]
+        if len(rows) == 1 and not always:
+            unsigned = right_side.arguments[-1] if is_negated(right_side) else right_side
+            if not isinstance(unsigned, ExpressionNode) or unsigned.operation == "variable":
+                return right_side
+        self.formulas[term] = Formula(self.section, [*rows])
+        return term
+
+    def write_indexed(self, letter: str, index: str, *rows: Expr, mark: str = "") -> Expr:
+        """Add the formula of a letter with an index, as `write` does.
+
+        Parameters
+        ----------
+        letter, index
+            LaTeX of the letter, and of its index without braces.
+        rows
+            The right-hand side: one expression, or the components of a vector.
+        mark
+            Text after the index: the `input_mark` of the moving input, or a prime.
+        """
+        return self.write(make_symbol(f"{letter}_{{{index}}}{mark}"), *rows)
+
+    def name_quantity(self, kind: str, owner: str, *expressions: Expr) -> None:
+        """Note the expressions of a quantity that users may ask for, as ``kind_owner``."""
+        self.quantities[f"{kind}_{owner}"] = [*expressions]
+
+    def select_required(self, expressions: Sequence[Expr]) -> dict[ExpressionNode, Formula]:
+        """Return the formulas from which expressions follow, in the order of printing.
+
+        Symbols that these formulas do not use are removed from `symbol_meanings`.
+        """
+        required = {*iterate_nodes(expressions)}
+        # A formula uses only symbols of earlier ones, so one pass backwards finds them all.
+        for term, formula in reversed(self.formulas.items()):
+            if term in required:
+                required.update(iterate_nodes(formula.rows))
+        self.symbol_meanings = {
+            term: meaning
+            for term, meaning in self.symbol_meanings.items()
+            if term in required
+        }
+        return {
+            term: formula for term, formula in self.formulas.items() if term in required
+        }
+
+
+def make_symbol(name: str) -> ExpressionNode:
+    """Return the variable with this LaTeX name. Equal names give the same variable."""
+    return function("variable", name)
+
+
+def vector_symbol(letter: str, index: str) -> ExpressionNode:
+    """Return the symbol of a vector, a bold letter with an index."""
+    return make_symbol(rf"\mathbf{{{letter}}}_{{{index}}}")
+
+
+def cross_product(a: Expr, b: Expr) -> Expr:
+    """Return the cross product of two vector expressions; 0.0 if one of them is 0.0."""
+    return vector_product("cross", a, b)
+
+
+def inner_product(a: Expr, b: Expr) -> Expr:
+    """Return the inner product of two vector expressions; 0.0 if one of them is 0.0."""
+    return vector_product("dot", a, b)
+
+
+def is_negated(expression: Expr) -> bool:
+    """Return whether an expression is -1 times another one, which is its last argument."""
+    return isinstance(expression, ExpressionNode) and expression.arguments[0] == -1.0

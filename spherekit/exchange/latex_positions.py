@@ -1,0 +1,595 @@
+r"""Printed formulas of the positions of links and pairs.
+
+The frame of link l has the unit vectors i, j, k in ground axes: k is the first axis of the
+link, and j is the tangent at k of the arc to its second axis. An axis u of the link at the
+arc a from k, whose arc makes the angle b with that to the second axis, is
+
+    u = cos(a) k + sin(a) (cos(b) j - sin(b) i).
+
+The reference arc of a link at an axis leads to the first other axis of the link. A pair at
+the axis u has the variable theta: the tangent t2 to the reference arc of its second link is
+that of its first link, t1, rotated about u by the zero of the pair plus theta.
+"""
+
+from collections.abc import Collection
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import EngineError
+from spherekit.escaping import latex_text
+from spherekit.exchange.latex_formula_list import (
+    FormulaList,
+    cross_product,
+    inner_product,
+    make_symbol,
+    vector_symbol,
+)
+from spherekit.exchange.latex_text import number
+from spherekit.mechanism.elements import SizeGeometry
+from spherekit.mechanism.graph import find_spanning_tree
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import Assembly, Group
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
+
+SPECIAL_ANGLE_ROUNDING = 1e-15
+"""Largest error of a sine or cosine that is printed as 0, 1 or -1.
+
+Larger: arcs near 90 degrees are printed as 90; smaller: arcs of 90 degrees, whose cosine is
+6e-17 in float64, keep their symbols.
+"""
+
+
+class AngleExpression(NamedTuple):
+    """An angle (rad) as an expression, with its cosine and sine. By default it is zero."""
+
+    angle: Expr = 0.0
+    cosine: Expr = 1.0
+    sine: Expr = 0.0
+
+    def subtract(self, subtrahend: "AngleExpression") -> "AngleExpression":
+        """Return this angle less another one."""
+        if subtrahend.angle == 0.0:
+            return self
+        difference = self.angle - subtrahend.angle
+        return AngleExpression(
+            difference, function("cos", difference), function("sin", difference)
+        )
+
+
+class LinkAxis(NamedTuple):
+    """An axis of a link, and its position relative to the first axis of the link.
+
+    Attributes
+    ----------
+    vector
+        Symbol of the unit vector of the axis.
+    arc
+        Arc from the first axis of the link to this one; zero for the first axis.
+    turn
+        Angle about the first axis from the arc to the second axis to the arc to this one.
+    """
+
+    vector: ExpressionNode
+    arc: AngleExpression = AngleExpression()
+    turn: AngleExpression = AngleExpression()
+
+
+class DyadSide(NamedTuple):
+    """A link of a dyad, by its number, with its two axes in the order of the link."""
+
+    link: int
+    first_axis: LinkAxis
+    second_axis: LinkAxis
+
+
+class PositionFormulas:
+    """Formulas of the frames of all links and of the variables of all pairs.
+
+    They are written to the formula list when this object is made.
+
+    Parameters
+    ----------
+    formula_list
+        The list to which formulas are added.
+    mechanism
+        A mechanism of R pairs, given by the sizes of its links.
+    assembly
+        Its inputs, and its dyads in solving order.
+    ground_axes
+        (3, 3) matrix whose columns are the axes i, j, k of the ground.
+    free_sizes
+        Sizes that stay symbols even if their angle is a multiple of 90 degrees. A size is
+        ("arcs", (link, pair)), ("angles", (link, pair)) or ("zeros", pair), by names.
+
+    Attributes
+    ----------
+    inputs
+        Numbers of the driven pairs.
+    input_angles, input_rates, input_accelerations
+        Symbols of the variable (rad) of each input and of its two time derivatives.
+    pair_angles
+        Symbol of the variable (rad) of each pair.
+    pair_axes
+        Symbol of the unit vector of each pair.
+    link_frames
+        Axes i, j, k of each placed link, by its number.
+    free_symbols
+        Symbols of the free sizes.
+
+    Raises
+    ------
+    EngineError
+        If a link has one axis only, an arc is 0 or 180 degrees or signed, or the inputs do
+        not lead to the ground one after another.
+    """
+
+    def __init__(
+        self,
+        formula_list: FormulaList,
+        mechanism: Mechanism,
+        assembly: Assembly,
+        ground_axes: Floats,
+        free_sizes: Collection[Any],
+    ) -> None:
+        self._formula_list = formula_list
+        self._mechanism = mechanism
+        self.inputs = assembly.inputs
+        self._free_sizes = free_sizes
+        self.free_symbols: dict[Any, ExpressionNode] = {}
+
+        self.input_angles = self._declare_input_symbols("q", "angle of an input (rad)")
+        self.input_rates = self._declare_input_symbols(r"\dot{q}", "its rate (rad/s)")
+        self.input_accelerations = self._declare_input_symbols(
+            r"\ddot{q}", "its acceleration (rad/s$^2$)"
+        )
+        self.pair_angles = [
+            make_symbol(rf"\theta_{{{formula_list.join_labels(second, first)}}}")
+            for first, second in mechanism.ends
+        ]
+        for pair, angle in zip(self.inputs, self.input_angles, strict=True):
+            self.pair_angles[pair] = angle
+        self._pair_labels = [
+            formula_list.join_labels(max(ends), min(ends)) for ends in mechanism.ends
+        ]
+        self.pair_axes = [vector_symbol("u", label) for label in self._pair_labels]
+        self._axes_by_link = [
+            self._declare_link_axes(link) for link in range(len(mechanism.links))
+        ]
+        self.link_frames: dict[int, list[Expr]] = {}
+
+        self._place_ground(ground_axes)
+        self._place_driven_links()
+        for index, group in enumerate(assembly.groups):
+            self._place_dyad(str(index + 1), group)
+        self._write_pair_angles()
+        for link, axes in self.link_frames.items():
+            formula_list.name_quantity("orientation", mechanism.links[link], *axes)
+
+    # Symbols of inputs and sizes
+
+    def _declare_input_symbols(self, letter: str, meaning: str) -> list[ExpressionNode]:
+        """Declare a letter for each input, with the number of the input if several."""
+        formula_list = self._formula_list
+        return [
+            formula_list.declare_symbol(
+                formula_list.number_by_input(letter, input_index), meaning
+            )
+            for input_index in range(formula_list.input_count)
+        ]
+
+    def _declare_size(
+        self, size: tuple[str, Any], name: str, value: float, meaning: str
+    ) -> AngleExpression:
+        """Declare the symbol of a size, and return the size as an expression.
+
+        The sine and cosine of multiples of 90 degrees are numbers, unless the size is free.
+
+        Parameters
+        ----------
+        size
+            The size, as in `free_sizes`.
+        name, meaning
+            LaTeX of its symbol, and its meaning.
+        value
+            Its value (rad).
+        """
+        is_free = size in self._free_sizes
+        degrees = rf"${number(float(np.degrees(value)))}^{{\circ}}$"
+        if is_free:
+            meaning += ", free"
+        term = self._formula_list.declare_symbol(name, meaning, degrees)
+        if is_free:
+            self.free_symbols[size] = term
+        expressions: list[Expr] = []
+        for function_name, function_value in (
+            ("cos", float(np.cos(value))),
+            ("sin", float(np.sin(value))),
+        ):
+            error = abs(function_value - round(function_value))
+            if is_free or error > SPECIAL_ANGLE_ROUNDING:
+                expressions.append(function(function_name, term))
+            else:
+                expressions.append(float(round(function_value)))
+        cosine, sine = expressions
+        return AngleExpression(term, cosine, sine)
+
+    @property
+    def _geometry(self) -> SizeGeometry:
+        assert isinstance(self._mechanism.geometry, SizeGeometry)
+        return self._mechanism.geometry
+
+    def _declare_link_axes(self, link: int) -> list[LinkAxis]:
+        """Declare the sizes of a link, and return its axes in the order of its sizes."""
+        link_name = self._mechanism.links[link]
+        link_label = self._formula_list.link_labels[link]
+        sizes = self._geometry.links[link_name]
+        pair_number = self._mechanism.pair_number
+        vectors: list[ExpressionNode] = []
+        for axis_index, axis_name in enumerate(sizes.axes):
+            if axis_name in pair_number:
+                vectors.append(self.pair_axes[pair_number[axis_name]])
+            else:
+                vectors.append(vector_symbol("a", f"{link_label},{axis_index}"))
+        if len(vectors) < 2 or not all(0.0 <= arc <= np.pi for arc in sizes.arcs):
+            raise self._refuse_link(link)
+
+        link_axes = [LinkAxis(vectors[0])]
+        first_text, second_text = (f"${vector.arguments[0]}$" for vector in vectors[:2])
+        for arc_index, arc in enumerate(sizes.arcs):
+            axis_name = sizes.axes[arc_index + 1]
+            vector = vectors[arc_index + 1]
+            axis_text = f"${vector.arguments[0]}$"
+            has_one_arc = len(vectors) == 2
+            label = link_label if has_one_arc else f"{link_label},{arc_index + 1}"
+            arc_expression = self._declare_size(
+                ("arcs", (link_name, axis_name)),
+                rf"\alpha_{{{label}}}",
+                arc,
+                f"arc of link {link_label} from {first_text} to {axis_text}",
+            )
+            turn = AngleExpression()
+            if arc_index:
+                # The meaning refers to the arc in the row above it, hence "there".
+                turn = self._declare_size(
+                    ("angles", (link_name, axis_name)),
+                    rf"\beta_{{{label}}}",
+                    sizes.angles[arc_index - 1],
+                    f"angle there from {second_text} to {axis_text}",
+                )
+            link_axes.append(LinkAxis(vector, arc_expression, turn))
+        return link_axes
+
+    def _refuse_link(self, link: int) -> EngineError:
+        """Return the error for a link whose axes the formulas cannot place."""
+        return EngineError(
+            f"{self._mechanism.name}: links.{self._mechanism.links[link]}: formulas are "
+            "printed for links with two axes at least, at arcs between 0 and 180 deg; "
+            "change the arc, or export to another language"
+        )
+
+    def _find_axis(self, link: int, pair: int) -> LinkAxis:
+        """Return the axis of a link at one of its pairs."""
+        return next(
+            axis for axis in self._axes_by_link[link] if axis.vector is self.pair_axes[pair]
+        )
+
+    def _declare_zero(self, pair: int) -> AngleExpression:
+        """Declare the zero of a pair, unless it is 0 and not free, and return it."""
+        pair_name = self._mechanism.pairs[pair].name
+        value = self._geometry.zeros.get(pair_name, 0.0)
+        size = ("zeros", pair_name)
+        if not value and size not in self._free_sizes:
+            return AngleExpression()
+        return self._declare_size(
+            size,
+            rf"\theta^{{0}}_{{{self._pair_labels[pair]}}}",
+            value,
+            f"zero of pair {latex_text(pair_name)}",
+        )
+
+    # Placing links
+
+    def _place_ground(self, ground_axes: Floats) -> None:
+        """Place the ground.
+
+        Parameters
+        ----------
+        ground_axes
+            (3, 3) matrix whose columns are the axes i, j, k of the ground.
+        """
+        i, j, k = (
+            self._formula_list.declare_symbol(
+                rf"\mathbf{{{letter}}}_{{{self._formula_list.link_labels[0]}}}",
+                "axis of the ground",
+                f"$({', '.join(map(number, column))})$",
+            )
+            for letter, column in zip("ijk", ground_axes.T.tolist(), strict=True)
+        )
+        second_axis = self._axes_by_link[0][1]
+        self._write_frame(0, first_axis=k, tangent=j, axis=second_axis, i=i)
+
+    def _place_driven_links(self) -> None:
+        """Place the links that a chain of inputs joins to the ground."""
+        branches = find_spanning_tree(self._mechanism.ends, [0], self.inputs)
+        for pair, parent, child in branches:
+            self._place_driven_link(pair, parent, child)
+        unused_inputs = {*self.inputs}.difference(pair for pair, *_ in branches)
+        if unused_inputs:
+            raise EngineError(
+                f"{self._mechanism.name}: "
+                f"inputs.{self._mechanism.names_of(unused_inputs)[0]}: formulas are "
+                "printed for inputs that lead to the ground one after another; drive a "
+                "pair of the ground, or export to another language"
+            )
+
+    def _place_driven_link(self, pair: int, parent: int, child: int) -> None:
+        """Place link `child`, which the input `pair` joins to the placed link `parent`."""
+        input_angle = self.pair_angles[pair]
+        axis = self._find_axis(child, pair)
+        rotation = AngleExpression(
+            input_angle, function("cos", input_angle), function("sin", input_angle)
+        )
+        if self._mechanism.ends[pair][0] == parent:
+            right_side = self._rotate_about_pair(
+                pair, self._write_zero_direction(pair), rotation
+            )
+        else:
+            # The parent is the second link of the pair: both rotations are inverted.
+            zero_direction = self._formula_list.write_indexed(
+                r"\mathbf{z}",
+                self._pair_labels[pair],
+                self._rotate_about_pair(
+                    pair, self._write_tangent(parent, pair), rotation, -1.0
+                ),
+            )
+            right_side = self._rotate_about_pair(
+                pair, zero_direction, self._declare_zero(pair), -1.0
+            )
+        tangent = self._formula_list.write(self._tangent_symbol(child, pair), right_side)
+        child_axes = self._axes_by_link[child]
+        if axis is child_axes[0]:
+            self._write_frame(
+                child, first_axis=axis.vector, tangent=tangent, axis=child_axes[1]
+            )
+        else:
+            # The tangent leads from this axis to the first one, at the distance axis.arc.
+            first_axis = axis.arc.cosine * axis.vector + axis.arc.sine * tangent
+            back_tangent = axis.arc.sine * axis.vector - axis.arc.cosine * tangent
+            self._write_frame(child, first_axis, back_tangent, axis)
+
+    def _place_dyad(self, label: str, group: Group) -> None:
+        r"""Place both links of a dyad.
+
+        The outer axes a and c are known, and the arcs of the links to the middle axis b:
+
+            b = lambda a + mu c + nu (a x c),   a . b = cosine_a,   b . c = cosine_c,
+
+        where nu has the sign s of the assembly mode.
+
+        Parameters
+        ----------
+        label
+            Index of the symbols of the dyad, its number from 1 on.
+        group
+            The dyad.
+        """
+        formula_list = self._formula_list
+        first_outer, middle, second_outer = group.dyad_positions
+        # The sign of the mode belongs to the axes in the order of `group.pairs`.
+        if group.dyad_parity < 0:
+            first_outer, second_outer = second_outer, first_outer
+        a, b, c = (
+            self.pair_axes[group.pairs[position]]
+            for position in (first_outer, middle, second_outer)
+        )
+        sides = [
+            self._find_dyad_side(group, outer, middle)
+            for outer in (first_outer, second_outer)
+        ]
+        cosine_a, cosine_c = (self._write_arc_cosine(side) for side in sides)
+        outer_cosine = formula_list.write_indexed(r"\gamma", label, inner_product(a, c))
+        determinant = 1.0 - outer_cosine * outer_cosine
+        along_a = formula_list.write_indexed(
+            r"\lambda", label, (cosine_a - outer_cosine * cosine_c) / determinant
+        )
+        along_c = formula_list.write_indexed(
+            r"\mu", label, (cosine_c - outer_cosine * cosine_a) / determinant
+        )
+        axis_texts = ", ".join(
+            f"${self.pair_axes[pair].arguments[0]}$" for pair in group.pairs
+        )
+        sign = formula_list.declare_symbol(
+            f"s_{{{label}}}", f"sign of the triple product of {axis_texts}"
+        )
+        squared_height = (1.0 - along_a * cosine_a - along_c * cosine_c) / determinant
+        height = formula_list.write_indexed(
+            r"\nu", label, sign * function("sqrt", squared_height)
+        )
+        formula_list.write(
+            b, along_a * a + along_c * c + height * cross_product(a, c), always=True
+        )
+        for side in sides:
+            self._place_by_two_axes(side)
+
+        # The transmission angle is the angle between the planes of the two arcs.
+        normal_a = cross_product(a, b)
+        normal_c = cross_product(b, c)
+        tangent_of_angle = function("norm", cross_product(normal_a, normal_c)) / function(
+            "norm", inner_product(normal_a, normal_c)
+        )
+        (middle_name,) = self._mechanism.names_of([group.middle])
+        angle = formula_list.write_indexed(
+            r"\psi", label, function("atan", tangent_of_angle)
+        )
+        formula_list.name_quantity("transmission_angle", middle_name, angle)
+
+    def _find_dyad_side(self, group: Group, outer: int, middle: int) -> DyadSide:
+        """Return the link of a dyad between an outer pair and the middle pair.
+
+        Parameters
+        ----------
+        group
+            The dyad.
+        outer, middle
+            Positions of the two pairs in `group.pairs`.
+        """
+        # An outer pair joins body 0 to body 1 or 2, so the sum of both is the other body.
+        body = sum(group.ends[outer])
+        link = group.bodies[body][0]
+        axes = [
+            self._find_axis(link, group.pairs[position]) for position in (outer, middle)
+        ]
+        first_axis, second_axis = sorted(axes, key=self._axes_by_link[link].index)
+        return DyadSide(link, first_axis, second_axis)
+
+    def _write_arc_cosine(self, side: DyadSide) -> Expr:
+        """Return the cosine of the arc between the two axes of a link of a dyad.
+
+        It gets a symbol if neither of them is the first axis of the link.
+        """
+        first_axis = side.first_axis
+        second_axis = side.second_axis
+        sine_product = (
+            first_axis.arc.sine
+            * second_axis.arc.sine
+            * second_axis.turn.subtract(first_axis.turn).cosine
+        )
+        cosine = first_axis.arc.cosine * second_axis.arc.cosine + sine_product
+        if first_axis is self._axes_by_link[side.link][0]:
+            return cosine
+        return self._formula_list.write_indexed(
+            r"\kappa", self._formula_list.link_labels[side.link], cosine
+        )
+
+    def _place_by_two_axes(self, side: DyadSide) -> None:
+        """Place a link of a dyad, both axes of which are placed."""
+        link = side.link
+        axis_u = side.first_axis
+        axis_v = side.second_axis
+        start_axis = self._axes_by_link[link][0]
+        start_vector: Expr = axis_u.vector
+        if axis_u is not start_axis:
+            # The first axis k of the link follows from its cosines with u and v, and from
+            # its triple product with them.
+            cosine = self._write_arc_cosine(side)
+            triple_product = (
+                axis_u.arc.sine * axis_v.arc.sine * axis_v.turn.subtract(axis_u.turn).sine
+            )
+            upright = triple_product * cross_product(axis_u.vector, axis_v.vector)
+            share_u = (axis_u.arc.cosine - cosine * axis_v.arc.cosine) * axis_u.vector
+            share_v = (axis_v.arc.cosine - cosine * axis_u.arc.cosine) * axis_v.vector
+            start_vector = (share_u + share_v + upright) / (1.0 - cosine * cosine)
+        if axis_v.arc.sine == 0.0:
+            raise self._refuse_link(link)
+        tangent = (axis_v.vector - axis_v.arc.cosine * start_axis.vector) / axis_v.arc.sine
+        self._write_frame(link, start_vector, tangent, axis_v)
+
+    def _write_frame(
+        self, link: int, first_axis: Expr, tangent: Expr, axis: LinkAxis, i: Expr = 0.0
+    ) -> None:
+        """Write the frame of a link, and its axes that have no formula yet.
+
+        Parameters
+        ----------
+        link
+            Number of the link.
+        first_axis
+            The unit vector k of its first axis.
+        tangent
+            The unit tangent at k of the arc to `axis`.
+        axis
+            Any axis of the link but its first.
+        i
+            The vector i if it is known, otherwise zero.
+        """
+        formula_list = self._formula_list
+        label = formula_list.link_labels[link]
+        k = self._axes_by_link[link][0].vector
+        if k not in formula_list.formulas:
+            formula_list.write(k, first_axis, always=True)
+        if axis.turn.sine != 0.0:
+            tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
+        # The tangent to the second axis is that to `axis`, rotated back by axis.turn.
+        j = formula_list.write_indexed(
+            r"\mathbf{j}",
+            label,
+            axis.turn.cosine * tangent + axis.turn.sine * cross_product(tangent, k),
+        )
+        if i == 0.0:
+            i = formula_list.write_indexed(r"\mathbf{i}", label, cross_product(j, k))
+        self.link_frames[link] = [i, j, k]
+        for link_axis in self._axes_by_link[link]:
+            if link_axis.vector not in formula_list.formulas:
+                along_k = link_axis.arc.cosine * k
+                across_k = link_axis.arc.sine * self._tangent_at_first_axis(link, link_axis)
+                formula_list.write(link_axis.vector, along_k + across_k, always=True)
+
+    # Directions at the axes of pairs
+
+    def _tangent_at_first_axis(self, link: int, axis: LinkAxis) -> Expr:
+        """Return the unit tangent, at the first axis of a link, of the arc to an axis."""
+        i, j, _ = self.link_frames[link]
+        return axis.turn.cosine * j - axis.turn.sine * i
+
+    def _tangent_symbol(self, link: int, pair: int) -> ExpressionNode:
+        """Return the symbol of the tangent to the reference arc of a link at a pair."""
+        link_label = self._formula_list.link_labels[link]
+        return make_symbol(rf"\mathbf{{t}}^{{{link_label}}}_{{{self._pair_labels[pair]}}}")
+
+    def _write_tangent(self, link: int, pair: int) -> Expr:
+        """Return the unit tangent to the reference arc of a placed link at a pair."""
+        axis = self._find_axis(link, pair)
+        _, tangent, k = self.link_frames[link]
+        if axis.vector is not k:
+            tangent = axis.arc.sine * k - axis.arc.cosine * self._tangent_at_first_axis(
+                link, axis
+            )
+            if axis.arc.sine == 0.0:
+                raise self._refuse_link(link)
+        return self._formula_list.write(self._tangent_symbol(link, pair), tangent)
+
+    def _write_zero_direction(self, pair: int) -> Expr:
+        """Return the tangent of the second link of a pair when its variable is zero."""
+        first_link, _ = self._mechanism.ends[pair]
+        first_tangent = self._write_tangent(first_link, pair)
+        return self._formula_list.write_indexed(
+            r"\mathbf{z}",
+            self._pair_labels[pair],
+            self._rotate_about_pair(pair, first_tangent, self._declare_zero(pair)),
+        )
+
+    def _rotate_about_pair(
+        self, pair: int, vector: Expr, angle: AngleExpression, sense: float = 1.0
+    ) -> Expr:
+        """Return a vector at right angles to the axis of a pair, rotated about that axis.
+
+        The rotation is by `angle` if `sense` is 1.0, and by its opposite if it is -1.0.
+        """
+        axis = self.pair_axes[pair]
+        return angle.cosine * vector + sense * angle.sine * cross_product(axis, vector)
+
+    def _write_pair_angles(self) -> None:
+        """Write the variables of all pairs that are not inputs.
+
+        A pair variable is the angle from the zero direction z to the tangent t of the
+        second link about the axis u, by the tangent of its half:
+
+            theta = 2 atan((u x z) . t / (1 + z . t)).
+        """
+        mechanism = self._mechanism
+        for pair, (_, second_link) in enumerate(mechanism.ends):
+            name = mechanism.pairs[pair].name
+            axis = self.pair_axes[pair]
+            if pair not in self.inputs:
+                zero_direction = self._write_zero_direction(pair)
+                tangent = self._write_tangent(second_link, pair)
+                half_angle_tangent = inner_product(
+                    cross_product(axis, zero_direction), tangent
+                ) / (1.0 + inner_product(zero_direction, tangent))
+                self._formula_list.write(
+                    self.pair_angles[pair], 2.0 * function("atan", half_angle_tangent)
+                )
+            self._formula_list.name_quantity("theta", name, self.pair_angles[pair])
+            self._formula_list.name_quantity("axis", name, axis)
