@@ -261,8 +261,8 @@ def test_every_package_is_in_the_distribution():
 INHERITED = """
 AbstractAnalysis AnalysisError ArrayRows BearingFriction Chords
 ClosedKinematics CurvePoints Curves InputMotion Joint JointReactions Load
-OutputKinematics CommandLineParser PlanError Problem Sampler SpherekitError
-VelocityEquations Way Zone
+OutputKinematics CommandLineParser PlanError Problem RotationPath Sampler SpherekitError
+VelocityEquations Zone
 """
 
 

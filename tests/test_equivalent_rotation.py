@@ -16,7 +16,7 @@ from spherekit.geometry.rotation import cross
 from spherekit.geometry.tilt_torsion import rotation
 from spherekit.mechanism.elements import Input, Output, Pair, PoseGeometry
 from spherekit.mechanism.joint_construction import make_joints
-from spherekit.outputs.fixed_axis_rotation import turn_to
+from spherekit.outputs.fixed_axis_rotation import axis_and_angle
 from spherekit.outputs.rotation_timing import SHAPES, RotationSamples, time_optimal
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -58,7 +58,7 @@ def test_axis_and_angle_of_a_rotation(angle):
         axis = random.normal(size=3)
         axis /= np.linalg.norm(axis)
         turn = Rotation.from_rotvec(angle * axis).as_matrix()
-        found, turned = turn_to(first, turn @ first)
+        found, turned = axis_and_angle(first, turn @ first)
         assert abs(turned - angle) < 2e-15
         assert np.linalg.norm(found - axis) < 2e-15 / min(angle, 1.0)
         assert np.max(np.abs(rotation(axis, [angle])[0] - turn)) < 1e-15

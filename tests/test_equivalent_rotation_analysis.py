@@ -17,7 +17,7 @@ from spherekit.geometry.sphere_mesh import spiral_directions
 from spherekit.geometry.tilt_torsion import rotation, tilt_torsion
 from spherekit.mechanism.elements import Output
 from spherekit.numerics.angles import wrap
-from spherekit.outputs.fixed_axis_rotation import FollowedRotation, turn_to
+from spherekit.outputs.fixed_axis_rotation import FollowedRotation, axis_and_angle
 from spherekit.outputs.mid_plane_symmetry import mid_plane_form
 from spherekit.outputs.output_pose import AtDirection, AtInputs, PoseFinder
 from spherekit.outputs.pose_solver import closed_kinematics
@@ -154,7 +154,7 @@ def test_one_pose_in_all_its_terms():
     first, second = form.orientations(normals)
     q = quaternion(second[None])[0]
     tilt = np.degrees(tilt_torsion(first[None]))[0]
-    u, angle = turn_to(first, second)
+    u, angle = axis_and_angle(first, second)
     turn = said(("ux", "uy", "uz", "angle"), [*u, np.degrees(angle)])
     want = degrees(ran("two_dof_spm", TABLE_3 + ",samples=3"), "q_21", "q_61")
     for start, end in (

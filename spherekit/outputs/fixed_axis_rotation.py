@@ -1,8 +1,8 @@
-"""Rotations of the output link about a fixed axis, for any mechanism.
+"""Rotations of an output link about a fixed axis, for any mechanism.
 
-`spherekit.outputs.rotation_path` follows the configuration nearest to the turned
-orientation. Samples are predicted from the nodes of that way and corrected, so that they do
-not depend on each other.
+`spherekit.outputs.rotation_path` tracks the configurations nearest to the turning target.
+Samples are interpolated between the nodes of this path and corrected by Newton's method, so
+they do not depend on each other.
 """
 
 import math
@@ -25,30 +25,74 @@ from spherekit.geometry.triangle import arc
 from spherekit.mechanism.mechanism import chosen_output
 from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.rotation_path import (
-    LEAPS,
-    STATIONARY,
-    UNFIXED,
-    VERIFIED,
-    Nodes,
-    Optimality,
-    OutputTarget,
-    Way,
+    LEAP_LENGTHS_RAD,
+    NEAREST_TOLERANCE_RAD,
+    STEP_VERIFICATION,
+    UNDETERMINED_CONDITION,
+    PathNodes,
+    RotationPath,
 )
+from spherekit.outputs.target_deviation import OutputLink, TargetDeviation
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.linear_equations import condition_numbers
 from spherekit.status import Status
 from spherekit.tolerances import EPS, SINGULAR_RATIO, USABLE_DIRECTION
 from spherekit.velocities.transmission import SINGULAR, Transmission
 
-AROUND, POINTS = 0.08, 14
-"""How far around a configuration that was stepped over (rad of theta) rates are
-interpolated, through how many points."""
-MARKS = 257
-"""Angles on a rotation among which the inputs may let go of the output."""
-ROUNDING = 8.0 * EPS
-"""Error of the axis times angle of a rotation computed from two orientations (rad)."""
-CLOSED_START = 1e-6
-"""A configuration to start from may be as far from closed as this (rad)."""
+LEAP_NEIGHBOURHOOD_RAD = 0.08
+"""Distance (rad of theta) from a leap within which rates are interpolated.
+
+Larger: the rates vary more in this range, and the polynomial is less accurate. Smaller: the
+interpolation points are nearer to the singular configuration and have larger rounding
+errors.
+"""
+
+LEAP_CHEBYSHEV_POINTS = 14
+"""Number of Chebyshev points through which rates near a leap are interpolated.
+
+Larger: rounding errors of the rates are amplified more. Smaller: larger interpolation
+error.
+"""
+
+CROSSING_GRID_SIZE = 257
+"""Number of angles of a rotation at which crossings of type II are bracketed.
+
+Larger: crossings that are close together are found more reliably, in more time.
+"""
+
+ORIENTATION_ROUNDING_RAD = 8.0 * EPS
+"""Rounding error (rad) of a rotation that is computed from two orientations.
+
+Larger: more pairs of orientations are refused, since their axis is not determined. Smaller:
+axes with larger errors are returned.
+"""
+
+START_RESIDUAL_RAD = 1e-6
+"""Largest closure residual (rad) of a configuration from which a rotation may start.
+
+Larger: configurations that are far from closed are accepted and may be closed in another
+mode. Smaller: values that were rounded in a table are refused.
+"""
+
+MODE_CHANGE_RATIO = 10.0
+"""Largest change of a sample by Newton's method, in parts of the verified error of a cell.
+
+Larger: samples of another mode can be accepted. Smaller: samples are reported as MODE_LOST
+although they are correct.
+"""
+
+MODE_CHANGE_RAD = 1e-8
+"""Change of a sample by Newton's method (rad) that never counts as a change of the mode.
+
+Larger: samples of another mode can be accepted between close nodes. Smaller: rounding
+errors near singular configurations are reported as MODE_LOST.
+"""
+
+UNIT_ORIENTATION_TOLERANCE = 1e-9
+"""Largest element of R R^T - 1 with which a matrix R counts as a rotation matrix."""
+
+RANGE_TOLERANCE = 1e-12
+"""Part of a range by which an angle or a time may be outside because of rounding."""
 
 
 @dataclass(frozen=True)
@@ -66,19 +110,18 @@ class RotationSamples:
         (n, variables) rad, of all pairs.
     orientation
         (n, 3, 3) from the axes of the output link to those of the base.
-    departure
+    orientation_error
         (n,) rad, the angle between this orientation and the one turned exactly about
         the axis.
     drift
-        (n,) rad, the angle between the axis about which the link turns there and the
-        fixed one.
+        (n,) rad, the angle between the momentary axis of the link and the fixed one.
     type_2
-        (n,) how surely the inputs hold the output, 0 where they do not: the measure of
-        type II, see `spherekit.velocities.transmission`.
+        (n,) transmission measure of the inputs, 0 at a singularity of type II, see
+        `spherekit.velocities.transmission`.
     status
         (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY:
-        there the inputs do not hold the mechanism, but the rotation goes on; rates that
-        are not finite are NaN.
+        there the inputs do not determine the configuration, but the rotation continues.
+        Rates that are not finite are NaN.
     """
 
     theta: Floats
@@ -94,178 +137,255 @@ class RotationSamples:
 
 
 @dataclass(frozen=True)
-class FollowedRotation(Way):
+class FollowedRotation(RotationPath):
     """A rotation about a fixed axis as far as a mechanism follows it.
 
     Attributes
     ----------
+    transmission
+        The transmission measure of the output.
+    driven
+        Numbers of the driven variables.
     inputs
         Names of the driven pairs.
     axis, angle
         Unit vector (3,) in the axes of the base, and the whole angle (rad), 0 or more.
     exact
         Whether the output link turns exactly about the axis, as far as it gets.
+    nodes
+        The configurations of the tracked path, in the order of theta.
     end
-        Status of what lies beyond: OUT_OF_REACH where the output link cannot turn further,
-        AT_SINGULARITY where the loops stop fixing the links, MODE_LOST otherwise.
+        Status beyond `reached`: OUT_OF_REACH if the output link cannot turn further,
+        AT_SINGULARITY if the loops stop determining the links, MODE_LOST otherwise.
     leaps
-        Angles (rad) of configurations that were stepped over, because the loops do not fix
-        the links there; rates near them are interpolated.
+        Angles (rad) of singular configurations that were stepped over. The rates near them
+        are interpolated.
     """
 
     transmission: Transmission
     driven: list[int]
     inputs: Names
     angle: float
-    nodes: Nodes
+    nodes: PathNodes
     end: Status
     leaps: tuple[float, ...]
 
     @property
     def reached(self) -> float:
-        """The angle (rad) at which following ended."""
+        """The angle (rad) up to which the rotation was tracked."""
         return min(float(self.nodes.theta[-1]), self.angle)
 
     @cached_property
     def crossings(self) -> tuple[float, ...]:
-        """Angles (rad) on the way at which the inputs do not hold the output.
+        """Angles (rad) at which the inputs do not determine the output (type II).
 
-        Where the transmission measure has a minimum of 0, enclosed more and more narrowly.
+        They are the leaps, and the minima of the transmission measure with the value 0.
         """
-        marks = np.linspace(0.0, self.reached, MARKS)
-        held = np.nan_to_num(self._held(marks), nan=np.inf)
-        beside = np.pad(held, 1, constant_values=np.inf)
-        low = np.flatnonzero((held <= beside[:-2]) & (held < beside[2:]))
-        ends = marks[np.clip([low - 1, low + 1], 0, MARKS - 1)]
-        places = minimize_in_brackets(self._held, *ends)
-        lost = places[~(self._held(places) > SINGULAR_RATIO)]
-        apart = np.abs(lost[:, None] - np.array(self.leaps)) > LEAPS[-1]
-        places = np.concatenate([self.leaps, lost[np.all(apart, axis=1)]])
-        return tuple(np.sort(np.clip(places, 0.0, self.reached) + 0.0).tolist())
+        grid = np.linspace(0.0, self.reached, CROSSING_GRID_SIZE)
+        measure = np.nan_to_num(self._measure_transmission(grid), nan=np.inf)
+        padded = np.pad(measure, 1, constant_values=np.inf)
+        before = padded[:-2]
+        after = padded[2:]
+        (lowest,) = np.nonzero((measure <= before) & (measure < after))
+        low, high = grid[np.clip([lowest - 1, lowest + 1], 0, CROSSING_GRID_SIZE - 1)]
+        minima = minimize_in_brackets(self._measure_transmission, low, high)
+        singular = minima[~(self._measure_transmission(minima) > SINGULAR_RATIO)]
+        # Minima next to a leap are the leap itself.
+        distances = np.abs(singular[:, None] - np.array(self.leaps))
+        is_apart = np.all(distances > LEAP_LENGTHS_RAD[-1], axis=1)
+        crossings = np.concatenate([self.leaps, singular[is_apart]])
+        # Adding 0.0 turns -0.0 into 0.0.
+        return tuple(np.sort(np.clip(crossings, 0.0, self.reached) + 0.0).tolist())
 
-    def _held(self, theta: Floats) -> Floats:
-        """Return how surely (n,) the inputs hold the output at angles reached (n,)."""
-        near, _ = self.near(theta, self.nodes.between(theta)[0])
-        return self.transmission.of_values(self.target.closure, near.values)
+    def _measure_transmission(self, theta: Floats) -> Floats:
+        """Return the transmission measure (n,) at angles (n,) rad up to `reached`."""
+        guess, _ = self.nodes.interpolate(theta)
+        deviation, _ = self.find_nearest(theta, guess)
+        return self.transmission.of_values(self.output_link.closure, deviation.values)
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
-        theta = within(theta, self.angle, "theta", "rad")
+        theta = check_range(theta, self.angle, "theta", "rad")
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
-        predicted, size = self.nodes.between(np.minimum(theta, self.reached))
-        near, _ = self.near(theta, predicted)
-        hold = np.nan_to_num(1.0 / condition_numbers(near.system))
-        if not self.exact:
-            hold = np.minimum(near.least_eigenvalue, near.loop_conditioning)
-        unfixed = (status == Status.OK) & ~(hold > UNFIXED)
-        if np.any(unfixed):
-            values = np.where(unfixed[:, None], predicted, near.values)
-            near = self.target.at(values, self.wanted(theta))
-        off = max_abs(near.values - predicted, axis=1)
-        held = self.transmission.of_values(self.target.closure, near.values)
-        for wrong, why in (
-            (unfixed, Status.AT_SINGULARITY),
-            (~(near.miss(self.exact) < STATIONARY), Status.NOT_CONVERGED),
-            (~(off <= 10.0 * VERIFIED.middle * size + 1e-8), Status.MODE_LOST),
-            (~np.all(near.at.states.inside, axis=1), Status.OFF_PROFILE),
-            (~(held > SINGULAR), Status.AT_SINGULARITY),
-        ):
-            status[(status == Status.OK) & wrong] = why
-        slopes, bends = self._rates(theta, near)
-        with np.errstate(all="ignore"):
-            w = unit_rows(np.matvec(near.turning, slopes))
-        lost = (theta > self.reached) | ~has_configuration(status)
+        predicted, cell_size = self.nodes.interpolate(np.minimum(theta, self.reached))
+        deviation, _ = self.find_nearest(theta, predicted)
 
-        def kept(array: Floats) -> Floats:
-            array[lost] = np.nan
+        conditioning = np.nan_to_num(1.0 / condition_numbers(deviation.system))
+        if not self.exact:
+            conditioning = np.minimum(
+                deviation.least_eigenvalue, deviation.loop_conditioning
+            )
+        is_undetermined = (status == Status.OK) & ~(conditioning > UNDETERMINED_CONDITION)
+        if np.any(is_undetermined):
+            # Newton's method returns arbitrary values there. The interpolated ones are
+            # accurate, since the path continues smoothly.
+            values = np.where(is_undetermined[:, None], predicted, deviation.values)
+            deviation = self.output_link.compare(values, self.target_orientations(theta))
+
+        correction = max_abs(deviation.values - predicted, axis=1)
+        allowed_correction = MODE_CHANGE_RATIO * STEP_VERIFICATION.middle * cell_size
+        allowed_correction = allowed_correction + MODE_CHANGE_RAD
+        is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
+        is_on_profiles = np.all(deviation.linearisation.states.inside, axis=1)
+        type_2 = self.transmission.of_values(self.output_link.closure, deviation.values)
+        # The first reason that applies to a row is reported.
+        reasons = (
+            (is_undetermined, Status.AT_SINGULARITY),
+            (~is_nearest, Status.NOT_CONVERGED),
+            (~(correction <= allowed_correction), Status.MODE_LOST),
+            (~is_on_profiles, Status.OFF_PROFILE),
+            (~(type_2 > SINGULAR), Status.AT_SINGULARITY),
+        )
+        for applies, reason in reasons:
+            status[(status == Status.OK) & applies] = reason
+
+        first, second = self._compute_rates(theta, deviation)
+        with np.errstate(all="ignore"):
+            momentary_axis = unit_rows(np.matvec(deviation.output_jacobian, first))
+        has_no_values = (theta > self.reached) | ~has_configuration(status)
+
+        def blank(array: Floats) -> Floats:
+            """Return the array (n, ...), with NaN in rows without a configuration."""
+            array[has_no_values] = np.nan
             return array
 
+        targets = self.target_orientations(theta)
         return RotationSamples(
-            theta,
-            kept(near.values[:, self.driven]),
-            kept(slopes[:, self.driven]),
-            kept(bends[:, self.driven]),
-            kept(near.values),
-            kept(near.reached),
-            kept(angles_between(near.reached, self.wanted(theta))),
-            kept(arc(w, self.axis)),
-            kept(held),
-            status,
+            theta=theta,
+            inputs=blank(deviation.values[:, self.driven]),
+            rates=blank(first[:, self.driven]),
+            second_rates=blank(second[:, self.driven]),
+            values=blank(deviation.values),
+            orientation=blank(deviation.orientations),
+            orientation_error=blank(angles_between(deviation.orientations, targets)),
+            drift=blank(arc(momentary_axis, self.axis)),
+            type_2=blank(type_2),
+            status=status,
         )
 
-    def _rates(self, theta: Floats, near: Optimality) -> tuple[Floats, Floats]:
-        """Return first and second derivatives (n, variables) by theta.
+    def _compute_rates(
+        self, theta: Floats, deviation: TargetDeviation
+    ) -> tuple[Floats, Floats]:
+        """Return the first and second derivatives of the variables by theta.
 
-        Near a configuration that was stepped over, where rounding grows without bound,
-        from the polynomial through the derivatives at Chebyshev points around it.
+        The rounding errors of the derivatives grow without bound near a leap. There they
+        are read from a polynomial through the derivatives at Chebyshev points around it.
+
+        Parameters
+        ----------
+        theta
+            (n,) angles (rad).
+        deviation
+            The nearest configurations at these angles.
+
+        Returns
+        -------
+        first, second
+            (n, variables) derivatives.
         """
-        slopes, bends, _ = near.rates(self.axis)
-        ends, x = self.nodes.theta[[0, -1]], chebpts1(POINTS)
-        for place in self.leaps:
-            low, high = np.clip([place - AROUND, place + AROUND], *ends)
-            rows = (theta > low) & (theta < high)
-            points = 0.5 * (low + high) + 0.5 * (high - low) * x
-            around, _ = self.near(points, self.nodes.between(points)[0])
-            part = (2.0 * theta[rows] - low - high) / (high - low)
-            for quantity, rates in zip(
-                around.rates(self.axis), (slopes, bends), strict=False
+        rates = deviation.rates(self.axis)
+        first_theta, last_theta = self.nodes.theta[[0, -1]]
+        chebyshev_points = chebpts1(LEAP_CHEBYSHEV_POINTS)
+        for leap in self.leaps:
+            low, high = np.clip(
+                [leap - LEAP_NEIGHBOURHOOD_RAD, leap + LEAP_NEIGHBOURHOOD_RAD],
+                first_theta,
+                last_theta,
+            )
+            is_near = (theta > low) & (theta < high)
+            # The Chebyshev points are in [-1, 1]. They avoid the leap in the middle, since
+            # their number is even.
+            points = 0.5 * (low + high) + 0.5 * (high - low) * chebyshev_points
+            guess, _ = self.nodes.interpolate(points)
+            deviation_at_points, _ = self.find_nearest(points, guess)
+            rates_at_points = deviation_at_points.rates(self.axis)
+            x = (2.0 * theta[is_near] - low - high) / (high - low)
+            degree = LEAP_CHEBYSHEV_POINTS - 1
+            for samples, result in (
+                (rates_at_points.first, rates.first),
+                (rates_at_points.second, rates.second),
             ):
-                rates[rows] = chebval(part, chebfit(x, quantity, POINTS - 1)).T
-        return slopes, bends
+                coefficients = chebfit(chebyshev_points, samples, degree)
+                result[is_near] = chebval(x, coefficients).T
+        return rates.first, rates.second
 
 
-def turn_to(first: Floats, second: Floats) -> tuple[Floats, float]:
-    """Return axis (3,) and angle (rad) of the rotation between orientations (3, 3).
+def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
+    """Return the axis and the angle of the rotation from one orientation to another.
+
+    Parameters
+    ----------
+    first, second
+        (3, 3) rotation matrices.
+
+    Returns
+    -------
+    axis
+        (3,) unit vector in the axes to which the matrices lead.
+    angle
+        Angle (rad) between 0 and pi.
 
     Raises
     ------
     SolveError
         If the axis or its sense is not determined.
     """
-    four = quaternion((second @ first.T)[None])[0]
-    sine = float(np.linalg.norm(four[:3]))
-    angle = 2.0 * math.atan2(sine, abs(four[3]))
-    if angle * USABLE_DIRECTION <= ROUNDING:
+    xyzw = quaternion((second @ first.T)[None])[0]
+    sine = float(np.linalg.norm(xyzw[:3]))
+    angle = 2.0 * math.atan2(sine, abs(xyzw[3]))
+    # The error of the axis is the rounding error divided by the angle.
+    if angle * USABLE_DIRECTION <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
             "the orientations coincide: every axis will do, none is given; there is "
             "nothing to turn"
         )
-    if np.pi - angle <= ROUNDING:
+    if np.pi - angle <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
             "the orientations differ by half a turn: the line of the axis is determined, "
             "but both senses lead from one to the other; give the axis, with the sense "
             "wanted, and the angle"
         )
-    return np.copysign(1.0, four[3]) * four[:3] / sine, angle
+    return np.copysign(1.0, xyzw[3]) * xyzw[:3] / sine, angle
 
 
 def unit(axis: ArrayLike) -> Floats:
     """Return a direction (3,) with length 1; `SolveError` if it has none."""
-    given = np.asarray(axis, dtype=float)
-    length = float(np.linalg.norm(given))
-    if given.shape != (3,) or not 0.0 < length < np.inf:
+    direction = np.asarray(axis, dtype=float)
+    length = float(np.linalg.norm(direction))
+    if direction.shape != (3,) or not 0.0 < length < np.inf:
         raise SolveError(
-            f"direction: found {given.tolist()}, needs three finite numbers, not all zero"
+            f"direction: found {direction.tolist()}, needs three finite numbers, not all "
+            "zero"
         )
-    return given / length
+    return direction / length
 
 
-def within(places: ArrayLike, whole: float, name: str, unit: str) -> Floats:
-    """Return angles or times (n,) of a rotation as an array.
+def check_range(values: ArrayLike, maximum: float, name: str, unit: str) -> Floats:
+    """Return angles or times of a rotation as an array, clipped to their range.
+
+    Parameters
+    ----------
+    values
+        (n,) angles or times.
+    maximum
+        End of the range, which begins at 0.
+    name, unit
+        Name and unit of the values, for the message.
 
     Raises
     ------
     SolveError
-        If one is not between 0 and the whole.
+        If a value is outside the range by more than rounding.
     """
-    given = np.atleast_1d(np.asarray(places, dtype=float))
-    inside = np.clip(given, 0.0, whole)
-    if given.ndim != 1 or not np.all(np.abs(given - inside) <= 1e-12 * max(1.0, whole)):
+    array = np.atleast_1d(np.asarray(values, dtype=float))
+    clipped = np.clip(array, 0.0, maximum)
+    tolerance = RANGE_TOLERANCE * max(1.0, maximum)
+    if array.ndim != 1 or not np.all(np.abs(array - clipped) <= tolerance):
         raise SolveError(
-            f"{name} has to be an array (n,) of numbers from 0 to {whole:.6g} {unit}, "
+            f"{name} has to be an array (n,) of numbers from 0 to {maximum:.6g} {unit}, "
             "where the rotation ends"
         )
-    return inside
+    return clipped
 
 
 @checked(SolveError)
@@ -282,7 +402,7 @@ def follow_rotation(
     Parameters
     ----------
     mechanism
-        A mechanism driven at as many R pairs as it has freedoms, three at most.
+        A mechanism driven at as many R pairs as it has degrees of freedom, three at most.
     values
         (variables,) the closed configuration to start from, as in a row of a `Motion`.
     axis
@@ -292,8 +412,9 @@ def follow_rotation(
     output
         Name of the output; may be left out if there is one.
     lead
-        Angle (rad) before the start of the rotation at which the configuration is given:
-        where loops do not fix the links no way can begin, but one can go through.
+        Angle (rad) before the start of the rotation at which the configuration is given. A
+        path cannot begin at a configuration where the loops do not determine the links, but
+        it can pass through one.
 
     Raises
     ------
@@ -304,23 +425,36 @@ def follow_rotation(
         many ways as there are inputs.
     """
     mechanism = mechanism_of(mechanism)
-    end = chosen_output(mechanism, output)
-    about = unit(axis)
+    declared_output = chosen_output(mechanism, output)
+    unit_axis = unit(axis)
     if not 0.0 < angle < np.inf:
         raise SolveError(f"angle: found {angle:g} rad, needs a finite angle above 0")
-    target = OutputTarget.of(mechanism, end)
-    near = _started(target, _configuration(target, values, mechanism.name), mechanism.name)
-    given = target, about, rotation(about, [lead])[0] @ near.reached[0]
-    way = Way(*given, bool(near.rates(about)[2][0]))
-    measure = Transmission.of(replace(mechanism, ground=end.relative_to), end)
+    output_link = OutputLink.from_output(mechanism, declared_output)
+    start_values = _check_values(output_link, values, mechanism.name)
+    deviation = _close_start(output_link, start_values, mechanism.name)
+    path = RotationPath(
+        output_link=output_link,
+        axis=unit_axis,
+        start=rotation(unit_axis, [lead])[0] @ deviation.orientations[0],
+        exact=bool(deviation.rates(unit_axis).follows[0]),
+    )
+    transmission = Transmission.of(
+        replace(mechanism, ground=declared_output.relative_to), declared_output
+    )
+    first_node = path.make_nodes(np.array([0.0 - lead]), deviation)
+    tracked_path = path.track(first_node, angle)
     return FollowedRotation(
-        *given,
-        way.exact,
-        measure,
-        list(measure.driven),
-        mechanism.input_pairs,
-        float(angle),
-        *way.follow(way.nodes_of(np.array([0.0 - lead]), near), angle),
+        output_link=output_link,
+        axis=unit_axis,
+        start=path.start,
+        exact=path.exact,
+        transmission=transmission,
+        driven=list(transmission.driven),
+        inputs=mechanism.input_pairs,
+        angle=float(angle),
+        nodes=tracked_path.nodes,
+        end=tracked_path.end,
+        leaps=tracked_path.leaps,
     )
 
 
@@ -331,67 +465,118 @@ def follow_to(
     orientation: ArrayLike,
     output: str | None = None,
 ) -> FollowedRotation:
-    """Return the rotation that carries the output link to an orientation (3, 3).
+    """Return the rotation of an output link to an orientation, about a fixed axis.
 
-    In the axes of the link that the output is relative to. Other parameters and errors are
-    those of `follow_rotation`; `SolveError` also if the axis is not determined.
+    Parameters
+    ----------
+    mechanism, values, output
+        As for `follow_rotation`.
+    orientation
+        (3, 3) rotation matrix at the end, from the axes of the output link to those of the
+        link that the output is relative to.
+
+    Raises
+    ------
+    ModelError, SolveError
+        As for `follow_rotation`. `SolveError` also if the axis is not determined.
     """
     mechanism = mechanism_of(mechanism)
-    target = OutputTarget.of(mechanism, chosen_output(mechanism, output))
-    placed = target.closure.at(_configuration(target, values, mechanism.name)[None]).placed
-    wanted = np.asarray(orientation, dtype=float)
-    proper = wanted.shape == (3, 3) and np.linalg.det(wanted) > 0.0
-    if not proper or not max_abs(wanted @ wanted.T - np.eye(3)) < 1e-9:
+    output_link = OutputLink.from_output(mechanism, chosen_output(mechanism, output))
+    start_values = _check_values(output_link, values, mechanism.name)
+    placed = output_link.closure.at(start_values[None]).placed
+    target = np.asarray(orientation, dtype=float)
+    is_right_handed = target.shape == (3, 3) and np.linalg.det(target) > 0.0
+    if (
+        not is_right_handed
+        or not max_abs(target @ target.T - np.eye(3)) < UNIT_ORIENTATION_TOLERANCE
+    ):
         raise SolveError("the orientation has to be a rotation matrix (3, 3)")
-    axis, angle = turn_to(placed[0, target.link], wanted)
+    axis, angle = axis_and_angle(placed[0, output_link.number], target)
     return follow_rotation(mechanism, values, axis, angle, output)
 
 
-def _configuration(target: OutputTarget, values: ArrayLike, name: str) -> Floats:
-    """Return a configuration (variables,); `SolveError` unless it has finite values."""
-    given, count = np.asarray(values, dtype=float), len(target.closure.tree.owners)
-    if given.shape != (count,) or not all_finite(given):
+def _check_values(
+    output_link: OutputLink, values: ArrayLike, mechanism_name: str
+) -> Floats:
+    """Return the variables (variables,) of a configuration as an array.
+
+    A `SolveError` says if their number is wrong or one of them is not finite.
+    """
+    array = np.asarray(values, dtype=float)
+    variable_count = len(output_link.closure.tree.owners)
+    if array.shape != (variable_count,) or not all_finite(array):
         raise SolveError(
-            f"{name}: the configuration to start from has to be {count} finite values, as "
-            "in a row of its motion"
+            f"{mechanism_name}: the configuration to start from has to be "
+            f"{variable_count} finite values, as in a row of its motion"
         )
-    return given
+    return array
 
 
-def _started(target: OutputTarget, values: Floats, name: str) -> Optimality:
-    """Return a configuration (variables,), closed exactly, from which a way may begin."""
-    count = len(values)
-    if target.freedoms > 3:
+def _close_start(
+    output_link: OutputLink, values: Floats, mechanism_name: str
+) -> TargetDeviation:
+    """Return the configuration from which a rotation starts, closed to rounding.
+
+    Parameters
+    ----------
+    output_link
+        The output link and the closure of its mechanism.
+    values
+        (variables,) pair variables (rad) of the configuration.
+    mechanism_name
+        Name of the mechanism, for messages.
+
+    Raises
+    ------
+    SolveError
+        If the configuration does not close or is singular, if the inputs do not determine
+        it, or if the output link cannot turn in as many ways as there are inputs.
+    """
+    variable_count = len(values)
+    input_count = output_link.degrees_of_freedom
+    if input_count > 3:
         raise SolveError(
-            f"{name}: {target.freedoms} inputs turn the output link in more ways than "
-            "there are; lock some of them"
+            f"{mechanism_name}: {input_count} inputs turn the output link in more ways "
+            "than there are; lock some of them"
         )
-    freer = count - 3 * len(target.closure.tree.chords)
-    if freer > target.freedoms:
+    least_mobility = variable_count - 3 * len(output_link.closure.tree.chords)
+    if least_mobility > input_count:
         raise SolveError(
-            f"{name}: it has {freer} freedoms or more, but {target.freedoms} inputs; "
-            f"declare {freer} R pairs as inputs"
+            f"{mechanism_name}: it has {least_mobility} freedoms or more, but "
+            f"{input_count} inputs; declare {least_mobility} R pairs as inputs"
         )
-    near = target.at(values[None], np.eye(3)[None])
-    gap = near.at.gap[0]
-    if not gap < CLOSED_START:
+    deviation = output_link.compare(values[None], np.eye(3)[None])
+    residual = deviation.linearisation.gap[0]
+    if not residual < START_RESIDUAL_RAD:
         raise SolveError(
-            f"{name}: the configuration to start from does not close: its residual is "
-            f"{gap:.3g} rad, but at most {CLOSED_START:g} is allowed"
+            f"{mechanism_name}: the configuration to start from does not close: its "
+            f"residual is {residual:.3g} rad, but at most {START_RESIDUAL_RAD:g} is allowed"
         )
-    way = Way(target, np.eye(3)[2], near.reached[0], False)
-    near, _ = way.near(np.zeros(1), values[None])
-    sizes = np.linalg.svd(near.at.jacobian[0], compute_uv=False)
-    held = np.any(sizes[count - target.freedoms :] > UNFIXED * np.max(sizes, initial=0.0))
-    if held or not near.loop_conditioning[0] > UNFIXED:
+
+    # The nearest configuration to the present orientation, with closed loops. The axis
+    # does not matter, since theta is 0.
+    path = RotationPath(
+        output_link,
+        axis=np.eye(3)[2],
+        start=deviation.orientations[0],
+        exact=False,
+    )
+    deviation, _ = path.find_nearest(np.zeros(1), values[None])
+    singular_values = np.linalg.svd(deviation.linearisation.jacobian[0], compute_uv=False)
+    largest = np.max(singular_values, initial=0.0)
+    # The Jacobian has the rank variables - inputs if the inputs are all degrees of freedom.
+    excess = singular_values[variable_count - input_count :]
+    has_higher_rank = np.any(excess > UNDETERMINED_CONDITION * largest)
+    if has_higher_rank or not deviation.loop_conditioning[0] > UNDETERMINED_CONDITION:
         raise SolveError(
-            f"{name}: the configuration to start from is singular, or the mechanism has "
-            f"other freedoms than its {target.freedoms} inputs; start from another one"
+            f"{mechanism_name}: the configuration to start from is singular, or the "
+            f"mechanism has other freedoms than its {input_count} inputs; start from "
+            "another one"
         )
-    if not near.output_singular_value[0] > UNFIXED:
+    if not deviation.output_singular_value[0] > UNDETERMINED_CONDITION:
         raise SolveError(
-            f"{name}: at the start the output link cannot turn in as many ways as there "
-            f"are inputs ({target.freedoms}): it is at the limit of its reach, or does "
-            "not move with all inputs; start elsewhere or choose another output"
+            f"{mechanism_name}: at the start the output link cannot turn in as many ways "
+            f"as there are inputs ({input_count}): it is at the limit of its reach, or "
+            "does not move with all inputs; start elsewhere or choose another output"
         )
-    return near
+    return deviation

@@ -25,8 +25,8 @@ from spherekit.mechanism.joint import Joint, revolute, revolutes
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.outputs.fixed_axis_rotation import (
     FollowedRotation,
+    axis_and_angle,
     follow_rotation,
-    turn_to,
     unit,
 )
 from spherekit.outputs.mid_plane import MidPlane
@@ -261,7 +261,9 @@ class MidPlaneArchitecture:
         ends = np.stack([upward(unit(normal)) for normal in (start, stop)])
         for normal in ends:
             self.check_reach(normal)
-        return self.rotation_about(ends[0], *turn_to(*self.orientations(ends)), signs)
+        return self.rotation_about(
+            ends[0], *axis_and_angle(*self.orientations(ends)), signs
+        )
 
     def rotation_about(
         self, start: Floats, axis: Floats, angle: float, modes: Floats

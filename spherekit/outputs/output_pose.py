@@ -27,7 +27,8 @@ from spherekit.outputs.fixed_axis_rotation import (
 )
 from spherekit.outputs.inverse_kinematics import InverseKinematics
 from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture, named
-from spherekit.outputs.rotation_path import UNFIXED, OutputTarget
+from spherekit.outputs.rotation_path import UNDETERMINED_CONDITION
+from spherekit.outputs.target_deviation import OutputLink
 from spherekit.outputs.virtual_output import COORDINATES, with_wrist
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.assembly_mode import label_of
@@ -195,14 +196,19 @@ class PoseFinder:
         return self._of_values(here.values, [*map(label_of, here.signs)])
 
     def _of_values(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
-        near = OutputTarget.of(self.mechanism, self.output).at(values, np.eye(3)[None])
-        free = np.minimum(near.output_singular_value, near.loop_conditioning) > UNFIXED
+        near = OutputLink.from_output(self.mechanism, self.output).compare(
+            values, np.eye(3)[None]
+        )
+        free = (
+            np.minimum(near.output_singular_value, near.loop_conditioning)
+            > UNDETERMINED_CONDITION
+        )
         transmission = Transmission.of(self.mechanism, self.output)
         free &= transmission.of_values(self.solver.closure, values) > SINGULAR
         candidates = PoseCandidates(
             values,
             self.solver.reduce_inputs(values[:, self.solver.driven]),
-            near.reached,
+            near.orientations,
             np.array(labels, dtype=str),
             ~free,
         )

@@ -1,13 +1,12 @@
-"""Time on a rotation about a fixed axis: the quickest that the drives allow.
+"""Time on a rotation about a fixed axis: the shortest duration that the drives allow.
 
-The angle goes as theta(t) = angle s(t / T) with a law shape s from 0 to 1. Speeds of the
-inputs then go with 1 / T and accelerations with 1 / T^2, so the shortest duration T follows
-from their largest values at T = 1, which are found to rounding.
+The angle is theta(t) = angle s(t / T) with a law shape s that rises from 0 to 1. Speeds of
+the inputs are proportional to 1 / T and accelerations to 1 / T^2. The shortest duration T
+therefore follows from their largest values at T = 1, which are computed to rounding.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
 from types import MappingProxyType
 from typing import Literal, Protocol
 
@@ -22,16 +21,68 @@ from spherekit.files.time_law import Cycloidal, Law, Polynomial
 from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 from spherekit.numerics.zeros import find_zeros
-from spherekit.outputs.fixed_axis_rotation import RotationSamples, within
+from spherekit.outputs.fixed_axis_rotation import RotationSamples, check_range
 from spherekit.status import Status
 from spherekit.wording import listing, nearest
 
-DEAD = 1e3
-"""An input that turns by more for each rad of the output link is at a dead centre."""
+DEAD_CENTRE_RATE = 1e3
+"""Smallest rate of an input, per rate of the output link, at which it is at a dead centre.
+
+Larger: fewer inputs are named as the reason why a rotation ends. Smaller: inputs that only
+turn quickly are named too.
+"""
+
+SHAPES: Mapping[str, Law] = MappingProxyType(
+    {
+        "cycloidal": Cycloidal(0.0, 1.0, 1.0),
+        "cubic": Polynomial((0.0, 0.0, 3.0, -2.0)),
+        "quintic": Polynomial((0.0, 0.0, 0.0, 10.0, -15.0, 6.0)),
+        "septic": Polynomial((0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0)),
+    }
+)
+"""Law shapes from 0 to 1 in unit time, by their names.
+
+All start and stop at rest. The acceleration of the cubic jumps at both ends.
+"""
+
+SCHEDULE_TOLERANCE = 1e-9
+"""Relative error of the interpolants in which the largest values are searched.
+
+Only the positions of the largest values are read from the interpolants. Larger: less exact
+positions. Smaller: more cells.
+"""
+
+MAX_SCHEDULE_CELLS = 64
+"""Largest number of cells of these interpolants.
+
+Larger: more time for rotations whose rates are nearly singular. Smaller: the tolerance is
+reached for fewer rotations.
+"""
+
+EXTREMUM_PARTS_PER_CELL = 8
+"""Number of parts of a cell; in each a derivative is assumed to have one zero at most.
+
+Larger: close extrema are found more reliably, in more time.
+"""
+
+MAX_SCHEDULE_ROWS = 1_000_000
+"""Largest number of rows of a schedule, one for each cycle of the controller."""
+
+CYCLE_ROUNDING = 1e-12
+"""Part of a duration by which it may exceed a whole number of cycles.
+
+Larger: a limit may be exceeded by this part. Smaller: rounding errors add a cycle.
+"""
+
+LAW_END_TOLERANCE = 1e-12
+"""Largest error of a law shape at its ends, and outside of the range from 0 to 1."""
+
+LAW_CHECK_SAMPLES = 1001
+"""Number of samples at which a law shape has to be in the range from 0 to 1."""
 
 
 class FixedAxisRotation(Protocol):
-    """A rotation of an output link by `angle` (rad) about the unit vector `axis` (3,)."""
+    """A rotation of an output link about a fixed axis, sampled at any angle theta."""
 
     @property
     def axis(self) -> Floats:
@@ -47,56 +98,51 @@ class FixedAxisRotation(Protocol):
 
     @property
     def reached(self) -> float:
-        """The angle (rad) up to which the mechanism follows."""
+        """The angle (rad) up to which the mechanism follows the rotation."""
 
     @property
     def end(self) -> Status:
-        """Status of what lies beyond."""
+        """Status beyond `reached`: the reason why the mechanism follows no further."""
 
     @property
     def crossings(self) -> tuple[float, ...]:
-        """Angles (rad) on the way at which the inputs do not hold the mechanism."""
+        """Angles (rad) at which the inputs do not determine the output (type II)."""
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) from 0 to the whole angle, any order."""
 
 
 def dead_centre(rotation: FixedAxisRotation) -> str:
-    """Return the input at a dead centre where a rotation is followed no further, or ``""``.
+    """Return the input at a dead centre where the tracking of a rotation ends, or ``""``.
 
-    There the output link asks it to turn by `DEAD` or more for each rad of its own.
+    An input is at a dead centre if it has to turn `DEAD_CENTRE_RATE` times as fast as the
+    output link, or faster.
     """
-    rates = np.nan_to_num(np.abs(rotation.at([rotation.reached]).rates[0]), posinf=np.inf)
-    most = np.argmax(rates)
-    return rotation.inputs[most] if rates[most] > DEAD else ""
-
-
-SHAPES: Mapping[str, Law] = MappingProxyType(
-    {
-        "cycloidal": Cycloidal(0.0, 1.0, 1.0),
-        "cubic": Polynomial((0.0, 0.0, 3.0, -2.0)),
-        "quintic": Polynomial((0.0, 0.0, 0.0, 10.0, -15.0, 6.0)),
-        "septic": Polynomial((0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0)),
-    }
-)
-"""Law shapes from 0 to 1 in unit time; all start and stop at rest, the cubic with a jump of
-acceleration."""
-
-TOLERANCE = 1e-9
-"""Relative error of the interpolants in which the largest values are looked for."""
-MOST_CELLS = 64
-PARTS = 8
-"""Of each of their cells, in which a derivative is simple."""
-MOST_ROWS = 1_000_000
-WHOLE = 1e-12
-"""Part of a duration by which it may miss a whole number of cycles: rounding."""
+    last_rates = rotation.at([rotation.reached]).rates[0]
+    input_rates = np.nan_to_num(np.abs(last_rates), posinf=np.inf)
+    fastest = np.argmax(input_rates)
+    is_at_dead_centre = input_rates[fastest] > DEAD_CENTRE_RATE
+    return rotation.inputs[fastest] if is_at_dead_centre else ""
 
 
 @dataclass(frozen=True)
 class Extreme:
-    """The largest speed (rad/s) or acceleration (rad/s2) of an input, with its sign.
+    """The largest speed or acceleration of an input during a schedule.
 
-    `t` (s) and `theta` (rad) say where; `limit` is what is allowed, infinite for no limit.
+    Attributes
+    ----------
+    input
+        Name of the driven pair.
+    quantity
+        Whether the value is a speed or an acceleration.
+    value
+        The value with its sign (rad/s or rad/s2).
+    t
+        Time (s) at which the value occurs.
+    theta
+        Angle (rad) of the rotation at this time.
+    limit
+        Largest allowed size of the value; infinite without a limit.
     """
 
     input: str
@@ -109,11 +155,20 @@ class Extreme:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What a controller needs: n rows in time.
+    """A schedule as a controller needs it, in n rows.
 
-    `t` (n,) s; `theta` (n,) rad; `inputs` rad, `rates` rad/s, `accelerations` rad/s2, all
-    (n, inputs), the inputs named by `names`; `type_2` (n,) and `status` (n,) as in
-    `RotationSamples`.
+    Attributes
+    ----------
+    names
+        Names of the inputs.
+    t
+        (n,) times (s).
+    theta
+        (n,) angles (rad) of the rotation.
+    inputs, rates, accelerations
+        (n, inputs) values (rad) of the inputs, speeds (rad/s), accelerations (rad/s2).
+    type_2, status
+        (n,) as in `RotationSamples`.
     """
 
     names: Names
@@ -128,11 +183,24 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class TimeScaling:
-    """A rotation in time.
+    """A schedule of a rotation: when it reaches each angle.
 
-    `duration` in s; `extremes` for each input, speeds first; `error` is that of the
-    interpolants from which these were found, relative to the largest. `cycle` (s) is the
-    controller's, of which the duration is a whole number; None for none.
+    Attributes
+    ----------
+    rotation
+        The rotation.
+    shape
+        The law shape, from 0 to 1 in unit time.
+    duration
+        Time (s) for the whole angle.
+    extremes
+        Largest speed of each input, then largest acceleration of each input.
+    error
+        Error of the interpolants in which the extremes were searched, relative to the
+        largest value.
+    cycle
+        Cycle time (s) of the controller, None without one. The duration is a whole number
+        of cycles.
     """
 
     rotation: FixedAxisRotation
@@ -144,13 +212,18 @@ class TimeScaling:
 
     @property
     def binding(self) -> Extreme:
-        """The extreme that sets the duration, at its limit but for whole cycles."""
-        return max(
-            self.extremes,
-            key=lambda x: (
-                (abs(x.value) / x.limit) ** (1.0 if x.quantity == "speed" else 0.5)
-            ),
-        )
+        """The extreme that sets the duration.
+
+        It is at its limit, except that whole cycles make the duration longer.
+        """
+
+        def required_duration_ratio(extreme: Extreme) -> float:
+            """Return the shortest duration that this limit allows, over the present one."""
+            # Accelerations are proportional to the square of 1 / duration.
+            power = 1.0 if extreme.quantity == "speed" else 0.5
+            return (abs(extreme.value) / extreme.limit) ** power
+
+        return max(self.extremes, key=required_duration_ratio)
 
     def at(self, t: ArrayLike) -> Trajectory:
         """Return the rows at times t (n,) from 0 to the duration (s).
@@ -160,24 +233,26 @@ class TimeScaling:
         SolveError
             If a time is outside.
         """
-        t = within(t, self.duration, "t", "s")
-        samples, motion = _moved(self.rotation, self.shape, t / self.duration)
-        speeds, accelerations = np.split(motion, 2, axis=1)
+        t = check_range(t, self.duration, "t", "s")
+        samples, unit_motion = _evaluate_unit_motion(
+            self.rotation, self.shape, t / self.duration
+        )
+        unit_speeds, unit_accelerations = np.split(unit_motion, 2, axis=1)
         return Trajectory(
-            self.rotation.inputs,
-            t,
-            samples.theta,
-            samples.inputs,
-            speeds / self.duration,
-            accelerations / self.duration**2,
-            samples.type_2,
-            samples.status,
+            names=self.rotation.inputs,
+            t=t,
+            theta=samples.theta,
+            inputs=samples.inputs,
+            rates=unit_speeds / self.duration,
+            accelerations=unit_accelerations / self.duration**2,
+            type_2=samples.type_2,
+            status=samples.status,
         )
 
     def table(self, samples: int) -> Trajectory:
         """Return rows at equally spaced times, both ends included.
 
-        With a cycle there is a row for each, whatever number of samples is asked for.
+        With a cycle there is one row for each cycle, and `samples` is not used.
         """
         if self.cycle is not None:
             ticks = np.arange(round(self.duration / self.cycle) + 1)
@@ -212,40 +287,58 @@ def time_optimal(
     ------
     SolveError
         If no limit is given or one is not positive, the shape is no such law, the cycle
-        is not positive or makes more than `MOST_ROWS` rows, or the mechanism does not
-        follow all the way.
+        is not positive or makes more than `MAX_SCHEDULE_ROWS` rows, or the mechanism does
+        not follow all the way.
     """
-    count = len(rotation.inputs)
+    input_count = len(rotation.inputs)
     law, limits = schedule_limits(rotation.inputs, speed, acceleration, shape, cycle)
     if not np.any(np.isfinite(limits)):
         raise SolveError("a schedule needs a limit of speed or of acceleration")
-    fitted = PiecewiseChebyshev.fit(
-        lambda part: _moved(rotation, law, part)[1],
+
+    # Columns of the motion: speeds of all inputs, then accelerations of all inputs.
+    unit_motion = PiecewiseChebyshev.fit(
+        lambda part: _evaluate_unit_motion(rotation, law, part)[1],
         0.0,
         1.0,
-        TOLERANCE,
-        max_cells=MOST_CELLS,
+        SCHEDULE_TOLERANCE,
+        max_cells=MAX_SCHEDULE_CELLS,
     )
-
-    places = np.array([_place_of_largest(fitted, k) for k in range(2 * count)])
-    values = np.diagonal(_moved(rotation, law, places)[1])
-    powers = np.repeat([1.0, 0.5], count)
-    duration = float(np.max((np.abs(values) / limits) ** powers))
+    parts = np.array(
+        [_find_largest(unit_motion, column) for column in range(2 * input_count)]
+    )
+    # The values come from the rotation itself. Row k is at the time of the largest value of
+    # column k.
+    unit_values = np.diagonal(_evaluate_unit_motion(rotation, law, parts)[1])
+    # A value is proportional to duration^(-1) or duration^(-2).
+    powers = np.repeat([1.0, 0.5], input_count)
+    duration = float(np.max((np.abs(unit_values) / limits) ** powers))
     if cycle is not None:
-        if duration / cycle > MOST_ROWS:
+        if duration / cycle > MAX_SCHEDULE_ROWS:
             raise SolveError(
                 f"cycle: {duration:.6g} s in cycles of {cycle:g} s are more than "
-                f"{MOST_ROWS} rows; give a longer cycle"
+                f"{MAX_SCHEDULE_ROWS} rows; give a longer cycle"
             )
-        duration = cycle * max(1.0, np.ceil(duration / cycle * (1.0 - WHOLE)))
-    names = product(("speed", "acceleration"), rotation.inputs)
-    reached, theta = values / duration ** (1.0 / powers), rotation.angle * law.at(places)[0]
-    rows = np.stack([reached, duration * places, theta, limits], axis=1).tolist()
+        cycles = np.ceil(duration / cycle * (1.0 - CYCLE_ROUNDING))
+        duration = cycle * max(1.0, cycles)
+
+    values = unit_values / duration ** (1.0 / powers)
+    theta = rotation.angle * law.at(parts)[0]
+    columns: list[tuple[Literal["speed", "acceleration"], str]] = [
+        *(("speed", name) for name in rotation.inputs),
+        *(("acceleration", name) for name in rotation.inputs),
+    ]
     extremes = tuple(
-        Extreme(name, what, *row)  # type: ignore[arg-type]
-        for (what, name), row in zip(names, rows, strict=True)
+        Extreme(
+            input=name,
+            quantity=quantity,
+            value=float(values[column]),
+            t=float(duration * parts[column]),
+            theta=float(theta[column]),
+            limit=float(limits[column]),
+        )
+        for column, (quantity, name) in enumerate(columns)
     )
-    return TimeScaling(rotation, law, duration, extremes, fitted.error, cycle)
+    return TimeScaling(rotation, law, duration, extremes, unit_motion.error, cycle)
 
 
 def schedule_limits(
@@ -255,25 +348,42 @@ def schedule_limits(
     shape: str | Law,
     cycle: float | None,
 ) -> tuple[Law, Floats]:
-    """Return the law, and the limits (2 inputs,) of speeds and accelerations of inputs.
+    """Return the law and the limits of a schedule, after checking them.
 
-    See `time_optimal`, as for the errors.
+    Parameters
+    ----------
+    inputs
+        Names of the driven pairs.
+    speed, acceleration, shape, cycle
+        As for `time_optimal`, with the same errors.
+
+    Returns
+    -------
+    law
+        The law shape.
+    limits
+        (2 inputs,) largest speeds (rad/s), then largest accelerations (rad/s2) of the
+        inputs; infinite without a limit.
     """
     if cycle is not None and not 0.0 < cycle < np.inf:
         raise SolveError(f"cycle: found {cycle:g}, needs a time above 0 s")
     limits = []
-    for what, given in (("speed", speed), ("acceleration", acceleration)):
-        limit = np.asarray(np.inf if given is None else given, dtype=float)
+    for quantity, bound in (("speed", speed), ("acceleration", acceleration)):
+        limit = np.asarray(np.inf if bound is None else bound, dtype=float)
         if limit.shape not in ((), (1,), (len(inputs),)) or not np.all(limit > 0.0):
             raise SolveError(
-                f"{what}: found {'+'.join(map(str, limit.ravel()))}, needs one limit above "
-                f"0 for all inputs, or one for each of {listing(inputs)}"
+                f"{quantity}: found {'+'.join(map(str, limit.ravel()))}, needs one limit "
+                f"above 0 for all inputs, or one for each of {listing(inputs)}"
             )
         limits.append(np.broadcast_to(limit, (len(inputs),)))
-    return _shape(shape), np.concatenate(limits)
+    return _check_shape(shape), np.concatenate(limits)
 
 
-def _shape(shape: str | Law) -> Law:
+def _check_shape(shape: str | Law) -> Law:
+    """Return a law shape, named or given as a law, after checking its range.
+
+    A `SolveError` says if the name is unknown or if the law is not from 0 to 1.
+    """
     if isinstance(shape, str):
         if shape not in SHAPES:
             raise SolveError(
@@ -281,51 +391,81 @@ def _shape(shape: str | Law) -> Law:
                 f"Shapes: {listing(SHAPES)}"
             )
         return SHAPES[shape]
-    part, _, _ = shape.at(np.linspace(0.0, 1.0, 1001))
-    ends = np.append(part[[0, -1]] - [0.0, 1.0], part - np.clip(part, 0.0, 1.0))
-    if not max_abs(ends) < 1e-12:
+    values, _, _ = shape.at(np.linspace(0.0, 1.0, LAW_CHECK_SAMPLES))
+    end_errors = values[[0, -1]] - [0.0, 1.0]
+    range_errors = values - np.clip(values, 0.0, 1.0)
+    if not max_abs(np.append(end_errors, range_errors)) < LAW_END_TOLERANCE:
         raise SolveError(
             "a law shape goes from 0 at t = 0 to 1 at t = 1 and stays between these, but "
-            f"this one goes from {part[0]:.6g} to {part[-1]:.6g}, or leaves that"
+            f"this one goes from {values[0]:.6g} to {values[-1]:.6g}, or leaves that"
         )
     return shape
 
 
-def _place_of_largest(fitted: PiecewiseChebyshev, number: int) -> float:
-    """Return where a function is largest in size."""
-    slope, bend = fitted.derivative, fitted.derivative.derivative
+def _find_largest(functions: PiecewiseChebyshev, column: int) -> float:
+    """Return the position at which one of several functions has its largest size.
 
-    def rate(x: Floats) -> tuple[Floats, Floats]:
-        return slope.evaluate(x)[:, number], bend.evaluate(x)[:, number]
+    Candidates are the zeros of its derivative and the edges of the cells, where the
+    derivative can jump.
+    """
+    derivative = functions.derivative
+    second_derivative = derivative.derivative
 
-    places = np.append(
-        fitted.edges, find_zeros(rate, fitted.spread_positions(PARTS)).places
-    )
-    return float(places[np.argmax(np.abs(fitted.evaluate(places)[:, number]))])
+    def evaluate_derivatives(x: Floats) -> tuple[Floats, Floats]:
+        """Return the first and the second derivative (n,) at positions (n,)."""
+        return derivative.evaluate(x)[:, column], second_derivative.evaluate(x)[:, column]
+
+    grid = functions.spread_positions(EXTREMUM_PARTS_PER_CELL)
+    stationary_positions = find_zeros(evaluate_derivatives, grid).places
+    positions = np.append(functions.edges, stationary_positions)
+    sizes = np.abs(functions.evaluate(positions)[:, column])
+    return float(positions[np.argmax(sizes)])
 
 
-def _moved(
+def _evaluate_unit_motion(
     rotation: FixedAxisRotation, law: Law, part: Floats
 ) -> tuple[RotationSamples, Floats]:
-    """Return samples at parts (n,) of unit time, with speeds and accelerations there.
+    """Return the motion of a rotation that takes 1 s.
 
-    The latter (n, 2 inputs) are those of the inputs if the whole takes 1 s.
+    Parameters
+    ----------
+    rotation
+        The rotation.
+    law
+        Law shape, from 0 to 1 in unit time.
+    part
+        (n,) times (s).
+
+    Returns
+    -------
+    samples
+        The samples of the rotation at these times.
+    motion
+        (n, 2 inputs) speeds (rad/s) of all inputs, then their accelerations (rad/s2).
+
+    Raises
+    ------
+    SolveError
+        If the mechanism does not follow the rotation at one of the times.
     """
     s, ds, dds = law.at(part)
-    whole = rotation.angle
-    samples = rotation.at(whole * np.clip(s, 0.0, 1.0))
-    lost = ~all_finite(samples.second_rates, 1)
-    if np.any(lost):
-        first = np.argmin(np.where(lost, samples.theta, np.inf))
-        dead = dead_centre(rotation)
+    angle = rotation.angle
+    samples = rotation.at(angle * np.clip(s, 0.0, 1.0))
+    is_lost = ~all_finite(samples.second_rates, 1)
+    if np.any(is_lost):
+        first_lost = np.argmin(np.where(is_lost, samples.theta, np.inf))
+        dead_input = dead_centre(rotation)
         raise SolveError(
             f"the mechanism does not follow all the way: at theta = "
-            f"{np.degrees(samples.theta[first]):.6g} of {np.degrees(whole):.6g} deg it is "
-            f"{Status(samples.status[first]).name}"
-            + (f", as input {dead} is at a dead centre" if dead else "")
+            f"{np.degrees(samples.theta[first_lost]):.6g} of {np.degrees(angle):.6g} deg "
+            f"it is {Status(samples.status[first_lost]).name}"
+            + (f", as input {dead_input} is at a dead centre" if dead_input else "")
             + "; choose another start or end"
         )
-    turned, swung = (whole * ds)[:, None], (whole * dds)[:, None]
-    speeds = samples.rates * turned
-    accelerations = samples.second_rates * turned**2 + samples.rates * swung
+    theta_rate = (angle * ds)[:, None]
+    theta_acceleration = (angle * dds)[:, None]
+    speeds = samples.rates * theta_rate
+    accelerations = (
+        samples.second_rates * theta_rate**2 + samples.rates * theta_acceleration
+    )
     return samples, np.concatenate([speeds, accelerations], axis=1)

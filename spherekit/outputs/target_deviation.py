@@ -1,0 +1,468 @@
+"""How far an output link is from a target orientation, and the configuration nearest to it.
+
+The remaining rotation d (rotation vector, rad) turns the output link from its orientation
+to the target. Of all closed configurations the nearest one has the smallest angle a = |d|.
+With the variables v, the closure Jacobian J, the angular velocity w = G v' of the output
+link and one multiplier m for each closure equation, it satisfies
+
+    G^T d + J^T m = 0,        J v' = 0.
+
+The first equation says that the gradient of a^2 / 2 vanishes along the configurations. If
+the mechanism can reach the target, d and m are zero. Differentiated once and twice by the
+angle through which the target turns, the equations give exact rates of the variables.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats
+from spherekit.geometry.mirror import rotation_vector
+from spherekit.geometry.rotation import (
+    all_finite,
+    cross,
+    log_rate,
+    log_rate_change,
+    max_abs,
+    transpose,
+)
+from spherekit.mechanism.elements import Output
+from spherekit.mechanism.joint_construction import make_joints
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.linearisation import Linearisation
+from spherekit.positions.loop_closure import Closure
+
+ON_TARGET_RAD = 1e-10
+"""Largest remaining rotation (rad) at which the output link counts as on the target.
+
+The misfit of the rates, per rad of the target, is compared with the same number. Larger:
+a link that slowly leaves the target is said to follow it. Smaller: rounding errors count as
+a departure.
+"""
+
+SYSTEM_RCOND = 1e-14
+"""Relative singular value below which a direction is left out of the pseudo-inverse.
+
+Larger: near singular configurations the link cannot be turned in all directions. Smaller:
+directions that only rounding errors span get large rates.
+"""
+
+MIN_CONVEXITY_RATIO = 1e-6
+"""Smallest curvature of a^2 / 2 with which Newton steps use the exact second derivative.
+
+The ratio is to the squared smallest singular value of the output rates. Larger: more steps
+leave the curvature out and converge linearly. Smaller: steps near a point of inflection
+become very long.
+"""
+
+
+@dataclass(frozen=True)
+class OutputLink:
+    """The output link of a mechanism whose ground is the link that it is relative to.
+
+    Attributes
+    ----------
+    closure
+        Loop closure of the mechanism. Body 0 is the link that the output is relative to.
+    number
+        Number of the output link.
+    degrees_of_freedom
+        Number of inputs of the mechanism.
+    """
+
+    closure: Closure
+    number: int
+    degrees_of_freedom: int
+
+    @staticmethod
+    def from_output(mechanism: Mechanism, output: Output) -> "OutputLink":
+        """Return the output link of a declared output."""
+        grounded = replace(mechanism, ground=output.relative_to)
+        return OutputLink(
+            closure=Closure.of(grounded, make_joints(grounded)),
+            number=grounded.link_number[output.link],
+            degrees_of_freedom=len(grounded.inputs),
+        )
+
+    def compare(self, values: Floats, target_orientations: Floats) -> "TargetDeviation":
+        """Return how far the output link is from target orientations.
+
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables (rad).
+        target_orientations
+            (n or 1, 3, 3) rotations from the axes of the output link to those of body 0.
+        """
+        linearisation = self.closure.at(values)
+        orientations = linearisation.placed[:, self.number]
+        path_senses = self.closure.tree.paths[self.number]
+        return TargetDeviation(
+            output_link=self,
+            linearisation=linearisation,
+            output_jacobian=path_senses * np.swapaxes(linearisation.vectors, 1, 2),
+            remaining_rotation=rotation_vector(
+                target_orientations @ transpose(orientations)
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class JacobianSplit:
+    """The closure Jacobian J of n configurations, split by its singular values.
+
+    The rank r is not read from the singular values. It is the number of variables less the
+    degrees of freedom, which is the rank at regular configurations.
+
+    Attributes
+    ----------
+    pseudo_inverse
+        (n, variables, equations) pseudo-inverse of J, with rank r.
+    null_space
+        (n, variables, degrees of freedom) orthonormal rates that keep the loops closed.
+    reciprocal_condition
+        (n,) ratio of the r-th to the largest singular value of J.
+    """
+
+    pseudo_inverse: Floats
+    null_space: Floats
+    reciprocal_condition: Floats
+
+
+@dataclass(frozen=True)
+class TargetRates:
+    """Derivatives of n nearest configurations by the angle theta of a turning target.
+
+    Attributes
+    ----------
+    first, second
+        (n, variables) first and second derivatives of the pair variables by theta.
+    follows
+        (n,) whether the output link is on the target and turns exactly with it.
+    """
+
+    first: Floats
+    second: Floats
+    follows: Bools
+
+
+@dataclass(frozen=True)
+class TargetDeviation:
+    """n configurations with the rotations from their output links to target orientations.
+
+    All vectors are in the axes of body 0. The symbols are those of the module.
+
+    Attributes
+    ----------
+    output_link
+        The output link and the closure of its mechanism.
+    linearisation
+        The closure and its derivatives at the configurations.
+    output_jacobian
+        G (n, 3, variables), angular velocity of the output link per rate of each variable.
+    remaining_rotation
+        d (n, 3) rad, rotation vector from the output link to its target.
+    """
+
+    output_link: OutputLink
+    linearisation: Linearisation
+    output_jacobian: Floats
+    remaining_rotation: Floats
+
+    @property
+    def values(self) -> Floats:
+        """(n, variables) the pair variables (rad)."""
+        return self.linearisation.values
+
+    @property
+    def orientations(self) -> Floats:
+        """(n, 3, 3) rotations from the axes of the output link to those of body 0."""
+        return self.linearisation.placed[:, self.output_link.number]
+
+    @cached_property
+    def _jacobian_split(self) -> JacobianSplit:
+        """The closure Jacobian, split by its singular values."""
+        rank = self.values.shape[1] - self.output_link.degrees_of_freedom
+        left, singular_values, right = np.linalg.svd(self.linearisation.jacobian)
+        regular = singular_values[:, :rank]
+        with np.errstate(all="ignore"):
+            inverse = transpose(right[:, :rank]) / regular[:, None]
+            inverse = inverse @ transpose(left)[:, :rank]
+            reciprocal_condition = np.min(regular / regular[:, :1], axis=1, initial=1.0)
+        return JacobianSplit(inverse, transpose(right[:, rank:]), reciprocal_condition)
+
+    @property
+    def loop_conditioning(self) -> Floats:
+        """(n,) reciprocal condition number of the loops; 0 if they lose their rank."""
+        return self._jacobian_split.reciprocal_condition
+
+    @cached_property
+    def free_output_rates(self) -> Floats:
+        """(n, 3, degrees of freedom) angular velocities of the output link.
+
+        One column for each rate in the null space of the closure Jacobian.
+        """
+        return self.output_jacobian @ self._jacobian_split.null_space
+
+    @cached_property
+    def output_singular_value(self) -> Floats:
+        """(n,) smallest angular velocity of the output link for rates of unit length.
+
+        It is zero at the limit of the reach, where some motion does not turn the link.
+        """
+        singular_values = np.linalg.svd(self.free_output_rates, compute_uv=False)
+        return np.asarray(singular_values[:, -1])
+
+    @cached_property
+    def system(self) -> Floats:
+        """(n, equations + 3, variables) J above G.
+
+        It has full rank if every motion of the mechanism turns the output link.
+        """
+        return np.concatenate([self.linearisation.jacobian, self.output_jacobian], axis=1)
+
+    @cached_property
+    def system_inverse(self) -> Floats:
+        """(n, variables, equations + 3) pseudo-inverse of `system`."""
+        return np.linalg.pinv(np.nan_to_num(self.system), rcond=SYSTEM_RCOND)
+
+    @cached_property
+    def _is_off_target(self) -> Bools:
+        """(n,) whether the output link is not on the target."""
+        return np.linalg.norm(self.remaining_rotation, axis=1) > ON_TARGET_RAD
+
+    @cached_property
+    def _pulls(self) -> Floats:
+        """(n, variables, 3) pulls f_v of the remaining rotation, see `_combine_pulls`.
+
+        The gradient by variable v of the first equation of the module is the product of f_v
+        and the vector of the variable. The pulls are zero where the link is on the target.
+        """
+        pulls = self._combine_pulls(
+            output_pull=self.remaining_rotation,
+            gradient=np.vecmat(self.remaining_rotation, self.output_jacobian),
+        )
+        return np.where(self._is_off_target[:, None, None], pulls, 0.0)
+
+    def _combine_pulls(self, output_pull: Floats, gradient: Floats) -> Floats:
+        """Return the pulls (n, variables, 3) of the output link and of the loops.
+
+        The multipliers of the loops are m = -(J^+)^T gradient. A variable is pulled by the
+        multipliers of the loops that pass through its pair, and by the output link if the
+        pair is on the path to it.
+
+        Parameters
+        ----------
+        output_pull
+            (n, 3) vector that takes the role of d.
+        gradient
+            (n, variables) gradient that the multipliers balance, as G^T d.
+        """
+        tree = self.linearisation.tree
+        multipliers = -np.vecmat(gradient, self._jacobian_split.pseudo_inverse)
+        multipliers = multipliers.reshape(len(gradient), len(tree.chords), 3)
+        path_senses = tree.paths[self.output_link.number]
+        pull_along_path = path_senses[:, None] * output_pull[:, None]
+        return transpose(tree.signs) @ multipliers + pull_along_path
+
+    def _vector_rates(self, rates: Floats) -> Floats:
+        """Return the changes (n, variables, 3) of the variables' vectors.
+
+        The links move at rates (n, variables) of the variables.
+        """
+        return self.linearisation.turned(self.linearisation.body_rates(rates))
+
+    def _vector_accelerations(self, rates: Floats, vector_rates: Floats) -> Floats:
+        """Return the second derivatives (n, variables, 3) of the variables' vectors.
+
+        They are NaN for contact pairs, for which a further derivative of the profiles would
+        be needed. They are zero where the link is on the target, since they do not matter
+        there.
+
+        Parameters
+        ----------
+        rates
+            (n, variables) constant rates of the variables.
+        vector_rates
+            (n, variables, 3) first derivatives of the vectors at these rates.
+        """
+        tree = self.linearisation.tree
+        first_bodies = tree.firsts[list(tree.owners)]
+        body_accelerations = tree.body_rates(vector_rates, rates)[:, first_bodies]
+        angular_velocities = self.linearisation.body_rates(rates)[:, first_bodies]
+        result = cross(body_accelerations, self.linearisation.vectors)
+        result += cross(angular_velocities, vector_rates)
+        joints = self.linearisation.joints
+        is_contact = [not joints[pair].has_axis for pair in tree.owners]
+        result[:, is_contact] = np.nan
+        result[~self._is_off_target] = 0.0
+        return result
+
+    def _gradient_rates(self, rates: Floats) -> Floats:
+        """Return the change (n, variables) of the gradient of a^2 / 2.
+
+        The variables move at rates (n, variables) and the target is fixed.
+        """
+        output_velocity = np.matvec(self.output_jacobian, rates)
+        rotation_rate = log_rate(-self.remaining_rotation, output_velocity)
+        pulled = np.vecdot(self._vector_rates(rates), self._pulls)
+        return np.vecmat(rotation_rate, self.output_jacobian) - pulled
+
+    @cached_property
+    def stiffness(self) -> Floats:
+        """(n, freedoms, freedoms) second derivative of a^2 / 2 along the configurations."""
+        null_space = self._jacobian_split.null_space
+        columns = [self._gradient_rates(motion) for motion in np.moveaxis(null_space, 2, 0)]
+        return transpose(null_space) @ np.stack(columns, axis=2)
+
+    @cached_property
+    def least_eigenvalue(self) -> Floats:
+        """(n,) smallest eigenvalue of the `stiffness`; -1 where it is not finite."""
+        symmetric_stiffness = 0.5 * (self.stiffness + transpose(self.stiffness))
+        is_finite = all_finite(symmetric_stiffness, (1, 2))
+        least = np.full(len(symmetric_stiffness), -1.0)
+        least[is_finite] = np.linalg.eigvalsh(symmetric_stiffness[is_finite])[:, 0]
+        return least
+
+    def _solve_motion(
+        self, gradient: Floats, closure_change: Floats, stiffness: Floats
+    ) -> Floats:
+        """Return the motion (n, variables) that balances a gradient and closes the loops.
+
+        Parameters
+        ----------
+        gradient
+            (n, variables) gradient to balance. Only its part along the configurations
+            matters, since the multipliers balance the rest.
+        closure_change
+            (n, equations) required change of the closure residuals.
+        stiffness
+            (n, degrees of freedom, degrees of freedom) matrix of the motion along the
+            configurations.
+        """
+        split = self._jacobian_split
+        closing_motion = np.matvec(split.pseudo_inverse, closure_change)
+        remaining_gradient = gradient - self._gradient_rates(closing_motion)
+        free_motion = np.matvec(
+            left_inverse(stiffness), np.vecmat(remaining_gradient, split.null_space)
+        )
+        return closing_motion + np.matvec(split.null_space, free_motion)
+
+    def newton_step(self, can_follow: bool) -> Floats:
+        """Return the Newton step (n, variables), in rad, towards the nearest configuration.
+
+        Parameters
+        ----------
+        can_follow
+            Whether the mechanism can reach the target. The orientation is then solved for
+            as an equation, which also determines the links where the loops alone do not.
+        """
+        if can_follow:
+            right = np.concatenate(
+                [-self.linearisation.residual, self.remaining_rotation], axis=1
+            )
+            return np.matvec(self.system_inverse, right)
+        # Where a^2 / 2 is not convex, a full Newton step could increase the angle. Without
+        # the curvature of the configurations (Gauss-Newton) the step always decreases it.
+        gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
+        is_convex = (
+            self.least_eigenvalue > MIN_CONVEXITY_RATIO * self.output_singular_value**2
+        )
+        stiffness = np.where(is_convex[:, None, None], self.stiffness, gauss_newton)
+        gradient = np.vecmat(self.remaining_rotation, self.output_jacobian)
+        return self._solve_motion(gradient, -self.linearisation.residual, stiffness)
+
+    def error(self, can_follow: bool) -> Floats:
+        """Return by how much (n,), in rad, the configurations are not the nearest ones.
+
+        The error is the larger of the closure residual and of the remaining rotation, or,
+        if the target cannot be reached, of the gradient of a^2 / 2.
+        """
+        if can_follow:
+            output_error = self.remaining_rotation
+        else:
+            output_error = np.vecmat(self.remaining_rotation, self.free_output_rates)
+        return np.maximum(self.linearisation.gap, max_abs(output_error, axis=1))
+
+    def rates(self, axis: Floats) -> TargetRates:
+        """Return the derivatives of the variables while the target turns about an axis.
+
+        Where the link follows the target exactly, its rotation is one more equation of the
+        motion. It also determines the links where the loops alone do not.
+
+        Parameters
+        ----------
+        axis
+            (3,) unit vector in the axes of body 0. The configurations have to be nearest
+            ones.
+        """
+        velocity_right = np.zeros(self.system.shape[:2])
+        velocity_right[:, -3:] = axis
+        first = np.matvec(self.system_inverse, velocity_right)
+        velocity_misfit = np.matvec(self.system, first) - velocity_right
+
+        loop_bias, output_bias = self._velocity_biases(first, self._vector_rates(first))
+        acceleration_right = -np.concatenate([loop_bias, output_bias], axis=1)
+        second = np.matvec(self.system_inverse, acceleration_right)
+        acceleration_misfit = np.matvec(self.system, second) - acceleration_right
+        # Accelerations can be large near singular configurations. Their misfit is
+        # therefore taken relative to their size.
+        acceleration_misfit /= 1.0 + max_abs(acceleration_right, axis=1)[:, None]
+
+        misfit = max_abs(np.hstack([velocity_misfit, acceleration_misfit]), axis=1)
+        follows = ~self._is_off_target & (misfit < ON_TARGET_RAD)
+        if not np.all(follows):
+            nearest_first, nearest_second = self._nearest_rates(axis)
+            first = np.where(follows[:, None], first, nearest_first)
+            second = np.where(follows[:, None], second, nearest_second)
+        return TargetRates(first, second, follows)
+
+    def _velocity_biases(
+        self, rates: Floats, vector_rates: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return J' rates (n, equations) and G' rates (n, 3).
+
+        J' and G' are the changes of both Jacobians while the vectors of the variables
+        change at `vector_rates` (n, variables, 3).
+        """
+        tree = self.linearisation.tree
+        loop_bias = np.matvec(tree.jacobian(vector_rates), rates)
+        output_bias = tree.body_rates(vector_rates, rates)[:, self.output_link.number]
+        return loop_bias, output_bias
+
+    def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
+        """Return the first and second derivatives (n, variables) of nearest configurations.
+
+        They follow from differentiating the condition of the module once and twice, while
+        the target turns about the `axis` (3,). They hold on and off the target.
+        """
+        d = self.remaining_rotation
+        # Change of d if only the target turns.
+        target_rate = log_rate(d, axis)
+        first = self._solve_motion(
+            gradient=np.vecmat(target_rate, self.output_jacobian),
+            closure_change=np.zeros_like(self.linearisation.residual),
+            stiffness=self.stiffness,
+        )
+
+        vector_rates = self._vector_rates(first)
+        w = np.matvec(self.output_jacobian, first)
+        # Change of d if the target and the output link turn.
+        d_rate = target_rate - log_rate(-d, w)
+        gradient_rate = np.vecdot(vector_rates, self._pulls)
+        gradient_rate = gradient_rate + np.vecmat(d_rate, self.output_jacobian)
+        pull_rates = self._combine_pulls(output_pull=d_rate, gradient=gradient_rate)
+        loop_bias, output_bias = self._velocity_biases(first, vector_rates)
+
+        # Part of the second derivative of d that does not contain the unknown one of v.
+        d_bias = log_rate_change(d, d_rate, axis)
+        d_bias -= log_rate_change(-d, -d_rate, w)
+
+        vector_accelerations = self._vector_accelerations(first, vector_rates)
+        gradient = np.vecdot(vector_accelerations, self._pulls)
+        gradient += np.vecmat(d_bias - log_rate(-d, output_bias), self.output_jacobian)
+        gradient += 2.0 * np.vecdot(vector_rates, pull_rates)
+        second = self._solve_motion(gradient, -loop_bias, self.stiffness)
+        return first, second
