@@ -11,9 +11,9 @@ from refusals import TABLES, check_call
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.geometry.mirror import angles_between, mirror_angles, normal_at, normals_of
-from spherekit.geometry.rotation import cross
-from spherekit.geometry.tilt_torsion import rotation
+from spherekit.geometry.mirror import mirror_angles, normal_at, normals_of
+from spherekit.geometry.rotation import angles_between, rotation_about_axis
+from spherekit.geometry.vectors import cross
 from spherekit.mechanism.elements import Input, Output, Pair, PoseGeometry
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.outputs.fixed_axis_rotation import axis_and_angle
@@ -61,7 +61,7 @@ def test_axis_and_angle_of_a_rotation(angle):
         found, turned = axis_and_angle(first, turn @ first)
         assert abs(turned - angle) < 2e-15
         assert np.linalg.norm(found - axis) < 2e-15 / min(angle, 1.0)
-        assert np.max(np.abs(rotation(axis, [angle])[0] - turn)) < 1e-15
+        assert np.max(np.abs(rotation_about_axis(axis, [angle])[0] - turn)) < 1e-15
 
 
 def test_phi_gamma_omega():
@@ -255,7 +255,7 @@ def test_three_freedoms_follow_any_axis(name):
         found = turn.at(theta)
         assert np.all(found.status == sk.Status.OK)
         at = closure.at(found.values)
-        wanted = rotation(turn.axis, theta) @ start
+        wanted = rotation_about_axis(turn.axis, theta) @ start
         assert np.max(at.gap) < 1e-13
         assert np.max(np.abs(at.placed[:, output] - wanted)) < 1e-12
         assert np.max(found.orientation_error) < 1e-13 and np.max(found.drift) < 1e-12
@@ -273,7 +273,7 @@ def test_two_freedoms_depart_as_little_as_they_can():
     assert found.orientation_error[2] > 0.1
     closure = Closure.of(made, make_joints(made))
     start = closure.at(values[None]).placed[0, output]
-    wanted = rotation(turn.axis, theta) @ start
+    wanted = rotation_about_axis(turn.axis, theta) @ start
     # a mesh around the inputs found, by the dyad's closed form of the same mode
     mesh = 2e-4 * np.array(list(product((-1, 0, 1), repeat=2)))
     for k in (1, 2):
@@ -312,8 +312,8 @@ def test_open_chain_against_euler_angles():
     found = turn.at(np.linspace(0.0, 1.5, 31))
     assert np.all(found.status == sk.Status.OK)
     z, y = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-    turns = (rotation(u, start[k : k + 1])[0] for k, u in enumerate((z, y, z)))
-    r = rotation(turn.axis, found.theta) @ np.linalg.multi_dot(list(turns))
+    turns = (rotation_about_axis(u, start[k : k + 1])[0] for k, u in enumerate((z, y, z)))
+    r = rotation_about_axis(turn.axis, found.theta) @ np.linalg.multi_dot(list(turns))
     tilt = np.arctan2(np.hypot(r[:, 0, 2], r[:, 1, 2]), r[:, 2, 2])
     azimuth, own = (np.arctan2(r[:, 1, 2], r[:, 0, 2]), np.arctan2(r[:, 2, 1], -r[:, 2, 0]))
     euler = np.stack([azimuth, tilt, own], axis=1)

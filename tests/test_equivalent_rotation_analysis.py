@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.errors import AnalysisError, SolveError
-from spherekit.geometry.mirror import normal_at, quaternion, upward
-from spherekit.geometry.rotation import from_quaternion
+from spherekit.geometry.mirror import normal_at, upward
+from spherekit.geometry.rotation import from_quaternion, quaternion, rotation_about_axis
 from spherekit.geometry.sphere_mesh import spiral_directions
-from spherekit.geometry.tilt_torsion import rotation, tilt_torsion
+from spherekit.geometry.tilt_torsion import tilt_torsion
 from spherekit.mechanism.elements import Output
 from spherekit.numerics.angles import wrap
 from spherekit.outputs.fixed_axis_rotation import FollowedRotation, axis_and_angle
@@ -200,7 +200,7 @@ def test_end_of_the_reach_on_the_way():
         about = form.frame @ (turn_axis / np.linalg.norm(turn_axis))
         turn = form.rotation_about(start, about, 3.0, np.ones(3))
         theta = np.linspace(0.0, 3.0, 4001)
-        turned = rotation(form.frame.T @ about, 0.5 * theta) @ start
+        turned = rotation_about_axis(form.frame.T @ about, 0.5 * theta) @ start
         elbows, _ = form.plane.elbows(turned, (1, 1, 1))
         lost = np.any(np.isnan(elbows[..., 0]), axis=1)
         first = theta[np.argmax(lost)] if np.any(lost) else 3.0

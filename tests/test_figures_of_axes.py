@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 import spherekit as sk
 from spherekit.display.figures.contents import figures_of
 from spherekit.display.figures.curve_plots import EQUAL_AREA, turn_to_side
-from spherekit.geometry.rotation import unit_rows
+from spherekit.geometry.vectors import unit_rows
 from spherekit.scenes.scene import Arrow, Axis, Mark, Scene, Series, SphereCurves, SphereMap
 
 OUT = np.array([0.0, 0.0, 1.0])

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.geometry.rotation import unit_rows
+from spherekit.geometry.vectors import unit_rows
 from spherekit.outputs.nearest_pose import NearestPoseSearch, NormalCoordinates
 from spherekit.outputs.pose_constraints import Constraints, bounds_of
 from spherekit.outputs.pose_rows import JointRange

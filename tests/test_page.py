@@ -12,7 +12,7 @@ from spherekit.cli.main import main
 from spherekit.display.pages.page import PageMaker
 from spherekit.errors import EngineError
 from spherekit.files.mechanism_reader import loads
-from spherekit.geometry.rotation import unit_rows
+from spherekit.geometry.vectors import unit_rows
 from spherekit.mechanism.load_kinds import PairTorque, Spring
 from spherekit.planning.assembly_plan import plan_assembly
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.geometry.mirror import angles_between
+from spherekit.geometry.rotation import angles_between
 from spherekit.outputs.forward_kinematics import ForwardKinematics, pose_of
 from spherekit.outputs.pose_solver import output_kinematics
 from spherekit.status import Status

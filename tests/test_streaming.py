@@ -7,7 +7,7 @@ import spherekit as sk
 from spherekit import progress
 from spherekit.dynamics import forward_dynamics
 from spherekit.dynamics.numpy_engine import Collocation
-from spherekit.geometry.mirror import quaternion
+from spherekit.geometry.rotation import quaternion
 from spherekit.runs.run_result import MOTION
 
 START = sk.Start(q=0.3, dq=1.0)

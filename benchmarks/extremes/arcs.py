@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.extremes.kinematics import judged
 from benchmarks.extremes.registry import Row, case
 from benchmarks.extremes.shapes import four_bar, point_of
-from spherekit.geometry.tilt_torsion import about_z
+from spherekit.geometry.rotation import about_z
 
 FAMILY = "arcs"
 DEGREES = "arc, deg"

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 
 Parts = tuple[Floats, Floats, Floats, Floats]
 """Values (k,), gradients (k, n), limits' values (m,) and gradients (m, n) at a place."""

@@ -17,7 +17,7 @@ from spherekit.designs.path_kernel import PathKernel
 from spherekit.designs.synthesis_requirements import MATCH, Specification
 from spherekit.designs.varied_mechanism import DEG, DesignAt
 from spherekit.errors import SpherekitError
-from spherekit.geometry.rotation import all_finite, max_abs, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.symbolic.expression_derivatives import differentiate
 from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, symbols

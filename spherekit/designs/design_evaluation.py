@@ -37,7 +37,7 @@ from spherekit.designs.profile_numbers import tracks_of
 from spherekit.designs.varied_mechanism import UNLIKE, VariedMechanism
 from spherekit.errors import CountError, DesignError, SpherekitError
 from spherekit.files.toml_document import Document
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.elements import SizeGeometry
 from spherekit.mechanism.load_dependence import need_tabulated
 from spherekit.mechanism.mechanism import Mechanism

@@ -15,7 +15,7 @@ from spherekit.designs.figures_of_merit import IMPOSSIBLE, Evaluated, reduced, r
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.study import Study
 from spherekit.files.toml_document import Document
-from spherekit.geometry.rotation import max_abs, nans
+from spherekit.geometry.vectors import max_abs, nans
 from spherekit.numerics.angles import return_after_revolutions
 from spherekit.runs.contract import Analyses
 from spherekit.runs.execution import Execution

@@ -11,7 +11,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.errors import DesignError, ModelError
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.load_expression import Expression, parse
 from spherekit.wording import choices
 

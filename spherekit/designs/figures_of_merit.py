@@ -22,7 +22,7 @@ from spherekit.errors import (
 )
 from spherekit.files.study import Crossings, Study
 from spherekit.files.time_law import ConstantSpeed
-from spherekit.geometry.rotation import all_finite, nans
+from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.joint import ContactProfile
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions, wrap

@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
 from spherekit.designs.path_kernel import NewtonStep, PathKernel
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.elimination_order import find_elimination_orders, has_elimination
 from spherekit.positions.input_turning_points import ModeCoalescence

@@ -22,7 +22,7 @@ from spherekit.designs.homotopy import (
     tracked,
 )
 from spherekit.designs.path_kernel import PathKernel
-from spherekit.geometry.rotation import max_abs, nans
+from spherekit.geometry.vectors import max_abs, nans
 from spherekit.numerics.angles import wrap
 from spherekit.positions.input_grid import InputGrid
 

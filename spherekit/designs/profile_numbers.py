@@ -16,7 +16,7 @@ from spherekit.geometry.curve_variation import (
     differentiate_fourier,
     differentiate_spline,
 )
-from spherekit.geometry.rotation import all_finite, nans
+from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.elements import PoseGeometry, Profile
 from spherekit.mechanism.joint import ContactProfile
 from spherekit.mechanism.joint_construction import PROFILE_GAP_RAD, make_joints

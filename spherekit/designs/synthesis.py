@@ -23,7 +23,7 @@ from spherekit.designs.design_space import Columns
 from spherekit.designs.design_variables import ACTIONS, designed
 from spherekit.designs.synthesis_requirements import Specification, front_of, nondominated
 from spherekit.errors import DesignError
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.progress import ProgressReporter

@@ -13,7 +13,7 @@ from spherekit.designs.design_variables import OK
 from spherekit.designs.figures_of_merit import NEVER_CLOSES
 from spherekit.designs.sweep import Sweep
 from spherekit.errors import DesignError, ModelError
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.load_expression import Expression, parse
 from spherekit.progress import ProgressReporter
 from spherekit.wording import counted

@@ -28,7 +28,7 @@ from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.mechanism_reader import acted_on
 from spherekit.files.number_change import with_numbers
 from spherekit.files.toml_document import Document
-from spherekit.geometry.rotation import all_finite, nans
+from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap

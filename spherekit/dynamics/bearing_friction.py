@@ -36,7 +36,7 @@ from spherekit.dynamics.transmitted_forces import (
     solve_equilibrium,
 )
 from spherekit.errors import SolveError
-from spherekit.geometry.rotation import max_abs, nans
+from spherekit.geometry.vectors import max_abs, nans
 from spherekit.mechanism.load import BearingFriction
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import listing

@@ -59,7 +59,7 @@ from spherekit.dynamics.taylor_integration import (
     TaylorRun,
 )
 from spherekit.errors import EngineError
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.status import STATUS_MEANING, Status
 
 MAX_CONDITION_AT_CROSSING = 1e-3

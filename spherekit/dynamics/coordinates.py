@@ -20,7 +20,8 @@ import numpy as np
 
 from spherekit.arrays import Floats, SmallIntegers
 from spherekit.errors import ModelError, SolveError
-from spherekit.geometry.rotation import all_finite, cross, nans, transpose
+from spherekit.geometry.rotation import transpose
+from spherekit.geometry.vectors import all_finite, cross, nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.positions.linear_equations import left_inverse

@@ -39,7 +39,8 @@ from spherekit.dynamics.coordinates import (
 )
 from spherekit.dynamics.generalised_forces import Loads, rates_by_time
 from spherekit.dynamics.transmitted_forces import DrivenState
-from spherekit.geometry.rotation import all_finite, transpose
+from spherekit.geometry.rotation import transpose
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure

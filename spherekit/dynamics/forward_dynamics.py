@@ -25,7 +25,7 @@ from spherekit.dynamics.simulation_start import PoseStart, Problem, Torques, pre
 from spherekit.errors import EngineError, PlanError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.study import Crossings, Start, StartGiven
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.load_dependence import smooth
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.progress import tell

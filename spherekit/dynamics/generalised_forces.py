@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.dynamics.coordinates import CoordinateMotion
-from spherekit.geometry.rotation import cross
+from spherekit.geometry.vectors import cross
 from spherekit.mechanism.friction import sliding_rate
 from spherekit.mechanism.load import Called, Component, TorqueTable
 from spherekit.mechanism.load_dependence import steep

@@ -25,7 +25,7 @@ from spherekit.dynamics.transmitted_forces import DrivenState
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.time_law import TimeLaw
-from spherekit.geometry.rotation import all_finite, nans
+from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.outputs.rotation_timing import TimeScaling
 from spherekit.planning.assembly_plan import driven_at

@@ -45,7 +45,7 @@ from spherekit.dynamics.simulation import (
 from spherekit.dynamics.simulation_start import Problem, variable_of
 from spherekit.dynamics.step_probes import find_first_errors
 from spherekit.dynamics.taylor_integration import CROSSING_RATIO, MIN_STEP_FRACTION
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.progress import ProgressReporter
 from spherekit.status import STATUS_MEANING, Status
 from spherekit.tolerances import EPS

@@ -29,7 +29,7 @@ from spherekit.dynamics.transmitted_forces import (
     JointReactions,
     compute_reactions,
 )
-from spherekit.geometry.rotation import max_abs, nans
+from spherekit.geometry.vectors import max_abs, nans
 from spherekit.mechanism.friction import Bearings
 from spherekit.positions.motion import Motion
 from spherekit.status import Status

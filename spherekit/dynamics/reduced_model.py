@@ -27,7 +27,7 @@ from spherekit.dynamics.reduced_model_archive import (
     write_archive,
 )
 from spherekit.errors import FileError, ModelError, SolveError
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.load_expression import load_names, parse
 from spherekit.mechanism.load_kinds import DRIVE
 from spherekit.numerics.chebyshev import PiecewiseChebyshev

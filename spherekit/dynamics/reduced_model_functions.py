@@ -12,7 +12,7 @@ from enum import Enum, auto
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 
 MIN_RELATIVE_SCALE = 0.03
 """Smallest scale of a function, relative to the largest scale of its kind.

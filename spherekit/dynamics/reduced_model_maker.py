@@ -23,7 +23,7 @@ from spherekit.dynamics.reduced_model_functions import FunctionLabel, function_s
 from spherekit.dynamics.reduced_model_samples import BoxSampler, CurveSampler
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.friction import need_no_rubbing
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.chebyshev import LOSSY_TOLERANCE, PiecewiseChebyshev

@@ -32,7 +32,7 @@ from spherekit.dynamics.reduced_model_archive import StoredHeading, StoredLoad
 from spherekit.dynamics.reduced_model_functions import FunctionKind, FunctionLabel
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_writer import mechanism_hash
-from spherekit.geometry.rotation import all_finite, max_abs, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism

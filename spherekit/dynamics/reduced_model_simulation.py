@@ -20,7 +20,7 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.dynamics.reduced_model import StoredModel
 from spherekit.errors import SolveError
-from spherekit.geometry.rotation import all_finite, nans
+from spherekit.geometry.vectors import all_finite, nans
 
 STEP_TOLERANCE_RATIO = 0.03
 """Tolerance of an integration step, relative to the tolerance of the whole motion.

@@ -26,7 +26,7 @@ from spherekit.dynamics.transmitted_forces import (
     compute_reactions,
 )
 from spherekit.errors import SolveError
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.timing import Timing
 from spherekit.wording import counted

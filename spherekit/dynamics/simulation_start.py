@@ -17,7 +17,7 @@ from spherekit.dynamics.coordinates import need_inertia, need_moving_inertia
 from spherekit.dynamics.equation_of_motion import EquationOfMotion
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.study import Start
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load import TorqueFunction, TorqueTable
 from spherekit.mechanism.load_kinds import DRIVE, PairTorque

@@ -22,7 +22,8 @@ import numpy as np
 from spherekit.arrays import Bools, Floats
 from spherekit.dynamics.coordinates import CoordinateMotion
 from spherekit.dynamics.generalised_forces import Loads
-from spherekit.geometry.rotation import cross, max_abs, transpose
+from spherekit.geometry.rotation import transpose
+from spherekit.geometry.vectors import cross, max_abs
 from spherekit.mechanism.elements import Pair
 from spherekit.mechanism.friction import Bearings, ContactFriction
 from spherekit.mechanism.mechanism import Mechanism

@@ -17,7 +17,7 @@ from spherekit.errors import SolveError
 from spherekit.exchange.coupling_table import CouplingTable
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.mechanism_writer import mechanism_hash
-from spherekit.geometry.rotation import all_finite, max_abs, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.planning.pole_plan import Pole, parse_pole

@@ -7,7 +7,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.dynamics.configurations_at_inputs import compute_modes_at_inputs
 from spherekit.errors import SolveError
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.angle_unwrapping import unwrap_motion
 from spherekit.positions.position_analysis import PositionAnalysis

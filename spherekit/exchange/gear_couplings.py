@@ -17,8 +17,8 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
-from spherekit.geometry.rotation import unit_rows
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import unit_rows
 from spherekit.mechanism.graph import find_spanning_tree
 
 SAME_AXIS_SINE = 1e-6

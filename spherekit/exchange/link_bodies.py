@@ -15,7 +15,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import Lines
 from spherekit.errors import ModelError
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.elements import Pair
 from spherekit.mechanism.graph import component_labels, find_spanning_tree
 from spherekit.mechanism.inertia import point_mass_inertia

@@ -24,7 +24,7 @@ from spherekit.exchange.gear_couplings import (
     find_gears,
 )
 from spherekit.exchange.mujoco_file import MASSLESS, ForeignModel, named
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.graph import component_labels, find_spanning_tree
 from spherekit.mechanism.inertia import shift_to_sphere_centre
 from spherekit.positions.loop_tree import LoopTree

@@ -21,8 +21,8 @@ from spherekit.exchange.link_bodies import (
     spokes,
 )
 from spherekit.exchange.mjcf_names import name_elements
-from spherekit.geometry.mirror import quaternion
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.rotation import quaternion
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.load import Called, Component, TorqueTable
 from spherekit.mechanism.load_kinds import (
     Damper,

@@ -33,7 +33,7 @@ from spherekit.designs.varied_mechanism import VariedMechanism
 from spherekit.errors import EngineError
 from spherekit.exchange.formula_expressions import Formulas, Mode, ModeTable, SmoothModes
 from spherekit.files.study import Crossings
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_mode import AssemblyMode

@@ -21,7 +21,7 @@ from spherekit.exchange.urdf_transmissions import (
     name_wheels,
     read_transmissions,
 )
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.wording import counted, listing
 
 KINDS = (*TURNING, "spherical", "ball", "fixed")

@@ -9,7 +9,7 @@ from numpy.polynomial.legendre import leggauss, legint, legval, legvander
 
 from spherekit.arrays import Floats, Indices
 from spherekit.geometry.parametric_curve import FourierPath, SplinePath
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 from spherekit.tolerances import EPS

@@ -9,8 +9,8 @@ from spherekit.geometry.region_margins import (
     select_margins,
     smallest_margins,
 )
-from spherekit.geometry.rotation import cross, max_abs, unit_rows
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import cross, max_abs, unit_rows
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.least_squares import minimize_squares
 from spherekit.tolerances import EPS

@@ -20,8 +20,8 @@ from spherekit.geometry.region_margins import (
     select_margins,
     smallest_margins,
 )
-from spherekit.geometry.rotation import cross, nans
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import cross, nans
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.chebyshev import find_real_zeros

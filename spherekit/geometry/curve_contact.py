@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.mirror import rotation_vector
 from spherekit.geometry.profile_curve import Curve
-from spherekit.geometry.rotation import transpose
+from spherekit.geometry.rotation import rotation_vector, transpose
 from spherekit.numerics.least_squares import minimize_squares
 
 FRAME_STEP_RAD = 0.03

@@ -19,15 +19,9 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats
 from spherekit.geometry.arc_length import ArcLength, integrated, measure
-from spherekit.geometry.parametric_curve import (
-    FourierPath,
-    Path,
-    SplinePath,
-    axes_about,
-    dot,
-)
+from spherekit.geometry.parametric_curve import FourierPath, Path, SplinePath, axes_about
 from spherekit.geometry.profile_curve import azimuth_panels, spline_fits
-from spherekit.geometry.rotation import cross
+from spherekit.geometry.vectors import cross, dot
 from spherekit.numerics.complex_step import add_complex_step, extract_derivative
 
 _POWER_DERIVATIVES = np.array(

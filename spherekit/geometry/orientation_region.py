@@ -23,8 +23,8 @@ from spherekit.geometry.region_margins import (
     require_positive,
     smallest_margins,
 )
-from spherekit.geometry.rotation import max_abs, unit_rows
 from spherekit.geometry.triangle_class import VALUE_SAFETY_FACTOR
+from spherekit.geometry.vectors import max_abs, unit_rows
 from spherekit.numerics.chebyshev import grid_points
 from spherekit.progress import ProgressReporter
 

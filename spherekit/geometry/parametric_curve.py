@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import cross
 from spherekit.geometry.triangle import frame_from
+from spherekit.geometry.vectors import cross, dot
 
 UNIT_TOLERANCE = 1e-6
 """Centres and points may differ from unit length by this much; they are normalised."""
@@ -175,11 +175,6 @@ def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
     c, s = np.cos(azimuth), np.sin(azimuth)
     x, y = axes[:, 0, None], axes[:, 1, None]
     return (c * x + s * y).T, (c * y - s * x).T
-
-
-def dot(a: Floats, b: Floats) -> Floats:
-    """Return the products (...) of vectors (..., 3), the same for one as for many."""
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def exact_frame(point: Floats, tangent: Floats) -> Floats:

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.parametric_curve import UNIT_TOLERANCE, FourierPath, SplinePath, dot
-from spherekit.geometry.rotation import cross
+from spherekit.geometry.parametric_curve import UNIT_TOLERANCE, FourierPath, SplinePath
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import cross, dot
 
 FEWEST_POINTS = 6
 """Fewest points of a curve through points: they fix one polynomial of degree 5."""

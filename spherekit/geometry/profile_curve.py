@@ -21,8 +21,8 @@ from spherekit.geometry.parametric_curve import (
     quintic,
 )
 from spherekit.geometry.profile_checks import check_colatitude, check_simple, checked_points
-from spherekit.geometry.rotation import all_finite
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import all_finite
 from spherekit.numerics.complex_step import add_complex_step, extract_derivative
 from spherekit.tolerances import EPS
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.geometry.profile_curve import Curve
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 
 ROUNDING = 1e-9

@@ -13,7 +13,6 @@ from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.geometry.border_point import find_corners, find_crossings
 from spherekit.geometry.border_segment import ORDERS, BorderSegments
 from spherekit.geometry.region_margins import MarginEvaluator, smallest_margins
-from spherekit.geometry.rotation import unit_rows
 from spherekit.geometry.sphere_mesh import (
     bisect_triangles,
     icosahedron,
@@ -22,6 +21,7 @@ from spherekit.geometry.sphere_mesh import (
     triangle_areas,
 )
 from spherekit.geometry.triangle_class import TriangleClass, classify_triangles
+from spherekit.geometry.vectors import unit_rows
 from spherekit.numerics.connectivity import order_chains
 from spherekit.tolerances import EPS
 

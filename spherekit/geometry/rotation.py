@@ -1,40 +1,140 @@
-"""Batched rotations: matrices (n, 3, 3) acting on columns, quaternions xyzw."""
+"""Rotations as matrices, quaternions and rotation vectors, in arrays of many.
 
-from typing import Any
+Matrices (..., 3, 3) act on column vectors. Quaternions (..., 4) have the components x, y,
+z, w. A rotation vector (..., 3) is the axis times the angle (rad).
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Array, Floats
+from spherekit.geometry.vectors import cross, unit_rows
 
+SMALL_ANGLE_SINE = 1e-4
+"""Sine of the angle below which angle / sine is computed from its series 1 + angle^2 / 6.
 
-def cross(a: Array, b: Array) -> Array:
-    """Return a x b for arrays (..., 3); much faster on small arrays than NumPy's own."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    x = ay * bz - az * by
-    out = np.empty((*x.shape, 3), dtype=x.dtype)
-    out[..., 0], out[..., 1], out[..., 2] = x, az * bx - ax * bz, ax * by - ay * bx
-    return out
+Larger: the omitted term 7 angle^4 / 360 exceeds the rounding error. Smaller: the
+quotient is used for smaller angles, and only the angle 0 has none.
+"""
+
+HALF_TURN_SINE = 1e-3
+"""Sine of an obtuse angle below which the axis is computed from the quaternion.
+
+The antisymmetric part of the matrix, from which the axis is computed otherwise, is
+proportional to the sine. Larger: quaternions are computed for more rotations. Smaller: the
+axis loses more digits near half a turn.
+"""
 
 
 def transpose(matrix: Floats) -> Floats:
-    """Return the inverse of rotation matrices (..., 3, 3)."""
+    """Return the transposes of matrices (..., 3, 3): the inverses of rotations."""
     return np.swapaxes(matrix, -1, -2)
 
 
-def from_quaternion(quaternions: Array) -> Array:
-    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4) xyzw.
+def about_z(angle: ArrayLike) -> Floats:
+    """Return the rotation matrices (..., 3, 3) about the z axis by angles (...), rad."""
+    angle = np.asarray(angle, dtype=float)
+    matrix = np.zeros((*angle.shape, 3, 3))
+    c = np.cos(angle)
+    s = np.sin(angle)
+    matrix[..., 0, 0] = c
+    matrix[..., 0, 1] = -s
+    matrix[..., 1, 0] = s
+    matrix[..., 1, 1] = c
+    matrix[..., 2, 2] = 1.0
+    return matrix
 
-    Complex ones are taken as they are: the squares of their parts must have the sum 1.
+
+def rotation_about_axis(axis: Floats, angle: ArrayLike) -> Floats:
+    """Return the rotation matrices (n, 3, 3) about one unit axis (3,) by angles (n,), rad.
+
+    Rodrigues' formula R = 1 + sin(angle) K + (1 - cos(angle)) K^2, where K v is the cross
+    product of the axis and v. The last factor is written as 2 sin^2(angle / 2), which keeps
+    its digits at small angles.
     """
-    vector, scalar = quaternions[..., :3], quaternions[..., 3, None, None]
+    angle = np.asarray(angle, dtype=float)[:, None, None]
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * K + 2.0 * np.sin(0.5 * angle) ** 2 * (K @ K)
+
+
+def from_quaternion(quaternions: Array) -> Array:
+    """Return the rotation matrices (..., 3, 3) of unit quaternions (..., 4) xyzw.
+
+    Complex quaternions are accepted. The sum of the squares of their components, without
+    conjugation, must be 1.
+    """
+    vector = quaternions[..., :3]
+    scalar = quaternions[..., 3, None, None]
     x, y, z = np.moveaxis(vector, -1, 0)
-    out = 2 * vector[..., :, None] * vector[..., None, :]
-    out += (2 * scalar * scalar - 1) * np.eye(3)
+    # R = 2 v v^T + (2 w^2 - 1) 1 + 2 w K, where K u is the cross product of v and u.
+    matrix = 2 * vector[..., :, None] * vector[..., None, :]
+    matrix += (2 * scalar * scalar - 1) * np.eye(3)
     zero = np.zeros_like(x)
-    skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
-    return out + 2 * scalar * skew.reshape(out.shape)
+    K = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
+    return matrix + 2 * scalar * K.reshape(matrix.shape)
+
+
+def quaternion(matrix: Floats) -> Floats:
+    """Return the unit quaternions (n, 4) xyzw of rotation matrices (n, 3, 3).
+
+    Of the two quaternions with opposite signs it is the one whose largest component is
+    positive. The result is NaN if the matrix is NaN.
+    """
+    trace = np.trace(matrix, axis1=1, axis2=2)[:, None]
+    # The symmetric matrix 4 q q^T: each of its rows is the quaternion q times a factor.
+    outer_products = np.empty((len(matrix), 4, 4))
+    outer_products[:, :3, :3] = (
+        matrix + transpose(matrix) + (1.0 - trace)[..., None] * np.eye(3)
+    )
+    row, column = [2, 0, 1], [1, 2, 0]
+    antisymmetric_part = matrix[:, row, column] - matrix[:, column, row]
+    outer_products[:, 3, :3] = antisymmetric_part
+    outer_products[:, :3, 3] = antisymmetric_part
+    outer_products[:, 3, 3:] = 1.0 + trace
+    # The row with the largest diagonal element has the smallest rounding error.
+    largest = np.argmax(np.diagonal(outer_products, axis1=1, axis2=2), axis=1)
+    return unit_rows(outer_products[np.arange(len(matrix)), largest])
+
+
+def rotation_vector(matrix: Floats) -> Floats:
+    """Return the rotation vectors (..., 3) of rotation matrices (..., 3, 3).
+
+    Their lengths are angles from 0 to pi. Small angles are accurate to rounding, which
+    closure residuals need.
+    """
+    r = matrix
+    # The vector of the antisymmetric part: the axis times twice the sine of the angle.
+    twice_sine_vector = np.empty(r.shape[:-1])
+    x = np.subtract(r[..., 2, 1], r[..., 1, 2], out=twice_sine_vector[..., 0])
+    y = np.subtract(r[..., 0, 2], r[..., 2, 0], out=twice_sine_vector[..., 1])
+    z = np.subtract(r[..., 1, 0], r[..., 0, 1], out=twice_sine_vector[..., 2])
+    sine = 0.5 * np.sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
+    angle = np.arctan2(sine, cosine)
+    is_small = sine < SMALL_ANGLE_SINE
+    angle_over_sine = np.where(
+        is_small, 1.0 + angle * angle / 6.0, angle / np.where(is_small, 1.0, sine)
+    )
+    vectors: Floats = 0.5 * angle_over_sine[..., None] * twice_sine_vector
+    is_half_turn = (cosine < 0.0) & (sine < HALF_TURN_SINE)
+    if np.any(is_half_turn):
+        xyzw = quaternion(r[is_half_turn])
+        # With w >= 0 the vector part points along the axis whose angle is at most pi.
+        axis = unit_rows(xyzw[:, :3] * np.where(xyzw[:, 3:] < 0.0, -1.0, 1.0))
+        vectors[is_half_turn] = axis * angle[is_half_turn][:, None]
+    return vectors
+
+
+def angles_between(first: Floats, second: Floats) -> Floats:
+    """Return the angles (n,), rad, of the rotations between two sets of orientations.
+
+    Parameters
+    ----------
+    first, second
+        (n, 3, 3) rotation matrices from body axes to fixed axes.
+    """
+    return np.linalg.norm(rotation_vector(second @ transpose(first)), axis=-1)
 
 
 def rotation_between_pairs(
@@ -62,62 +162,80 @@ def rotation_between_pairs(
 
 
 def log_rate(vector: Floats, w: Floats) -> Floats:
-    """Return the change d' (n, 3) of rotation vectors d as Q turns at w (n, 3).
+    """Return the derivatives of rotation vectors by time while the body rotates.
 
-    d' = w - d x w / 2 + c d x (d x w) with c = (1 - (a / 2) cot(a / 2)) / a^2 and a the
-    length of d, w the spatial angular velocity of Q (Bullo and Murray 1995, eq. 2.11). With
-    w in the axes of the rotated body the second term is added: it is that of -d.
+    The derivative of the vector d is d' = w - d x w / 2 + c d x (d x w), where
+    c = (1 - (a / 2) cot(a / 2)) / a^2 and a is the length of d.
+
+    Parameters
+    ----------
+    vector
+        (n, 3) rotation vectors d, rad.
+    w
+        (n, 3) angular velocities in fixed axes, rad/s. If w is in the axes of the body, the
+        derivative is log_rate(-d, w).
+
+    Returns
+    -------
+    (n, 3) derivatives d', rad/s.
+
+    References
+    ----------
+    F. Bullo, R. M. Murray, Proportional derivative (PD) control on the Euclidean group,
+    1995, eq. 2.11.
     """
-    first = cross(vector, w)
-    return w - 0.5 * first + _C(_square(vector)) * cross(vector, first)
+    first_product = cross(vector, w)
+    second_product = cross(vector, first_product)
+    return w - 0.5 * first_product + _SECOND_ORDER_FACTOR(_square(vector)) * second_product
 
 
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
-    """Return the change (n, 3) of `log_rate` for fixed w while d changes at `rate`."""
-    along = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
-    first, turned = cross(vector, w), cross(rate, w)
+    """Return the derivatives of `log_rate` by time while only the rotation vector changes.
+
+    Parameters
+    ----------
+    vector, rate
+        (n, 3) rotation vectors d, rad, and their derivatives by time, rad/s.
+    w
+        (n, 3) angular velocities, rad/s, which are constant here.
+
+    Returns
+    -------
+    (n, 3) derivatives, rad/s^2.
+    """
+    square = _square(vector)
+    square_rate = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
+    first_product = cross(vector, w)
+    first_product_rate = cross(rate, w)
     return (
-        -0.5 * turned
-        + _C_RATE(_square(vector)) * along * cross(vector, first)
-        + _C(_square(vector)) * (cross(rate, first) + cross(vector, turned))
+        -0.5 * first_product_rate
+        + _SECOND_ORDER_SLOPE(square) * square_rate * cross(vector, first_product)
+        + _SECOND_ORDER_FACTOR(square)
+        * (cross(rate, first_product) + cross(vector, first_product_rate))
     )
 
 
 def _square(vector: Floats) -> Floats:
+    """Return the squares (n, 1) of the lengths of vectors (n, 3)."""
     return np.sum(vector * vector, axis=1, keepdims=True)
 
 
-def _terms() -> list[float]:
-    """Return the first terms of c by the square of the angle, |B_2k| / (2k)!.
+def _second_order_coefficients() -> list[float]:
+    """Return the first 32 coefficients of the factor c of `log_rate` as a power series.
 
-    By Euler's rule for sums of even powers, from the convolution of those before.
+    The variable is the square of the angle. The coefficients are |B_2k| / (2k)! with the
+    Bernoulli numbers B_2k, for k = 1, 2, ... Euler's recurrence for the zeta function of
+    even numbers gives each from the convolution of those before it.
     """
-    terms = [1.0 / 12.0]
-    while len(terms) < 32:
-        terms.append(np.dot(terms, terms[::-1]) / (2 * len(terms) + 3))
-    return terms
+    coefficients = [1.0 / 12.0]
+    while len(coefficients) < 32:
+        convolution = np.dot(coefficients, coefficients[::-1])
+        coefficients.append(convolution / (2 * len(coefficients) + 3))
+    return coefficients
 
 
-_C = np.polynomial.Polynomial(_terms())
-"""The factor c of `log_rate`, exact to rounding for angles up to pi."""
-_C_RATE = _C.deriv()
+_SECOND_ORDER_FACTOR = np.polynomial.Polynomial(_second_order_coefficients())
+"""The factor c of `log_rate` by the square of the angle, exact to rounding up to pi."""
 
-
-def all_finite(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Any:
-    """Return whether numbers are finite: all, or all along some axes."""
-    return np.all(np.isfinite(values), axis=axis)
-
-
-def unit_rows(vectors: Floats) -> Floats:
-    """Return vectors (..., k) of length 1 along those given."""
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-
-
-def nans(shape: int | tuple[int, ...]) -> Floats:
-    """Return an array of numbers that are not known."""
-    return np.full(shape, np.nan)
-
-
-def max_abs(values: ArrayLike, axis: int | tuple[int, ...] | None = None) -> Any:
-    """Return the largest size of numbers, of all or along axes; 0 of none."""
-    return np.max(np.abs(values), axis=axis, initial=0.0)
+_SECOND_ORDER_SLOPE = _SECOND_ORDER_FACTOR.deriv()
+"""The derivative of the factor c by the square of the angle."""

@@ -11,9 +11,9 @@ from itertools import combinations
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import cross, unit_rows
 from spherekit.geometry.tilt_torsion import pointing
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import cross, unit_rows
 
 TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 """Corners of a triangle that its edges 12, 23 and 31 join."""

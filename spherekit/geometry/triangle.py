@@ -1,84 +1,149 @@
-"""The spherical triangle: the closed form behind every dyad (RR chain of two links)."""
+"""Great-circle arcs, frames along them, and the spherical triangle that closes a dyad.
+
+A dyad is a chain of two bodies and three R pairs. Its outer axes are known, and its bodies
+are the sides of a spherical triangle whose base is the arc between the outer axes.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.rotation import cross, transpose, unit_rows
+from spherekit.geometry.rotation import transpose
+from spherekit.geometry.vectors import cross, unit_rows
 from spherekit.tolerances import REACH_SLACK
+
+MIN_ARC_SINE = 1e-12
+"""Sine of the arc of a body below which its direction is only rounding.
+
+Larger: more dyads count as singular. Smaller: the angle at the middle axis can be an angle
+between two rounding errors.
+"""
 
 
 def frame_from(axis: Floats, tangent: Floats) -> Floats:
-    """Return frames (..., 3, 3) with columns tangent, axis x tangent, axis.
+    """Return frames (..., 3, 3) with the columns tangent, axis x tangent and axis.
 
-    `axis` and `tangent` are perpendicular unit vectors (..., 3).
+    Parameters
+    ----------
+    axis, tangent
+        (..., 3) unit vectors that are perpendicular to each other.
     """
     return np.stack([tangent, cross(axis, tangent), axis], axis=-1)
 
 
 def frame_toward(axis: Floats, other: Floats) -> Floats:
-    """Return frames (..., 3, 3) with the third column `axis`, the first toward `other`.
+    """Return frames (..., 3, 3) whose z axis is an axis and whose x axis points to another.
 
-    `axis` and `other` are unit vectors (..., 3); NaN where they lie on one line.
+    Parameters
+    ----------
+    axis
+        (..., 3) unit vectors, the third columns of the frames.
+    other
+        (..., 3) unit vectors. The first column is perpendicular to the axis and points
+        along the arc to `other`. The frame is NaN if both lie on one line.
     """
     return frame_from(axis, cross(unit_rows(cross(axis, other)), axis))
 
 
 def perpendicular(axis: Floats) -> Floats:
-    """Return one unit vector at right angles to each unit vector `axis` (..., 3)."""
+    """Return a unit vector perpendicular to each unit vector (..., 3).
+
+    It is also perpendicular to the coordinate axis that is most nearly perpendicular to the
+    given vector, so no digits are lost.
+    """
     return unit_rows(cross(axis, np.eye(3)[np.argmin(np.abs(axis), axis=-1)]))
 
 
 def arc(a: Floats, b: Floats) -> Floats:
-    """Return the angle (rad, 0 to pi) between unit vectors (..., 3), exact near 0, pi."""
+    """Return the angles (...), rad, from 0 to pi, between unit vectors (..., 3).
+
+    Unlike the arc cosine, the formula keeps all digits near 0 and pi.
+    """
     return np.arctan2(np.linalg.norm(cross(a, b), axis=-1), np.sum(a * b, axis=-1))
 
 
-SHORTEST = 1e-12
-"""Rounding alone turns a body whose arc (rad) is nearer to 0 or pi than this."""
+@dataclass(frozen=True)
+class TriangleAngles:
+    """Angles at the base of n spherical triangles.
+
+    Attributes
+    ----------
+    at_first, at_second
+        (n,) angles (rad, 0 to pi) at the first and the second end of the base; meaningless
+        if the triangle does not close.
+    closes
+        (n,) whether the sides satisfy the triangle inequalities and their sum is at most a
+        full turn, up to the slack.
+    """
+
+    at_first: Floats
+    at_second: Floats
+    closes: Bools
 
 
 def vertex_angles(
     base: Floats, near: Floats, far: Floats, slack: Floats | float = REACH_SLACK
-) -> tuple[Floats, Floats, Bools]:
-    """Return the angles at both ends of a triangle's base, and whether it closes.
+) -> TriangleAngles:
+    """Return the angles at both ends of the base of spherical triangles.
 
     Parameters
     ----------
     base, near, far
-        Sides (n,) in rad, 0 to pi: the base, the side at its first end, the side at
-        its second end.
+        (n,) sides (rad, 0 to pi): the base, the side at its first end and the side at its
+        second end.
     slack
-        (n,) rad, what the sides may be off by.
-
-    Returns
-    -------
-    at_first, at_second
-        Angles (n,) in rad, 0 to pi; meaningless where the triangle does not close.
-    closes
-        (n,) whether the sides satisfy the triangle inequalities and sum to at most a
-        full turn, up to the slack.
+        Error (rad) of the sides that is accepted, (n,) or the same for all.
 
     Notes
     -----
-    Half-angle form, free of cancellation for small sides:
-    tan^2(A/2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), s half the perimeter.
+    The half-angle formula tan^2(A / 2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), where
+    s is half the perimeter, has no cancellation for small sides.
     """
-    half = 0.5 * (base + near + far)
-    parts = np.stack([half - base, half - near, half - far, np.pi - half])
-    closes = np.all(parts >= -slack, axis=0)
-    by_base, by_near, by_far, total = np.sin(np.clip(parts, 0.0, np.pi))
-    at_first = 2 * np.arctan2(np.sqrt(by_near * by_base), np.sqrt(total * by_far))
-    at_second = 2 * np.arctan2(np.sqrt(by_far * by_base), np.sqrt(total * by_near))
-    return at_first, at_second, closes
+    half_perimeter = 0.5 * (base + near + far)
+    differences = np.stack(
+        [
+            half_perimeter - base,
+            half_perimeter - near,
+            half_perimeter - far,
+            np.pi - half_perimeter,
+        ]
+    )
+    closes = np.all(differences >= -slack, axis=0)
+    sine_base, sine_near, sine_far, sine_total = np.sin(np.clip(differences, 0.0, np.pi))
+    at_first = 2 * np.arctan2(
+        np.sqrt(sine_near * sine_base), np.sqrt(sine_total * sine_far)
+    )
+    at_second = 2 * np.arctan2(
+        np.sqrt(sine_far * sine_base), np.sqrt(sine_total * sine_near)
+    )
+    return TriangleAngles(at_first, at_second, closes)
 
 
-def _frame_toward(outer: Floats, middle: Floats) -> Floats:
-    """Return frames with z along an axis and the other, if it lies aside, at positive x."""
-    with np.errstate(invalid="ignore"):
-        frames = frame_toward(outer, middle)
-    lost = np.isnan(frames[:, 0, 0])
-    frames[lost] = frame_from(outer[lost], perpendicular(outer[lost]))
-    return frames
+@dataclass(frozen=True)
+class DyadClosure:
+    """Orientations of the two bodies of n dyads, and measures of their quality.
+
+    Attributes
+    ----------
+    near_rotation, far_rotation
+        (n, 3, 3) rotations from the axes of each body to base axes.
+    sine
+        (n,) sine of the angle between the arcs of the two bodies at the middle axis. It is
+        0 at a dead centre of the dyad, and if an arc is too short to have a direction.
+    slenderness
+        (n,) smallest over largest sine of the three sides of the triangle. Directions along
+        the shortest side lose digits in this ratio.
+    closes
+        (n,) whether the arcs reach each other. If they do and the whole dyad can rotate
+        about one line, one of infinitely many configurations is returned.
+    """
+
+    near_rotation: Floats
+    far_rotation: Floats
+    sine: Floats
+    slenderness: Floats
+    closes: Bools
 
 
 def close_dyad(
@@ -88,62 +153,76 @@ def close_dyad(
     far: tuple[Floats, Floats],
     sign: Floats | float,
     slack: Floats | float = REACH_SLACK,
-) -> tuple[Floats, Floats, Floats, Floats, Bools]:
-    """Place the two bodies of a dyad between two known axes.
+) -> DyadClosure:
+    """Compute the orientations of the two bodies of a dyad between two known axes.
 
     Parameters
     ----------
     first, second
-        Unit axes (n, 3) of the outer pairs, in base axes.
+        (n, 3) unit axes of the outer pairs, in base axes.
     near, far
-        In the axes of the bodies at `first` and `second`: the outer and the middle axis,
-        (n, 3).
+        Outer axis and middle axis (n, 3) of the body at `first` and of the body at
+        `second`, each in the axes of its body.
     sign
-        +1 or -1, or (n,) of these: the sign of middle . (first x second), which names the
-        assembly mode.
+        +1 or -1, or (n,) of these: the sign of middle . (first x second), which determines
+        the assembly mode.
     slack
-        (n,) rad, what the outer axes may be off by.
-
-    Returns
-    -------
-    near_rotation, far_rotation
-        (n, 3, 3) from body axes to base axes.
-    sine
-        (n,) sine of the angle between the two bodies' arcs at the middle axis, 0 at the
-        dead centre of the dyad and where an arc is too short to tell.
-    slenderness
-        (n,) smallest over largest sine of the three sides of the triangle. Directions along
-        the shortest side have so much fewer digits.
-    closes
-        (n,) whether the arcs can reach each other. Where they can and the dyad can turn
-        about one line, one of infinitely many configurations is returned.
+        Error (rad) of the outer axes that is accepted, (n,) or the same for all.
     """
-    # first x second, to rounding of its own size where the axes nearly coincide
-    across = 0.5 * cross(first + second, second - first)
-    length = np.linalg.norm(across, axis=-1, keepdims=True)
-    normal = across / np.where(length > 0.0, length, 1.0)
-    base = np.arctan2(length[..., 0], np.sum(first * second, axis=-1))
-    side_near, side_far = arc(*near), arc(*far)
-    at_first, at_second, closes = vertex_angles(base, side_near, side_far, slack)
-    free = length[:, 0] <= REACH_SLACK
-    if np.any(free):
-        normal[free] = perpendicular(first[free])
-        at_first[free] = at_second[free] = 0.5 * np.pi
+    # This equals first x second, but its rounding error is small compared with itself even
+    # if the axes nearly coincide.
+    outer_product = 0.5 * cross(first + second, second - first)
+    base_sine = np.linalg.norm(outer_product, axis=-1, keepdims=True)
+    normal = outer_product / np.where(base_sine > 0.0, base_sine, 1.0)
+    base_sine = base_sine[:, 0]
+    base = np.arctan2(base_sine, np.sum(first * second, axis=-1))
+    near_side = arc(*near)
+    far_side = arc(*far)
+    angles = vertex_angles(base, near_side, far_side, slack)
 
-    def placed(
-        axis: Floats, toward: Floats, angle: Floats, body: tuple[Floats, Floats]
+    # If the outer axes lie on one line, the whole dyad can rotate about it. Any plane is
+    # chosen for it.
+    is_free = base_sine <= REACH_SLACK
+    if np.any(is_free):
+        normal[is_free] = perpendicular(first[is_free])
+        angles.at_first[is_free] = 0.5 * np.pi
+        angles.at_second[is_free] = 0.5 * np.pi
+
+    def orient_body(
+        axis: Floats, base_tangent: Floats, angle: Floats, body: tuple[Floats, Floats]
     ) -> Floats:
-        swing = (sign * np.sin(angle))[:, None]
-        tangent = np.cos(angle)[:, None] * toward + swing * normal
-        return frame_from(axis, tangent) @ transpose(_frame_toward(*body))
+        """Rotate a body about its outer axis by an angle from the base of the triangle."""
+        normal_part = (sign * np.sin(angle))[:, None]
+        tangent = np.cos(angle)[:, None] * base_tangent + normal_part * normal
+        return frame_from(axis, tangent) @ transpose(_body_frame(*body))
 
-    near_rotation = placed(first, cross(normal, first), at_first, near)
-    far_rotation = placed(second, -cross(normal, second), at_second, far)
-    sides = np.sin([side_near, side_far])
-    height = np.sin(base) * np.sin(at_first) * sides[0]
-    told = ~free & np.all(sides >= SHORTEST, axis=0)
-    sine = np.where(told, height / np.where(told, sides[0] * sides[1], 1.0), 0.0)
-    every_side = np.array([length[:, 0], *np.broadcast_arrays(*np.abs(sides))])
-    largest = np.max(every_side, axis=0)
-    slenderness = np.min(every_side, axis=0) / np.where(largest > 0.0, largest, 1.0)
-    return near_rotation, far_rotation, sine, slenderness, closes
+    near_rotation = orient_body(first, cross(normal, first), angles.at_first, near)
+    far_rotation = orient_body(second, -cross(normal, second), angles.at_second, far)
+
+    side_sines = np.sin([near_side, far_side])
+    # Sine of the height of the triangle above its base.
+    height = np.sin(base) * np.sin(angles.at_first) * side_sines[0]
+    has_direction = ~is_free & np.all(side_sines >= MIN_ARC_SINE, axis=0)
+    sine = np.where(
+        has_direction,
+        height / np.where(has_direction, side_sines[0] * side_sines[1], 1.0),
+        0.0,
+    )
+    all_sines = np.array([base_sine, *np.broadcast_arrays(*np.abs(side_sines))])
+    largest = np.max(all_sines, axis=0)
+    slenderness = np.min(all_sines, axis=0) / np.where(largest > 0.0, largest, 1.0)
+    return DyadClosure(near_rotation, far_rotation, sine, slenderness, angles.closes)
+
+
+def _body_frame(outer: Floats, middle: Floats) -> Floats:
+    """Return frames (n, 3, 3) of bodies with z along the outer axis, x to the middle axis.
+
+    If both axes lie on one line, the x axis is any direction perpendicular to them.
+    """
+    with np.errstate(invalid="ignore"):
+        frames = frame_toward(outer, middle)
+    is_undefined = np.isnan(frames[:, 0, 0])
+    frames[is_undefined] = frame_from(
+        outer[is_undefined], perpendicular(outer[is_undefined])
+    )
+    return frames

@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import cross, max_abs
+from spherekit.geometry.vectors import cross, max_abs
 
 VALUE_SAFETY_FACTOR = 3.0
 """Bound of the error of an interpolated margin, over the largest error at the check points.

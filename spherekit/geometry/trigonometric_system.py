@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Bools, Complexes, Floats, Indices
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 
 Numbers = NDArray[np.inexact[Any]]
 

@@ -10,7 +10,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import cross
+from spherekit.geometry.vectors import cross
 
 SAME_AXIS_RAD = 1e-9
 """Angle (rad) below which two axes are the same axis.

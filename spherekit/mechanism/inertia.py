@@ -6,8 +6,8 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
-from spherekit.geometry.rotation import cross, max_abs
 from spherekit.geometry.triangle import frame_from
+from spherekit.geometry.vectors import cross, max_abs
 from spherekit.mechanism.sizes import Vector, check_finite
 
 PARALLEL_AXES_SINE = 1e-9

@@ -22,7 +22,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats
 from spherekit.errors import ModelError
 from spherekit.geometry.profile_curve import Curve
-from spherekit.geometry.rotation import all_finite, cross
+from spherekit.geometry.vectors import all_finite, cross
 
 PairType = Literal["R", "Cr", "Cs"]
 Ends = tuple[float, float]

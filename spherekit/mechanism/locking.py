@@ -10,7 +10,7 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
-from spherekit.geometry.tilt_torsion import about_z
+from spherekit.geometry.rotation import about_z
 from spherekit.mechanism.changed_axes import _NONE, Turns, restated, turned
 from spherekit.mechanism.elements import (
     Angles,

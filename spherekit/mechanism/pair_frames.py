@@ -12,9 +12,9 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
-from spherekit.geometry.rotation import cross
-from spherekit.geometry.tilt_torsion import about_z
+from spherekit.geometry.rotation import about_z
 from spherekit.geometry.triangle import frame_from, perpendicular
+from spherekit.geometry.vectors import cross
 from spherekit.mechanism.elements import LinkSizes, Pair, SizeGeometry, as_vector
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.sizes import Vector

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import cross
+from spherekit.geometry.vectors import cross
 from spherekit.mechanism.elements import PoseGeometry
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import COLLINEAR_SINE

@@ -13,8 +13,8 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
 from spherekit.geometry.profile_curve import Curve
-from spherekit.geometry.rotation import cross
-from spherekit.geometry.tilt_torsion import about_z
+from spherekit.geometry.rotation import about_z
+from spherekit.geometry.vectors import cross
 from spherekit.mechanism.elements import Angles, Pair, PoseGeometry
 from spherekit.mechanism.joint import Ends
 from spherekit.mechanism.joint_construction import make_contact_curves

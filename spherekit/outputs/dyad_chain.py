@@ -16,8 +16,8 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.geometry.dyad_axis import HalfAngle
-from spherekit.geometry.rotation import cross
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import cross
 from spherekit.mechanism.joint import Revolute
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import COLLINEAR_SINE

@@ -18,10 +18,9 @@ from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import Names
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
-from spherekit.geometry.mirror import angles_between, quaternion
-from spherekit.geometry.rotation import all_finite, max_abs, unit_rows
-from spherekit.geometry.tilt_torsion import rotation
+from spherekit.geometry.rotation import angles_between, quaternion, rotation_about_axis
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
 from spherekit.mechanism.mechanism import chosen_output
 from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.rotation_path import (
@@ -435,7 +434,7 @@ def follow_rotation(
     path = RotationPath(
         output_link=output_link,
         axis=unit_axis,
-        start=rotation(unit_axis, [lead])[0] @ deviation.orientations[0],
+        start=rotation_about_axis(unit_axis, [lead])[0] @ deviation.orientations[0],
         exact=bool(deviation.rates(unit_axis).follows[0]),
     )
     transmission = Transmission.of(

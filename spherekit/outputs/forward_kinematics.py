@@ -18,7 +18,8 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
-from spherekit.geometry.rotation import all_finite, nans, transpose
+from spherekit.geometry.rotation import transpose
+from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism, chosen_output
 from spherekit.numerics.angles import wrap

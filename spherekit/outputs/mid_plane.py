@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats
 from spherekit.geometry.direction_region import find_region
 from spherekit.geometry.mirror import upward
-from spherekit.geometry.rotation import cross, nans
+from spherekit.geometry.vectors import cross, nans
 from spherekit.numerics.angles import wrap
 from spherekit.tolerances import REACH_SLACK
 

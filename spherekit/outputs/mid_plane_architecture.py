@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Floats
 from spherekit.errors import SolveError
 from spherekit.geometry.mirror import mirror_angles, mirror_of, reflections, upward
-from spherekit.geometry.rotation import cross, nans, transpose
+from spherekit.geometry.rotation import rotation_about_axis, transpose
 from spherekit.geometry.sphere_mesh import spiral_directions
-from spherekit.geometry.tilt_torsion import rotation
 from spherekit.geometry.triangle import frame_toward
+from spherekit.geometry.vectors import cross, nans
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint import Joint, revolute, revolutes
 from spherekit.mechanism.mechanism import Mechanism
@@ -274,7 +274,7 @@ class MidPlaneArchitecture:
         """
 
         def followed(lead: float) -> FollowedRotation:
-            normals = rotation(self.frame.T @ axis, [-0.5 * lead]) @ start
+            normals = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead]) @ start
             (values,), _ = self.values(self.place(normals, modes))
             name = self.output.name
             return follow_rotation(self.mechanism, values, axis, angle, name, lead)

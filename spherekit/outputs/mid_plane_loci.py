@@ -18,9 +18,9 @@ import numpy as np
 from spherekit.arrays import Floats, Indices, Integers
 from spherekit.completeness import Completeness, Guarantee, TimeLimit
 from spherekit.errors import ModelError
-from spherekit.geometry.rotation import all_finite, cross, nans, unit_rows
 from spherekit.geometry.sphere_mesh import hemisphere, list_edges
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import all_finite, cross, nans, unit_rows
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.connectivity import order_chains

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import cross
+from spherekit.geometry.vectors import cross
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint import revolute
 from spherekit.mechanism.mechanism import Mechanism

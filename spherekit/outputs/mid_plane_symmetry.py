@@ -18,8 +18,8 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
-from spherekit.geometry.rotation import cross, max_abs, unit_rows
 from spherekit.geometry.triangle import arc, frame_from
+from spherekit.geometry.vectors import cross, max_abs, unit_rows
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint, revolute

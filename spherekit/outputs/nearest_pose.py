@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.rotation import unit_rows
+from spherekit.geometry.vectors import unit_rows
 
 Margins = Callable[[Floats], Floats]
 """A function that returns the margins (n, bounds) of poses (n, 3 or 4).

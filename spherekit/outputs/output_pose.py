@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from spherekit.arrays import Bools, Floats
 from spherekit.errors import SolveError, SpherekitError
-from spherekit.geometry.mirror import angles_between, normal_at, upward
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.mirror import normal_at, upward
+from spherekit.geometry.rotation import angles_between
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap

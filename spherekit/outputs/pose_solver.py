@@ -6,7 +6,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError, SolveError
-from spherekit.geometry.rotation import nans
+from spherekit.geometry.vectors import nans
 from spherekit.mechanism.mechanism import Mechanism, chosen_output
 from spherekit.outputs.dyad_chain import rates_of_turns
 from spherekit.outputs.dyad_solver import DyadKinematics, geared

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import all_finite, max_abs
-from spherekit.geometry.tilt_torsion import rotation
+from spherekit.geometry.rotation import rotation_about_axis
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.hermite import quintic_hermite
 from spherekit.numerics.minima import minimize_in_brackets
@@ -270,7 +270,7 @@ class RotationPath:
 
     def target_orientations(self, theta: Floats) -> Floats:
         """Return the target orientations (n, 3, 3) at angles (n,) in rad."""
-        return rotation(self.axis, theta) @ self.start
+        return rotation_about_axis(self.axis, theta) @ self.start
 
     def find_nearest(self, theta: Floats, guess: Floats) -> tuple[TargetDeviation, Floats]:
         """Return the configurations nearest to the targets, by Newton's method.

@@ -18,7 +18,7 @@ from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import Names
 from spherekit.errors import SolveError
 from spherekit.files.time_law import Cycloidal, Law, Polynomial
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 from spherekit.numerics.zeros import find_zeros
 from spherekit.outputs.fixed_axis_rotation import RotationSamples, check_range

@@ -18,15 +18,13 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.mirror import rotation_vector
 from spherekit.geometry.rotation import (
-    all_finite,
-    cross,
     log_rate,
     log_rate_change,
-    max_abs,
+    rotation_vector,
     transpose,
 )
+from spherekit.geometry.vectors import all_finite, cross, max_abs
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism

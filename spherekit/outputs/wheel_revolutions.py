@@ -12,7 +12,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.planning.gear_mesh import SAME_LENGTH
 from spherekit.positions.gear_phases import (

@@ -10,7 +10,8 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.direction_region import Region, find_region
 from spherekit.geometry.orientation_region import Orientations, find_orientations
-from spherekit.geometry.rotation import from_quaternion, nans
+from spherekit.geometry.rotation import from_quaternion
+from spherekit.geometry.vectors import nans
 from spherekit.outputs.dyad_chain import Signs
 from spherekit.outputs.nearest_pose import Margins, NearestPoseSearch
 from spherekit.outputs.pose_constraints import AngleLimit, ClosedKinematics, left_of

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spherekit.arrays import Floats, Integers
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 
 SAME_LENGTH = 1e-7
 """Lengths (rad) that differ by less are one."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.coaxial_links import (
     SAME_AXIS_RAD,
     are_same_line,

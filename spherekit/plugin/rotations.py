@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     from spherekit.geometry.mirror import mirror_angles as mirror_angles
     from spherekit.geometry.mirror import normal_at as normal_at
     from spherekit.geometry.mirror import normals_of as normals_of
-    from spherekit.geometry.mirror import quaternion as quaternion
     from spherekit.geometry.rotation import from_quaternion as from_quaternion
+    from spherekit.geometry.rotation import quaternion as quaternion
     from spherekit.geometry.tilt_torsion import azimuth_tilt as azimuth_tilt
     from spherekit.geometry.tilt_torsion import from_tilt_torsion as from_tilt_torsion
     from spherekit.geometry.tilt_torsion import pointing as pointing

@@ -17,7 +17,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
-from spherekit.geometry.rotation import all_finite, max_abs, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.group_conditioning import group_reciprocal_condition
 from spherekit.positions.input_revolutions import whole_laps

@@ -20,13 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Array, Complexes, Floats, Indices
-from spherekit.geometry.parametric_curve import dot
-from spherekit.geometry.rotation import cross, rotation_between_pairs, transpose
+from spherekit.geometry.rotation import rotation_between_pairs, transpose
 from spherekit.geometry.trigonometric_system import (
     angle_factors,
     find_all_angles,
     jacobian_determinants,
 )
+from spherekit.geometry.vectors import cross, dot
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.planning.assembly_plan import Group
 from spherekit.positions.elimination_order import BinaryLink, EliminationOrder

@@ -16,7 +16,7 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.errors import SolveError
 from spherekit.geometry.arc_length import ArcLength, integrated
-from spherekit.geometry.rotation import all_finite, max_abs, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.numerics.hermite import quintic_hermite
 from spherekit.numerics.zeros import Zeros, find_zeros
 from spherekit.positions.curve_segment import (

@@ -27,7 +27,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.input_revolutions import whole_laps

@@ -18,7 +18,7 @@ from spherekit.arrays import Floats, Integers
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.conventions import Names
 from spherekit.errors import SolveError
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_enumeration import RANGE_ROUNDS, assemblies, random_starts
 from spherekit.positions.assembly_mode import AssemblyMode

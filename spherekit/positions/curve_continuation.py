@@ -14,7 +14,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import SolveError
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_segment import (
     CurvePoints,

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.geometry.rotation import all_finite, max_abs, unit_rows
+from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
 from spherekit.positions.curve_segment import bordered_step
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.loop_closure import Closure, newton

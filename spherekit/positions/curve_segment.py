@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import unit_rows
+from spherekit.geometry.vectors import unit_rows
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.linearisation import Linearisation

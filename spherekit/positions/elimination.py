@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.rotation import max_abs
 from spherekit.geometry.trigonometric_system import find_near_real_angles
+from spherekit.geometry.vectors import max_abs
 from spherekit.planning.assembly_plan import Group
 from spherekit.positions.arc_equations import GroupGeometry
 from spherekit.positions.elimination_order import find_binary_links, find_elimination_orders

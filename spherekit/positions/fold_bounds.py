@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import all_finite, cross, max_abs
+from spherekit.geometry.vectors import all_finite, cross, max_abs
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
 from spherekit.tolerances import EPS

@@ -17,7 +17,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
-from spherekit.geometry.rotation import nans
+from spherekit.geometry.vectors import nans
 from spherekit.mechanism.joint import MAX_TEETH, Joint
 from spherekit.planning.gear_mesh import SAME_LENGTH
 from spherekit.planning.wheel_train import GearTrain

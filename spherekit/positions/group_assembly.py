@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
-from spherekit.geometry.rotation import nans, transpose
-from spherekit.geometry.tilt_torsion import about_z
+from spherekit.geometry.rotation import about_z, transpose
 from spherekit.geometry.triangle import close_dyad
+from spherekit.geometry.vectors import nans
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint, revolute
 from spherekit.mechanism.mechanism import Mechanism
@@ -198,7 +198,7 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
         frame = (joint.first, joint.second)[side]
         return state.within[state.ends[pair][side]] @ frame[:, 2]
 
-    near_rotation, far_rotation, sine, slenderness, closes = close_dyad(
+    closure = close_dyad(
         pair_axis(near, 0),
         pair_axis(far, 0),
         (pair_axis(near, 1), pair_axis(middle, 1)),
@@ -208,14 +208,14 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
     )
     # Near a dead centre, errors grow by the reciprocal of the sine, and at it to their
     # square root.
-    grown_slack = state.slack / np.maximum(sine, np.sqrt(REACH_SLACK))
+    grown_slack = state.slack / np.maximum(closure.sine, np.sqrt(REACH_SLACK))
     state.slack = np.minimum(grown_slack, np.sqrt(REACH_SLACK))
-    state.slenderness = np.minimum(state.slenderness, slenderness)
-    rotations = np.broadcast_arrays(np.eye(3), near_rotation, far_rotation)
+    state.slenderness = np.minimum(state.slenderness, closure.slenderness)
+    rotations = np.broadcast_arrays(np.eye(3), closure.near_rotation, closure.far_rotation)
     state.merge(group, np.stack(rotations, axis=1))
     state.read_values(group)
-    state.is_open |= ~closes
-    return sine
+    state.is_open |= ~closure.closes
+    return closure.sine
 
 
 def group_variables(state: AssemblyState, group: Group) -> list[int]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.positions.linear_equations import left_inverse
 
 MIN_RELATIVE_SPREAD = 1e-9

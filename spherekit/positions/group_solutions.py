@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import Group
 from spherekit.positions.elimination import solve_by_elimination

@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.errors import SolveError
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.elements import Input
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import counted, listing

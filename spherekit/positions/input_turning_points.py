@@ -20,7 +20,7 @@ import numpy as np
 
 from spherekit.arrays import Complexes, Floats
 from spherekit.completeness import Completeness, Guarantee
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.joint import revolute
 from spherekit.numerics.sign_changes import MAX_CELLS, find_sign_changes
 from spherekit.positions.arc_equations import GroupGeometry

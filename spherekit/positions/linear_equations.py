@@ -3,7 +3,7 @@
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import all_finite, nans
+from spherekit.geometry.vectors import all_finite, nans
 
 REDUNDANT_EQUATION_RATIO = 1e-10
 """Singular values of redundant equations below this part of the largest count as zero.

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.mirror import rotation_vector
-from spherekit.geometry.rotation import max_abs, transpose
+from spherekit.geometry.rotation import rotation_vector, transpose
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.joint import Joint, Kind, PairStates
 from spherekit.positions.loop_tree import LoopTree
 from spherekit.positions.pair_states import (

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.joint import Joint
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.linear_equations import solve_least_norm

@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import Facts
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.assembly_mode import AssemblyMode

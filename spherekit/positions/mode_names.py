@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.conventions import Names
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.mode_predictor import ModeOverGrid

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spherekit.arrays import Floats, Indices, SmallIntegers
-from spherekit.geometry.rotation import all_finite, max_abs, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.numerics.hermite import cubic_hermite
 from spherekit.positions.curve_crossing import find_outgoing_points
 from spherekit.positions.input_grid import InputGrid

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.errors import PlanError, SolveError
-from spherekit.geometry.rotation import max_abs, nans
+from spherekit.geometry.vectors import max_abs, nans
 from spherekit.mechanism.elements import PoseGeometry
 from spherekit.numerics.angles import wrap
 from spherekit.planning.mobility import graph_mobility, inputs_to_declare

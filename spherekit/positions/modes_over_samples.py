@@ -15,7 +15,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.completeness import Completeness, Guarantee
-from spherekit.geometry.rotation import nans
+from spherekit.geometry.vectors import nans
 from spherekit.positions.assembly_enumeration import (
     MOST_ASSEMBLY_MODES,
     RANGE_ROUNDS,

@@ -10,8 +10,8 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.errors import SolveError
-from spherekit.geometry.mirror import quaternion
-from spherekit.geometry.rotation import all_finite, nans
+from spherekit.geometry.rotation import quaternion
+from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.joint import Joint
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows

@@ -29,7 +29,7 @@ from typing import ClassVar, Generic, TypeVar
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
-from spherekit.geometry.rotation import all_finite, max_abs, unit_rows
+from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.positions.configuration_curve import between
 from spherekit.positions.curve_segment import CurvePoints

@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.conventions import TURN
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.joint_construction import make_joints_in_pose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap

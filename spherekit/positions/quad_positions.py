@@ -25,6 +25,7 @@ from spherekit.arrays import Array, Bools, Floats, SmallIntegers
 from spherekit.files.mechanism_writer import canonical_text
 from spherekit.files.toml_document import Document, LiteralNumber, parse
 from spherekit.geometry.dyad_axis import HalfAngle, middle_axis
+from spherekit.geometry.vectors import dot
 from spherekit.mechanism.elements import LinkSizes, PoseGeometry
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
@@ -226,11 +227,6 @@ def _frame(axis: Array, first: Array) -> Array:
     `axis` is z and `first` is x. Both are unit vectors at right angles.
     """
     return np.stack([first, np.cross(axis, first), axis], axis=-1)
-
-
-def dot(a: Array, b: Array) -> Array:
-    """Return scalar products (...) of vectors (..., 3)."""
-    return np.sum(a * b, axis=-1)
 
 
 def _normalize(a: Array) -> Array:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.least_squares import minimize_squares
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.pair_states import has_penetration, list_rolling_variables

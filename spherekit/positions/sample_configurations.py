@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import all_finite, max_abs
 from spherekit.geometry.trigonometric_system import estimate_real_angles
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import Group
 from spherekit.positions.arc_equations import GroupGeometry

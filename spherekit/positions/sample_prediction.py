@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 

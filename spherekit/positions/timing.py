@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.files.time_law import TimeLaw
-from spherekit.geometry.rotation import nans
+from spherekit.geometry.vectors import nans
 from spherekit.numerics.array_rows import ArrayRows
 
 

@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import max_abs, nans
+from spherekit.geometry.vectors import max_abs, nans
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.mode_predictor import ModeCurve
 from spherekit.positions.motion import Motion

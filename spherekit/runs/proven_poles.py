@@ -10,7 +10,7 @@ import numpy as np
 from spherekit.arrays import Array
 from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.progress import ProgressReporter

@@ -18,7 +18,7 @@ from spherekit.dynamics.simulation_start import make_input_torques
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.study import Study
 from spherekit.files.time_law import ConstantSpeed, Law
-from spherekit.geometry.rotation import nans
+from spherekit.geometry.vectors import nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at

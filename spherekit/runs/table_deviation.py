@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.tables.table import Column, Table, Tables, arrays
 from spherekit.tolerances import EPS

@@ -16,7 +16,7 @@ from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN, Facts, Names
 from spherekit.errors import AnalysisError
 from spherekit.files.study import DEFAULT_TOLERANCE, Study
-from spherekit.geometry.rotation import all_finite, max_abs
+from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import FEWEST as DIGITS
 from spherekit.runs import batch_runner

@@ -18,7 +18,7 @@ import numpy as np
 from spherekit.arrays import Array, Floats, Indices
 from spherekit.conventions import TURN, Facts
 from spherekit.errors import AnalysisError, SpherekitError
-from spherekit.geometry.rotation import nans
+from spherekit.geometry.vectors import nans
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.pole_plan import Pole

@@ -7,7 +7,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.escaping import markdown_text
-from spherekit.geometry.mirror import quaternion
+from spherekit.geometry.rotation import quaternion
 from spherekit.geometry.triangle import arc, frame_toward
 from spherekit.mechanism.graph import layout_graph
 from spherekit.mechanism.joint_construction import make_joints

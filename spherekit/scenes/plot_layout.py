@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.rotation import max_abs, nans
+from spherekit.geometry.vectors import max_abs, nans
 from spherekit.scenes.scene import Range
 
 LONELY = {"curves": 16.0, "colours": 5.0}

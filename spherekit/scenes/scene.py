@@ -15,7 +15,8 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Integers
 from spherekit.conventions import Facts, Names
-from spherekit.geometry.rotation import all_finite, from_quaternion
+from spherekit.geometry.rotation import from_quaternion
+from spherekit.geometry.vectors import all_finite
 from spherekit.tables.column_units import in_signs
 from spherekit.tables.table import IN_DEGREES
 

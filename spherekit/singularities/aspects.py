@@ -14,7 +14,7 @@ from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
 from spherekit.completeness import TimeLimit
 from spherekit.conventions import TURN
 from spherekit.errors import AnalysisError
-from spherekit.geometry.rotation import max_abs, nans
+from spherekit.geometry.vectors import max_abs, nans
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.connectivity import label_components

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.rotation import cross, max_abs
+from spherekit.geometry.vectors import cross, max_abs
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.singularities.input_output_relation import (
     AXES,

@@ -13,8 +13,7 @@ from typing import Literal
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.parametric_curve import dot
-from spherekit.geometry.rotation import all_finite, cross
+from spherekit.geometry.vectors import all_finite, cross, dot
 from spherekit.planning.pole_plan import Pole, pole_of
 
 AXES = ("os", "ir", "io", "or_", "is_", "rs")

@@ -16,8 +16,8 @@ from itertools import chain, product
 import numpy as np
 
 from spherekit.arrays import Floats, Integers
-from spherekit.geometry.rotation import all_finite, cross, max_abs, nans
 from spherekit.geometry.triangle import arc
+from spherekit.geometry.vectors import all_finite, cross, max_abs, nans
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.numerics.angles import wrap
 from spherekit.planning.pole_plan import pole_of

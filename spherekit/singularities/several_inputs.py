@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
-from spherekit.geometry.rotation import all_finite, cross, nans
+from spherekit.geometry.vectors import all_finite, cross, nans
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.positions.input_revolutions import in_range, into_range

@@ -16,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import PlanError
-from spherekit.geometry.rotation import cross, max_abs, nans
+from spherekit.geometry.vectors import cross, max_abs, nans
 from spherekit.planning.pole_plan import Plan, Pole, ordered_pole, pole_of
 from spherekit.planning.pole_planner import plan
 from spherekit.positions.configuration_curve import ArcCurve

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.positions.configuration_curve import NEAR, Chords
 from spherekit.positions.curve_segment import CurvePoints

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.completeness import TimeLimit
 from spherekit.errors import CountError
-from spherekit.geometry.rotation import all_finite, max_abs, unit_rows
+from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.assembly_plan import plan_assembly

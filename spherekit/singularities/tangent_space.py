@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly
 from spherekit.planning.submechanism import moving_pairs

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.geometry.vectors import dot
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.motion import Motion
-from spherekit.positions.quad_positions import QuadAssembly, dot, rotated
+from spherekit.positions.quad_positions import QuadAssembly, rotated
 from spherekit.status import Status
 from spherekit.tolerances import EPS
 from spherekit.velocities.pole_field import POLE_ERRORS

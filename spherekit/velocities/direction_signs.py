@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.numerics.hermite import cubic_hermite
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion

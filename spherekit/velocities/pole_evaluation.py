@@ -13,7 +13,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import SolveError
-from spherekit.geometry.rotation import nans
+from spherekit.geometry.vectors import nans
 from spherekit.mechanism.pair_frames import SAME_AXIS_SINE
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion

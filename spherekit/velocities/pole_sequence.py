@@ -12,7 +12,7 @@ intersection most certain.
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import nans, unit_rows
+from spherekit.geometry.vectors import nans, unit_rows
 from spherekit.planning.pole_plan import (
     BlockPoles,
     LinePole,

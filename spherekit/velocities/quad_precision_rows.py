@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.quad_precision import quad
 from spherekit.velocities.axis_rotations import append_profile_columns
 from spherekit.velocities.row_kernel import MAX_NEWTON_STEPS, RowKernel

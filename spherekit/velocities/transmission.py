@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import all_finite, max_abs, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_pairs

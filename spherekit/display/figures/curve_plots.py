@@ -33,7 +33,7 @@ from spherekit.display.figures.sheet import (
 )
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import (
     TURNS,
     broken,

@@ -8,7 +8,7 @@ from spherekit.display.figures import style
 from spherekit.display.figures.matplotlib_sdk import Axes, Figure
 from spherekit.display.figures.sheet import Sheet, name_points, spot_look, ticks_of
 from spherekit.escaping import plot_text
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import MOST_KINDS, TURNS, parted
 from spherekit.scenes.scene import Portrait, Scene, titled
 

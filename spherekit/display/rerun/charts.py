@@ -13,7 +13,7 @@ from spherekit.arrays import Floats, Integers
 from spherekit.display.rerun import shapes
 from spherekit.display.rerun.destination import Columns, Stills
 from spherekit.display.rerun.rerun_sdk import rr
-from spherekit.geometry.rotation import nans
+from spherekit.geometry.vectors import nans
 from spherekit.scenes import colours
 from spherekit.scenes.plot_layout import (
     MARGIN,

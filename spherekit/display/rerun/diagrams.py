@@ -8,7 +8,7 @@ from spherekit.arrays import Floats
 from spherekit.display.rerun import charts
 from spherekit.display.rerun.destination import Columns, Stills
 from spherekit.display.rerun.rerun_sdk import rr
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.scenes import colours
 from spherekit.scenes.plot_layout import placed_labels
 from spherekit.scenes.scene import Diagram

@@ -16,10 +16,10 @@ from spherekit.display.rerun import charts, diagrams, shapes
 from spherekit.display.rerun.destination import Columns, Stills
 from spherekit.display.rerun.labels import Name
 from spherekit.display.rerun.rerun_sdk import rr
-from spherekit.geometry.mirror import quaternion
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.rotation import quaternion
 from spherekit.geometry.sphere_mesh import sphere_mesh
 from spherekit.geometry.triangle import frame_from, perpendicular
+from spherekit.geometry.vectors import all_finite
 from spherekit.scenes import colours
 from spherekit.scenes.plot_layout import map_range
 from spherekit.scenes.scene import (

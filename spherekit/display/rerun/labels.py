@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import all_finite, from_quaternion, unit_rows
+from spherekit.geometry.rotation import from_quaternion
+from spherekit.geometry.vectors import all_finite, unit_rows
 from spherekit.scenes.scene import Body
 
 DISTANCE = 3.0

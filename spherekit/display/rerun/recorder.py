@@ -44,7 +44,7 @@ from spherekit.display.rerun.labels import Name, Names, facing
 from spherekit.display.rerun.rerun_sdk import rr, rrb
 from spherekit.display.rerun.timelines import SAMPLE, TIME, input_timeline
 from spherekit.errors import OutputError
-from spherekit.geometry.rotation import all_finite
+from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import map_range
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import (

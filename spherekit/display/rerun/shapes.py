@@ -5,7 +5,7 @@ from itertools import combinations, product
 import numpy as np
 
 from spherekit.arrays import Floats, Integers
-from spherekit.geometry.rotation import all_finite, unit_rows
+from spherekit.geometry.vectors import all_finite, unit_rows
 
 LONGEST_CHORD = np.radians(3.0)
 """Longer steps along a path are cut into pieces, so that it stays on the sphere."""

@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 
 SAMPLE = "sample"
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from spherekit.arrays import Array, Floats
 from spherekit.conventions import Names
-from spherekit.geometry.rotation import max_abs
+from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.changed_axes import restated, turned_vector
 from spherekit.mechanism.changed_axes import turned as turned_profile
 from spherekit.mechanism.elements import Pair, PoseGeometry, Profile, SizeGeometry
