@@ -199,7 +199,7 @@ def _judge_row(found, row, w, dw, values, over, spread, tally):
         if not deviation <= limit:
             faults.append(
                 f"row {row}: {what} off by {deviation:.1e}, allowed {limit:.1e}, flat "
-                f"{flat:.1e}, equations {bool(found.by_equations[row])}"
+                f"{flat:.1e}, equations {bool(found.is_quad_precision[row])}"
             )
         elif flat > 1e-6:
             tally.note(what.split(" ")[0], deviation)
@@ -225,11 +225,11 @@ def _judge_row(found, row, w, dw, values, over, spread, tally):
                 continue
             compare(f"rate {pole}", _length(rate * direction - vector) / scale, allowed)
             across = _length(np.cross(direction, vector)) / scale
-            bound = found.error[pole][row] * BOUND * size / scale
+            bound = found.direction_error[pole][row] * BOUND * size / scale
             compare(f"direction {pole}", across, max(allowed, bound))
             along = found.acceleration_coefficient[pole][row] - change @ direction
             # A direction may deviate by its bound, and the derivative with it.
-            limit = allowed_rate + BOUND * found.error[pole][row]
+            limit = allowed_rate + BOUND * found.direction_error[pole][row]
             compare(f"acceleration_coefficient {pole}", abs(along) / steep, limit)
             length = _length(direction)
             compare(f"length {pole}", abs(length - 1.0), 1e-12)
@@ -254,7 +254,7 @@ def _judge_directions(found, row, free, tally):
         vector = w[pole[1]] - w[pole[0]]
         tally.poles["direction alone"] += 1
         limit = max(TOLERANCE, CONDITIONED * EPS / max(gap, EPS), SPREAD * unsolved)
-        limit = max(limit, BOUND * found.error[pole][row] * _length(vector))
+        limit = max(limit, BOUND * found.direction_error[pole][row] * _length(vector))
         across = _length(np.cross(direction, vector))
         if not across <= limit:
             faults.append(

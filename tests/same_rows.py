@@ -61,7 +61,7 @@ def both_ways(made, **options):
             return None
         (motion,) = quick.blocks(len(course))
         fields = quick.fields(motion, [SignContinuation() for _ in wanted])
-        found = tuple(field.made for field in fields)
+        found = tuple(field.as_arrays for field in fields)
     (careful,) = course.blocks(len(course))
     return BothWays(motion, found, careful, tuple(evaluate(careful, x) for x in wanted))
 
@@ -69,7 +69,7 @@ def both_ways(made, **options):
 def differences(ways, same_signs=True):
     """Return what differs; senses of directions are not compared without `same_signs`."""
     quick, careful = ways.quick, ways.careful
-    share = float(np.mean([np.mean(field.by_kernel) for field in ways.by_kernel]))
+    share = float(np.mean([np.mean(field.is_certified) for field in ways.by_kernel]))
     found = Differences(share, int(np.sum(quick.status != careful.status)), [])
     good = (quick.status == Status.OK) & (careful.status == Status.OK)
     apart = quick.values - careful.values
@@ -94,7 +94,7 @@ def _compare_pole(found, quick, careful, pole, good, same_signs):
     sense = np.sum(careful.direction[pole] * quick.direction[pole], axis=1)
     sense = np.where(stands & (sense < 0.0), -1.0, 1.0)
     for name, errors in (
-        ("direction", "error"),
+        ("direction", "direction_error"),
         ("velocity_coefficient", "velocity_coefficient_error"),
         ("acceleration_coefficient", "acceleration_coefficient_error"),
     ):

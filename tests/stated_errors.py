@@ -129,7 +129,7 @@ def stated(tracer, as_written=False, every=0):
         found.numbers += int(np.sum(good)) * len(poles)
         for written in (False, True):
             # Rows by decimals are not those of the float64 numbers.
-            judged = good & poled.by_decimals if written else good & ~poled.by_decimals
+            judged = good & poled.is_decimal if written else good & ~poled.is_decimal
             judged = good if written and as_written else judged
             if np.any(judged):
                 _judge(found, motion, poled, wanted, judged, (driven, written, every))
@@ -150,7 +150,7 @@ def _silent(field, good):
         ):
             count += int(np.sum(~np.isfinite(values[pole]) & known))
         count += int(np.sum(~np.isfinite(field.velocity_coefficient_error[pole]) & rest))
-        count += int(np.sum(~np.isfinite(field.error[pole]) & known))
+        count += int(np.sum(~np.isfinite(field.direction_error[pole]) & known))
         turned = np.isfinite(field.direction_dq[pole][:, 0])
         count += int(np.sum(turned & ~np.isfinite(field.direction_dq_error[pole])))
     return count
@@ -206,7 +206,7 @@ def _compared(motion, field, wanted, rows, which, numbers):
     }
     bounds = {
         "configurations": motion.configuration_error[rows],
-        "directions": [given.error[pole] for pole in poles],
+        "directions": [given.direction_error[pole] for pole in poles],
     }
     for kind, name in (
         ("rates", "velocity_coefficient"),

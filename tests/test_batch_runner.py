@@ -22,7 +22,7 @@ from spherekit.runs.kernel_columns import LazyField
 from spherekit.runs.sampling import make_sampling
 from spherekit.status import Status
 from spherekit.symbolic.compiler import available
-from spherekit.velocities.direction_signs import signs_at_stops
+from spherekit.velocities.direction_signs import continue_signs
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
@@ -92,10 +92,10 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
     turned = []
 
     def counted(*arguments):
-        turned.append(signs_at_stops(*arguments))
+        turned.append(continue_signs(*arguments))
         return turned[-1]
 
-    monkeypatch.setattr(batch_runner, "signs_at_stops", counted)
+    monkeypatch.setattr(batch_runner, "continue_signs", counted)
     monkeypatch.setattr(batch_runner, "SLICE_NUMBERS", 1)
     for size in (batch_runner.SLICE, 1):  # within a slice, and from one to the next
         monkeypatch.setattr(batch_runner, "SLICE", size)

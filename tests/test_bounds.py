@@ -76,5 +76,5 @@ def test_bounds_of_rows_in_quad_precision_are_those_of_rounding_at_least():
     tracer = PositionAnalysis(made, search=False, samples=3, assembly_mode=0)
     poles = all_poles(len(made.links))
     field = evaluate(tracer.motion(), request(made, made.inputs[0].pair, poles, poles))
-    assert np.all(field.by_equations)
-    assert all(np.all(error > EPS) for error in field.error.values())
+    assert np.all(field.is_quad_precision)
+    assert all(np.all(error > EPS) for error in field.direction_error.values())

@@ -64,7 +64,7 @@ def agree(values, field, inertia, change, tolerance):
         known = np.abs(rate) > 1e-6
         gap = values["direction"][pole] * own[:, None] - unit * rate[:, None]
         # The plan's own bound: long chains of intersections multiply rounding.
-        allowed = tolerance + 40.0 * np.nan_to_num(field.error[pole])
+        allowed = tolerance + 40.0 * np.nan_to_num(field.direction_error[pole])
         gap = np.max(np.abs(gap), axis=1)
         assert np.all((gap < allowed * (1.0 + np.abs(rate)))[known]), pole
         gap = values["acceleration_coefficient"][pole] * np.sign(own * rate) - second

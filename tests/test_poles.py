@@ -74,17 +74,17 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
         made = mechanism(chain, random_axes(random, 10))
         motion, field = field_of(made, samples=3, search=False)
         w, gap = null_space(8, made.ends, motion.axes[1])
-        taken += bool(field.by_equations[1])
+        taken += bool(field.is_quad_precision[1])
         a, b = made.ends[motion.assembly.inputs[0]]
         driven = np.linalg.norm(w[b] - w[a])
         for i, j in all_poles(8):
             vector = w[j] - w[i]
             size = np.linalg.norm(vector)
             distance = off_axis(field.direction[i, j][1], vector)
-            bound = max(field.error[i, j][1], 1e-14 / (gap * size))
+            bound = max(field.direction_error[i, j][1], 1e-14 / (gap * size))
             assert distance < bound, (i, j, distance, bound)
             # In quad precision loops are closed first, beside the configuration of w.
-            if field.by_equations[1]:
+            if field.is_quad_precision[1]:
                 assert distance < 1e-13 / (gap * size)
             rate = abs(field.velocity_coefficient[i, j][1])
             bound = field.velocity_coefficient_error[i, j][1] + 1e-12 / (gap * driven)

@@ -328,7 +328,7 @@ def test_fields_and_motions_of_reference_values(name):
             moving = np.isfinite(along[:, 0])
             v = floats(exact.w[:, pole[1]] - exact.w[:, pole[0]])
             assert np.allclose(along[moving], v[moving], rtol=0.0, atol=1e-15)
-            assert np.all(np.isnan(found.error[pole]))
+            assert np.all(np.isnan(found.direction_error[pole]))
         better = exact_motion(motion, chosen, exact)
         assert np.max(np.abs(better.values - motion.values[chosen])) < 1e-13
         assert np.max(better.residual) < 1e-18 or name == "two_dof_spm"

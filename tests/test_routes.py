@@ -33,7 +33,7 @@ def sharp_rows(motion, wanted, fields):
     for field in fields.values():
         good &= field.status == Status.OK
         for pole, codes in field.pole_status.items():
-            sharp = np.nan_to_num(field.error[pole], nan=1.0) < SHARP
+            sharp = np.nan_to_num(field.direction_error[pole], nan=1.0) < SHARP
             good &= (codes == Status.NO_POLE) | sharp
     return good
 
@@ -78,10 +78,10 @@ def test_only_the_best_route_changes_over():
     wanted = asked(tracer, tracer.inputs[0])
     motion = tracer.motion()
     best = evaluate(motion, wanted)
-    assert np.all(best.status == Status.OK) and np.all(best.by_equations)
+    assert np.all(best.status == Status.OK) and np.all(best.is_quad_precision)
     for route in ("first", "conditioned"):
         field = evaluate(motion, wanted, route=route)
-        assert not np.any(field.by_equations)
+        assert not np.any(field.is_quad_precision)
         assert np.all(field.status == Status.ILL_CONDITIONED)
         assert np.all(np.isnan(field.w[2]))
     with pytest.raises(SolveError, match='no route is "frist"; did you mean "first"'):

@@ -166,7 +166,7 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
     planned = PlannedPoles(plan(made), motion)
 
     def direction(pole):
-        return planned.unit[pole].T
+        return planned.directions[pole].T
 
     every = list(permutations(range(8), 4))
     quadruples = [every[k] for k in random.choice(len(every), 50, replace=False)]
@@ -174,7 +174,7 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
     for numbers in quadruples:
         links = FourLinks(*numbers)
         poles = [pole_of(a, b) for a in numbers for b in numbers if a != b]
-        error = np.max([planned.error[pole] for pole in poles], axis=0)
+        error = np.max([planned.errors[pole] for pole in poles], axis=0)
         for form in ("i", "ii"):
             if form == "ii" and links.o in (links.r, links.i):
                 continue

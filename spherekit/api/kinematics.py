@@ -39,10 +39,10 @@ from spherekit.tables.table import (
     input_columns,
 )
 from spherekit.tables.table_files import to_frame
-from spherekit.velocities.direction_signs import to_sides
+from spherekit.velocities.direction_signs import signs_by_sides
 from spherekit.velocities.pole_evaluation import evaluate as evaluate_poles
-from spherekit.velocities.pole_evaluation import vouched_field
-from spherekit.velocities.pole_request import ByIdentity
+from spherekit.velocities.pole_evaluation import make_certified_field
+from spherekit.velocities.pole_request import MechanismKey
 from spherekit.velocities.row_kernel import REFERENCES, EvaluatedRow, row_kernel
 from spherekit.wording import counted, listing
 
@@ -389,7 +389,7 @@ def evaluate(
     With a plotting library: ``plt.plot(turn.q, turn.velocity_coefficient("4/1"))``.
     """
     at = _ready(
-        ByIdentity(mechanism_of(mechanism)),
+        MechanismKey(mechanism_of(mechanism)),
         None if poles is None else tuple(poles),
         input_pair if input_pair is None or isinstance(input_pair, str) else (*input_pair,),
         assembly_mode,
@@ -400,7 +400,7 @@ def evaluate(
 
 @lru_cache(maxsize=32)
 def _ready(
-    of: ByIdentity,
+    of: MechanismKey,
     poles: Sequence[str] | None,
     input_pair: str | Sequence[str] | None,
     assembly_mode: int | str | None,
@@ -501,13 +501,13 @@ def _one_row(
         )
         (moving,) = kernel.input_columns
         signed = moving.signed_part(columns)
-        signed *= to_sides(np.array([evaluated.axis_sum]))(signed[:3], 0, 0)
+        signed *= signs_by_sides(np.array([evaluated.axis_sum]))(signed[:3], 0, 0)
         return Batch(
             mechanism,
             (wanted.plan,),
             needs,
             row,
-            (vouched_field(moving, columns, row, wanted),),
+            (make_certified_field(moving, columns, row, wanted),),
         )
 
     def at(q: float) -> Callable[[], Batch] | None:

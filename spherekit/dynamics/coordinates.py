@@ -29,7 +29,7 @@ from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.pair_states import has_penetration
 from spherekit.status import Status
-from spherekit.velocities.pole_sequence import null_motion
+from spherekit.velocities.pole_sequence import solve_null_motion
 from spherekit.wording import listing
 
 Order = Literal[1, 2]
@@ -81,8 +81,8 @@ def by_arc_length(closure: Closure, values: Floats, order: Order = 2) -> Coordin
         1 leaves out the second derivatives.
     """
     at = closure.at(values)
-    rates, inverse = null_motion(closure.tree, at.vectors)
-    return _derived(at, rates[:, None], inverse[:, :, :-1], order)
+    null_motion = solve_null_motion(closure.tree, at.vectors)
+    return _derived(at, null_motion.rates[:, None], null_motion.inverse[:, :, :-1], order)
 
 
 def by_combinations(

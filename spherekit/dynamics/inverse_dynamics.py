@@ -35,7 +35,7 @@ from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.timing import Timing, evaluate_time_laws
 from spherekit.status import Status
-from spherekit.velocities.pole_evaluation import found
+from spherekit.velocities.pole_evaluation import evaluate_unsigned
 from spherekit.velocities.pole_request import request
 from spherekit.wording import counted, listing
 
@@ -316,10 +316,11 @@ def needed_torques(motion: Motion) -> InverseSolution:
     # Where assembly modes nearly cross, rounding of the configuration decides the
     # derivatives.
     for name in mechanism.names_of(motion.assembly.inputs):
-        field = found(motion.rows(held), request(mechanism, name, (), by_rank=True))
+        wanted = request(mechanism, name, (), by_rank=True)
+        field = evaluate_unsigned(motion.rows(held), wanted)
         # Inertia is computed in float64, by the rounded sizes. Rows whose rates are known
         # by the decimal sizes of the file alone are too near a singularity for that.
-        flat[held] |= (field.status != Status.OK) | field.by_decimals
+        flat[held] |= (field.status != Status.OK) | field.is_decimal
     status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     of = mechanism, rows, timing, coordinates, status

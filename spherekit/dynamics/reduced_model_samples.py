@@ -439,8 +439,8 @@ class CurveSampler(Sampler):
         w = motion.w[:, 0]
         max_speeds = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
-            axis = planned.unit[pole].T.copy()
-            error = np.nan_to_num(planned.error[pole], nan=np.inf)
+            axis = planned.directions[pole].T.copy()
+            error = np.nan_to_num(planned.errors[pole], nan=np.inf)
             relative_w = w[:, pole[1]] - w[:, pole[0]]
             relative_speed = np.linalg.norm(relative_w, axis=1)
             # The direction of the relative angular velocity has an error of a few roundings

@@ -268,12 +268,12 @@ def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleFiel
     Returns
     -------
     PoleField
-        NaN, with the status of the reference, where there is no reference; `angle`,
+        NaN, with the status of the reference, where there is no reference; `conditioning`,
         `planes` and the bounds of errors are NaN, as they belong to the way in which poles
         were found.
     """
     unknown = (
-        *("angle", "planes", "error"),
+        *("conditioning", "planes", "direction_error"),
         *("velocity_coefficient_error", "acceleration_coefficient_error"),
         "direction_dq_error",
     )

@@ -37,8 +37,8 @@ _POLE_FIELD_NAMES: Mapping[str, str] = {
     "direction_dq": "direction_dq",
     "velocity_coefficient": "velocity_coefficient",
     "acceleration_coefficient": "acceleration_coefficient",
-    "conditioning": "angle",
-    "error_bound": "error",
+    "conditioning": "conditioning",
+    "error_bound": "direction_error",
     "velocity_coefficient_error_bound": "velocity_coefficient_error",
     "acceleration_coefficient_error_bound": "acceleration_coefficient_error",
     "direction_dq_error_bound": "direction_dq_error",
@@ -338,7 +338,7 @@ class Batch:
         It is relative to the largest of all links, or to 1 if that is smaller. Values below
         about 1e-10 are given as 0.
         """
-        return _read_only(self._pole_field(moved).loss)
+        return _read_only(self._pole_field(moved).relative_error_bound)
 
     def planes(self, i: int, j: int, moved: int = 0) -> Floats:
         """Return (n, 2, 3) unit normals of the two great circles that meet in the pole."""

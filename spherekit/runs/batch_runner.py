@@ -31,11 +31,11 @@ from spherekit.runs.sampling import Sampling
 from spherekit.status import Status
 from spherekit.symbolic.compiler import available
 from spherekit.velocities.direction_signs import (
+    ModeRows,
     SignContinuation,
-    Stops,
-    Turning,
-    sides_of,
-    signs_at_stops,
+    SignFunction,
+    continue_signs,
+    signs_by_start_sides,
 )
 from spherekit.velocities.dyad_expressions import given_by, lost_by
 from spherekit.velocities.input_columns import InputColumns
@@ -358,7 +358,7 @@ def find_stops(
     input_index: int,
     is_assembled: Bools,
     is_uncertified: Bools,
-) -> dict[int, Stops]:
+) -> dict[int, ModeRows]:
     """Return the rows at which directions are compared, by the index of the mode.
 
     Between these rows no direction reverses, so that their signs hold for all rows.
@@ -386,7 +386,7 @@ def find_stops(
         ):
             gaps[mode].append(np.array([previous.rows[1:], following.rows[:1]]))
 
-    stops: dict[int, Stops] = {}
+    stops: dict[int, ModeRows] = {}
     for mode, is_assembled_in_mode in enumerate(is_assembled):
         rows = np.flatnonzero(is_assembled_in_mode)
         if not len(rows):
@@ -428,7 +428,7 @@ class PendingPoles:
     is_certified: Bools
     is_assembled: Bools
     uncertified: Indices
-    stops: Sequence[Mapping[int, Stops]]
+    stops: Sequence[Mapping[int, ModeRows]]
     error_maxima: Floats
 
 
@@ -558,7 +558,7 @@ class BatchRunner:
         pending = self.unread.pop(id(motion))
         columns = ComputedColumns(self.kernel, motion, self.requests, pending.uncertified)
         self._last_columns = columns
-        turnings: list[Turning] = []
+        turnings: list[SignFunction] = []
         for input_index, (moving, memory) in enumerate(
             zip(self.kernel.input_columns, sign_continuations, strict=False)
         ):
@@ -566,12 +566,12 @@ class BatchRunner:
                 velocities_at = partial(columns.relative_at, input_index)
                 stops = pending.stops[input_index]
                 turnings.append(
-                    signs_at_stops(
+                    continue_signs(
                         motion, moving.signed_poles, stops, velocities_at, memory
                     )
                 )
             else:
-                turnings.append(sides_of(motion, pending.is_assembled, memory))
+                turnings.append(signs_by_start_sides(motion, pending.is_assembled, memory))
         columns.turn(turnings, motion.samples)
         return tuple(
             LazyField(columns, input_index, motion, pending.is_certified, errors)

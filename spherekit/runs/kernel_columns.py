@@ -13,8 +13,8 @@ from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.runs.prefetch import each_at_once
 from spherekit.status import Status
-from spherekit.velocities.direction_signs import Turning, turn_round
-from spherekit.velocities.pole_evaluation import add_locked, found
+from spherekit.velocities.direction_signs import SignFunction, apply_signs
+from spherekit.velocities.pole_evaluation import add_locked_pole, evaluate_unsigned
 from spherekit.velocities.pole_field import REPORTED_ERRORS, PoleField
 from spherekit.velocities.pole_request import Request
 from spherekit.velocities.pole_sequence import PlannedPoles
@@ -60,14 +60,14 @@ class ComputedColumns:
         self._odd = motion.failed.copy()
         self._odd[doubtful] = True
         self._parts = slices_of(len(motion.assembly_modes), motion.samples, SLICE)
-        self._turned: Sequence[Turning] = ()
+        self._turned: Sequence[SignFunction] = ()
         if len(doubtful):
             rows = motion.rows(doubtful)
             for wanted, at in zip(requests, kernel.input_columns, strict=True):
-                late = found(rows, replace(wanted, planes=frozenset()))
+                late = evaluate_unsigned(rows, replace(wanted, planes=frozenset()))
                 for pole in at.signed_poles:
                     turned = np.where(late.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
-                    turn_round(late, pole, turned)
+                    apply_signs(late, pole, turned)
                 self.careful.append(late)
 
     def relative_at(self, number: int, rows: Indices) -> tuple[Floats, Floats, Floats]:
@@ -93,7 +93,7 @@ class ComputedColumns:
             dv[:, k, here] = (field.dw[j] - field.dw[i])[at].T
         return unit, v, dv
 
-    def turn(self, turned: Sequence[Turning], samples: int) -> None:
+    def turn(self, turned: Sequence[SignFunction], samples: int) -> None:
         """Turn directions round, of modes with so many samples each."""
         self._turned = turned
         rows = self.doubtful
@@ -104,7 +104,7 @@ class ComputedColumns:
             for pole, of_pole in zip(
                 poles, turned[number](unit, rows, rows // samples), strict=True
             ):
-                turn_round(field, pole, of_pole)
+                apply_signs(field, pole, of_pole)
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Have columns read, rows after rows."""
@@ -156,10 +156,10 @@ class LazyField:
     KNOWN = (
         "status",
         "pole_status",
-        "by_equations",
-        "by_kernel",
-        "by_decimals",
-        "loss",
+        "is_quad_precision",
+        "is_certified",
+        "is_decimal",
+        "relative_error_bound",
     )
 
     def __init__(
@@ -177,13 +177,14 @@ class LazyField:
         n = len(motion)
         self.largest = dict(zip(REPORTED_ERRORS, errors, strict=True))
         status = motion.status
-        by_equations, by_decimals = np.zeros((2, n), dtype=bool)
-        loss = np.where(motion.failed, np.nan, 0.0)
+        is_quad_precision, is_decimal = np.zeros((2, n), dtype=bool)
+        relative_error_bound = np.where(motion.failed, np.nan, 0.0)
         pole_status = dict.fromkeys(self._places["direction"], status)
         for late in source.careful[number : number + 1]:
             status = _with(status, rows, late.status)
-            loss[rows], by_equations[rows] = late.loss, late.by_equations
-            by_decimals[rows] = late.by_decimals
+            relative_error_bound[rows] = late.relative_error_bound
+            is_quad_precision[rows] = late.is_quad_precision
+            is_decimal[rows] = late.is_decimal
             for pole in pole_status:
                 pole_status[pole] = _with(status, rows, late.pole_status[pole])
             for name, error in largest_errors(late).items():
@@ -192,19 +193,19 @@ class LazyField:
             **{name: {} for name in self._places},
             status=status,
             pole_status=pole_status,
-            by_equations=by_equations,
-            by_kernel=vouched,
-            by_decimals=by_decimals,
-            loss=loss,
+            is_quad_precision=is_quad_precision,
+            is_certified=vouched,
+            is_decimal=is_decimal,
+            relative_error_bound=relative_error_bound,
         )
         for pole in set(wanted.poles) - pole_status.keys():
-            add_locked(self._field, motion, pole)
+            add_locked_pole(self._field, motion, pole)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._field if name in self.KNOWN else self.made, name)
+        return getattr(self._field if name in self.KNOWN else self.as_arrays, name)
 
     @cached_property
-    def made(self) -> PoleField:
+    def as_arrays(self) -> PoleField:
         """All of it, as arrays."""
         n = len(self._field.status)
         columns: list[tuple[LazyColumn, Floats]] = []
@@ -218,7 +219,7 @@ class LazyField:
         put(columns, [(slice(0, n), 0)])
         wanted = self._source.requests[self._number]
         drawn = PlannedPoles(wanted.plan, self._motion)
-        self._field.planes.update({x: drawn.circles(x) for x in wanted.planes})
+        self._field.planes.update({x: drawn.great_circles(x) for x in wanted.planes})
         return self._field
 
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:

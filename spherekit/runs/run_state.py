@@ -29,7 +29,7 @@ StatusCounts = dict[str, int]
 CLOSURE_RESIDUAL = "largest_closure_residual_rad"
 CONFIGURATION_ERROR = "largest_configuration_error_rad"
 POLE_ERRORS = {
-    "error": "largest_direction_error_bound_rad",
+    "direction_error": "largest_direction_error_bound_rad",
     "velocity_coefficient_error": "largest_velocity_coefficient_error_bound",
     "acceleration_coefficient_error": "largest_acceleration_coefficient_error_bound",
 }
@@ -184,9 +184,9 @@ class RunState:
                 errors = largest_errors(poles)
             for attribute, key in POLE_ERRORS.items():
                 self._note_error(key, np.array([errors[attribute]]))
-            self.counts[EVALUATED,] += len(poles.by_equations)
-            self.counts[BY_EQUATIONS,] += int(np.count_nonzero(poles.by_equations))
-            self.counts[BY_KERNEL,] += int(np.count_nonzero(poles.by_kernel))
+            self.counts[EVALUATED,] += len(poles.is_quad_precision)
+            self.counts[BY_EQUATIONS,] += int(np.count_nonzero(poles.is_quad_precision))
+            self.counts[BY_KERNEL,] += int(np.count_nonzero(poles.is_certified))
 
     def _count_statuses(
         self,

@@ -69,7 +69,7 @@ def places(sampling: Sampling, most: int, wanted: Request) -> Indices:
     while len(more):
         motion = sampling.motion_at(rows)
         field = evaluate(motion, wanted, route="conditioned")
-        bound = np.fmax.reduce([np.zeros(len(motion)), *field.error.values()])
+        bound = np.fmax.reduce([np.zeros(len(motion)), *field.direction_error.values()])
         sides = np.pad(bound.reshape(-1, len(rows)), ((0, 0), (1, 1)), constant_values=-1.0)
         bound, left, right = sides[:, 1:-1], sides[:, :-2], sides[:, 2:]
         which, at = np.nonzero((bound >= left) & (bound >= right))

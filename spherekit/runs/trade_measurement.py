@@ -13,7 +13,7 @@ from spherekit.runs.table_deviation import Deviation, deviations
 from spherekit.runs.verification import GOLDEN, compute_reference
 from spherekit.status import Status
 from spherekit.tables.table import Tables
-from spherekit.velocities.direction_signs import turn_round
+from spherekit.velocities.direction_signs import apply_signs
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_field import PoleField
 
@@ -127,9 +127,9 @@ def align_directions(
     `rows` are the rows of the reference that belong to the rows of the fields. The two
     senses of a pole axis are equally right, so they must not count as a deviation.
     """
-    computed_fields = tuple(field.made for field in pole_fields)
+    computed_fields = tuple(field.as_arrays for field in pole_fields)
     for field, reference_field in zip(computed_fields, reference, strict=True):
         for pole, direction in field.direction.items():
             cosine = np.vecdot(direction, reference_field.direction[pole][rows])
-            turn_round(field, pole, np.where(cosine < 0.0, -1.0, 1.0))
+            apply_signs(field, pole, np.where(cosine < 0.0, -1.0, 1.0))
     return computed_fields

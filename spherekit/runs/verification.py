@@ -79,7 +79,7 @@ class _BlockRows(ArrayRows):
         motion = self.motion
         direction_bound = nans(len(motion))
         for pole_field in self.pole_fields:
-            for errors in pole_field.error.values():
+            for errors in pole_field.direction_error.values():
                 direction_bound = np.fmax(direction_bound, errors)
         worst_rows = [
             np.argmax(np.nan_to_num(score, nan=-1.0))
@@ -138,7 +138,7 @@ def compute_reference(
     # Some rows of the run were computed from the decimal numbers of the file. The reference
     # then uses these too, instead of their nearest float64 numbers.
     frames = None
-    if any(np.any(pole_field.by_decimals) for pole_field in pole_fields):
+    if any(np.any(pole_field.is_decimal) for pole_field in pole_fields):
         arithmetic = arithmetic or Digits()
         with arithmetic.within():
             frames = Written.of(motion.mechanism).r_frames()
@@ -194,7 +194,7 @@ class Verifier:
         wanted number of rows is kept in memory.
         """
         block_rows = _BlockRows(
-            motion, tuple(field.made for field in pole_fields), continued_angles
+            motion, tuple(field.as_arrays for field in pole_fields), continued_angles
         )
         if self._run_plan.whole_analyses:
             self._whole = block_rows

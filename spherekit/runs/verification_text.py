@@ -24,7 +24,7 @@ class BoundedQuantity:
 
 
 BOUNDED_QUANTITIES = {
-    "directions": BoundedQuantity("pole directions", "error"),
+    "directions": BoundedQuantity("pole directions", "direction_error"),
     "rates": BoundedQuantity("rates", "velocity_coefficient_error"),
     "rate_derivatives": BoundedQuantity(
         "derivatives of rates", "acceleration_coefficient_error"

@@ -103,7 +103,7 @@ class LinkMotion:
                 away = (self.rounding + turned) / growth
                 ways = [(unit, error), (dw / growth[:, None], away)]
                 if sequence is not None:
-                    ways.insert(0, (sequence.unit[pole].T, sequence.error[pole]))
+                    ways.insert(0, (sequence.directions[pole].T, sequence.errors[pole]))
                 unit, error = (np.stack(part) for part in zip(*ways, strict=True))
                 error = np.minimum(np.nan_to_num(error, nan=1.0), 1.0)
                 best = np.argmin(error, axis=0), np.arange(len(w))

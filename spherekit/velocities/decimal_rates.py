@@ -115,7 +115,7 @@ class DecimalRates:
         return _solve_rates(motion, driven, is_known, axes)
 
     @property
-    def loss(self) -> Floats:
+    def relative_error_bound(self) -> Floats:
         """(n,) the larger of the relative error bounds of `w` and `dw`.
 
         Each bound is relative to the largest vector of any link, or to 1 if that is larger.
@@ -145,9 +145,9 @@ class DecimalRates:
         -------
         numbers
             Arrays (k, n) in float64: "direction" and "direction_dq" with k = 3, and
-            "velocity_coefficient", "acceleration_coefficient" and "angle" with k = 1. The
-            angle is |v| divided by the sum of the speeds of both links, and 1 for a pair
-            axis.
+            "velocity_coefficient", "acceleration_coefficient" and "conditioning" with
+            k = 1. The conditioning is |v| divided by the sum of the speeds of both links,
+            and 1 for a pair axis.
         errors
             (4, n) error bounds, in the order of `POLE_ERRORS`.
         """
@@ -155,7 +155,7 @@ class DecimalRates:
         v, dv = self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
         speed = np.sqrt(dot(v, v))
         link_speeds = [np.sqrt(dot(w, w)) for w in (self.w[:, i], self.w[:, j])]
-        angle = speed / (link_speeds[0] + link_speeds[1])
+        conditioning = speed / (link_speeds[0] + link_speeds[1])
         if pair is None:
             unit, rate = v / speed[:, None], speed
             direction_change = (dv - dot(dv, unit)[:, None] * unit) / speed[:, None]
@@ -163,13 +163,13 @@ class DecimalRates:
             unit = self.axes[:, pair]
             rate = dot(v, unit)
             direction_change = np.cross(self.w[:, self.ends[pair][0]], unit)
-            angle = np.ones_like(angle)
+            conditioning = np.ones_like(conditioning)
         numbers: Mapping[str, Any] = {
             "direction": unit.T,
             "direction_dq": direction_change.T,
             "velocity_coefficient": rate[None],
             "acceleration_coefficient": dot(dv, unit)[None],
-            "angle": angle[None],
+            "conditioning": conditioning[None],
         }
         floats = {name: number.astype(float) for name, number in numbers.items()}
         return floats, self._errors(floats, speed.astype(float), dv, pair is not None)
@@ -220,7 +220,6 @@ class DecimalRates:
             name: 2.0 * EPS * np.sqrt(np.sum(numbers[name] ** 2, axis=0)) for name in bounds
         }
         errors = {f"{name}_error": bounds[name] + rounding[name] for name in bounds}
-        errors["error"] = errors.pop("direction_error")
         return np.array([errors[name] for name in POLE_ERRORS])
 
     @property

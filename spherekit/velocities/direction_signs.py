@@ -1,4 +1,19 @@
-"""Signs of pole directions, continuous along each assembly mode from block to block."""
+"""Signs of pole directions that are continuous along each assembly mode.
+
+The direction u of a pole is determined up to its sign. It follows the angular velocity v of
+the second link relative to the first: at each sample the velocity coefficient v . u has the
+sign of the previous sample. If v passes through zero between two samples, it reverses
+relative to u, and so does the coefficient. The reversals are read from the cubic Hermite
+interpolant of v between the samples. At the first sample of a mode, u points to the side on
+which the sum of all axes and contact points lies. Over a grid of several inputs, all
+directions point to this side.
+
+v is per unit rate of the moving input. At a dead centre of the input it reverses through
+infinity, and only its product with the sense of the input (+1 or -1) is continuous. v and
+dv below contain this factor.
+
+Signs are continued from block to block of a run by a `SignContinuation`.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
@@ -10,8 +25,14 @@ from spherekit.geometry.vectors import all_finite
 from spherekit.numerics.hermite import cubic_hermite
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
-from spherekit.velocities.pole_field import PoleField, axis_pairs
+from spherekit.velocities.pole_field import SIGNED_COMPONENTS, PoleField, axis_pairs
 from spherekit.velocities.pole_request import Request
+
+HERMITE_SUBSTEPS = 8
+"""Parts into which the interpolant between two samples is divided to find reversals.
+
+Larger: two zeros of v that are closer together are both noticed. Smaller: fewer products.
+"""
 
 
 def dot(a: Floats, b: Floats) -> Floats:
@@ -24,24 +45,44 @@ def norm(a: Floats) -> Floats:
     return np.sqrt(dot(a, a))
 
 
-Path = Floats
-"""(8,) or (8, k) what a direction follows: the way, the sense of the input, w and dw."""
+VelocityPath = Floats
+"""(8,) or (8, k) the relative angular velocity of a pole at one or k samples.
+
+Index 0 is the coordinate along the path (the input, or the number of the sample), 1 the
+sense of the input, 2 to 4 are v, and 5 to 7 the derivative dv of v by the coordinate.
+"""
+
+ModeRows = tuple[Indices, Bools]
+"""Rows (k,) of one assembly mode at which directions are compared, in rising order, and
+(k - 1,) whether a direction may reverse between one of them and the next."""
+
+SignFunction = Callable[[Floats, Any, Any], Array]
+"""Returns the factors +1 or -1 (poles, k) of k directions. The arguments are the directions
+(3, poles, k) before, their rows in the motion, and the index of the assembly mode, one for
+all or (k,)."""
 
 
 class SignContinuation:
-    """What earlier blocks of a motion found, so that signs continue.
+    """The state of the signs at the end of a block of samples of one motion.
 
-    The last direction and rates of each pole, and the side that directions start on.
+    Attributes
+    ----------
+    last
+        By the number of the assembly mode and the two links of a pole (three numbers): the
+        `VelocityPath` (8,) at the last sample, and the sign of the direction there.
+    start_sides
+        (3,) for each assembly mode by its number, the vector to whose side directions point
+        at the first sample.
     """
 
     def __init__(self) -> None:
-        self.last: dict[tuple[int, ...], tuple[Path, float]] = {}
-        self.home: dict[int, Floats] = {}
+        self.last: dict[tuple[int, ...], tuple[VelocityPath, float]] = {}
+        self.start_sides: dict[int, Floats] = {}
 
     def state(self) -> dict[str, Any]:
-        """Return what is remembered, ready for JSON, bit for bit."""
+        """Return the state as plain lists, from which JSON restores every bit."""
         return {
-            "home": [[mode, side.tolist()] for mode, side in self.home.items()],
+            "home": [[mode, side.tolist()] for mode, side in self.start_sides.items()],
             "last": [
                 [*key, path.tolist(), sign] for key, (path, sign) in self.last.items()
             ],
@@ -49,216 +90,299 @@ class SignContinuation:
 
     @classmethod
     def restored(cls, state: Mapping[str, Any]) -> "SignContinuation":
-        """Return the memory that `state` gave."""
-        memory = cls()
-        memory.home = {mode: np.array(side) for mode, side in state["home"]}
+        """Return the object whose `state` this is."""
+        sign_continuation = cls()
+        for mode, side in state["home"]:
+            sign_continuation.start_sides[mode] = np.array(side)
         for *key, path, sign in state["last"]:
-            memory.last[tuple(key)] = np.array(path), sign
-        return memory
+            sign_continuation.last[tuple(key)] = np.array(path), sign
+        return sign_continuation
 
 
-def signed(
-    field: PoleField, motion: Motion, wanted: Request, memory: SignContinuation
+def apply_continuous_signs(
+    field: PoleField, motion: Motion, request: Request, sign_continuation: SignContinuation
 ) -> None:
-    """Give directions, and coefficients along them, the signs that continue; in place.
+    """Give directions, and the coefficients along them, their continuous signs, in place.
 
-    A direction follows the relative angular velocity along it, so its coefficient keeps
-    its sign until that passes through zero; where it does is read off the Hermite path
-    between two samples. At the first sample it points to the side where the sum of all
-    axes and contacts lies. Over a grid of inputs it points to that side throughout.
-
-    At a dead centre of the input the angular velocity, which is per unit rate of the input,
-    reverses through infinity, and only its product with the sense of the input is
-    continuous. Where it is not finite the direction follows its neighbour.
+    Parameters
+    ----------
+    field
+        Poles at the n rows of the motion, whose directions have any sign.
+    motion, request
+        The configurations, and the request of the poles.
+    sign_continuation
+        Signs at the end of the previous block. It is updated.
     """
-    without, n = {None, *axis_pairs(wanted.plan)}, len(motion)
-    poles = [pole for pole in wanted.poles if wanted.plan.pole(*pole) not in without]
+    n = len(motion)
+    # The axis of a pair has its sign already, and two links of one body have no pole.
+    settled_poles = {None, *axis_pairs(request.plan)}
+    poles = [
+        pole for pole in request.poles if request.plan.pole(*pole) not in settled_poles
+    ]
     if not (poles and motion.assembly_modes and n):
         return
     sense = np.ones(n) if motion.sense is None else motion.sense
-    unit = np.array([field.direction[pole].T for pole in poles])
-    v, dv = (
-        np.array([(rates[j] - rates[i]).T for i, j in poles])
-        for rates in (field.w, field.dw)
-    )
-    rate, e_rate, e_change = (
-        np.array([part[pole] for pole in poles])
-        for part in (
-            field.velocity_coefficient,
-            field.velocity_coefficient_error,
-            field.acceleration_coefficient_error,
-        )
-    )
-    # Which way links turn that rest throughout is rounding: the axis itself goes on.
-    rests = (norm(v) <= e_rate) & (norm(dv) <= e_change)
-    ahead = np.where((rate * sense < 0.0) & ~rests, -1.0, 1.0)
-    moved = [np.where(rests[:, None], *x) for x in ((unit, sense * v), (0.0, sense * dv))]
-    paths = np.swapaxes([ahead[:, None] * unit, *moved], 1, 2)
-    held = ~motion.failed.reshape(-1, motion.samples)
+    directions = np.array([field.direction[pole].T for pole in poles])
+    v = np.array([(field.w[j] - field.w[i]).T for i, j in poles])
+    dv = np.array([(field.dw[j] - field.dw[i]).T for i, j in poles])
+    coefficients = np.array([field.velocity_coefficient[pole] for pole in poles])
+    v_error = np.array([field.velocity_coefficient_error[pole] for pole in poles])
+    dv_error = np.array([field.acceleration_coefficient_error[pole] for pole in poles])
+
+    # The relative velocity of links that rest throughout is rounding. Their direction is
+    # continued itself.
+    is_at_rest = (norm(v) <= v_error) & (norm(dv) <= dv_error)
+    along_v = np.where((coefficients * sense < 0.0) & ~is_at_rest, -1.0, 1.0)
+    continued_v = np.where(is_at_rest[:, None], directions, sense * v)
+    continued_dv = np.where(is_at_rest[:, None], 0.0, sense * dv)
+    # (directions, v, dv) of shape (3, poles, n) each.
+    paths = np.swapaxes([along_v[:, None] * directions, continued_v, continued_dv], 1, 2)
+
+    has_configuration = ~motion.failed.reshape(-1, motion.samples)
     if motion.is_path:
-        stops: dict[int, Stops] = {}
-        for number, row in enumerate(held):
-            some = np.flatnonzero(row) + number * motion.samples
-            if len(some):
-                stops[number] = some, np.ones(len(some) - 1, dtype=bool)
-        turned = signs_at_stops(motion, poles, stops, lambda some: paths[..., some], memory)
+        rows_by_mode: dict[int, ModeRows] = {}
+        for mode_index, is_valid in enumerate(has_configuration):
+            rows = np.flatnonzero(is_valid) + mode_index * motion.samples
+            if len(rows):
+                rows_by_mode[mode_index] = rows, np.ones(len(rows) - 1, dtype=bool)
+        sign_function = continue_signs(
+            motion, poles, rows_by_mode, lambda rows: paths[..., rows], sign_continuation
+        )
     else:
-        turned = sides_of(motion, held, memory)
+        sign_function = signs_by_start_sides(motion, has_configuration, sign_continuation)
     rows = np.arange(n)
-    signs = ahead * turned(paths[0], rows, rows // motion.samples)
-    for pole, of_pole in zip(poles, signs, strict=True):
-        turn_round(field, pole, of_pole)
+    signs = along_v * sign_function(paths[0], rows, rows // motion.samples)
+    for pole, pole_signs in zip(poles, signs, strict=True):
+        apply_signs(field, pole, pole_signs)
 
 
-SIGNED = {
-    "direction": 3,
-    "direction_dq": 3,
-    "velocity_coefficient": 1,
-    "acceleration_coefficient": 1,
-}
-"""What of a pole turns round with its direction, and how many components it has."""
+def apply_signs(field: PoleField, pole: Pole, signs: Floats) -> None:
+    """Multiply the direction of a pole and its coefficients by signs (n,), in place."""
+    for name in SIGNED_COMPONENTS:
+        values = getattr(field, name)[pole].T
+        values *= signs
 
 
-def turn_round(field: PoleField, pole: Pole, signs: Floats) -> None:
-    """Turn a pole round at some rows, in place."""
-    for name in SIGNED:
-        part = getattr(field, name)[pole].T
-        part *= signs
+def signs_by_sides(sides: Floats) -> SignFunction:
+    """Return the function of the signs with which directions point to given sides.
+
+    Parameters
+    ----------
+    sides
+        (modes, 3) a vector on the side of each assembly mode.
+    """
+
+    def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
+        x, y, z = np.atleast_2d(sides[modes]).T
+        is_opposite = x * directions[0] + y * directions[1] + z * directions[2] < 0.0
+        return np.where(is_opposite, -1.0, 1.0)
+
+    return find_signs
 
 
-Stops = tuple[Indices, Bools]
-"""Rows (k,) of one assembly mode where directions are looked at, rising, and from which of
-them (k - 1,) to the next a direction may reverse."""
+def signs_by_start_sides(
+    motion: Motion, has_configuration: Bools, sign_continuation: SignContinuation
+) -> SignFunction:
+    """Return the function of the signs with which directions point to the start sides.
+
+    Parameters
+    ----------
+    motion
+        Rows of all assembly modes.
+    has_configuration
+        (modes, samples) which rows have a configuration.
+    sign_continuation
+        The start sides of modes that have rows in earlier blocks. It is updated.
+    """
+    sides = np.zeros((len(motion.assembly_modes), 3))
+    for mode_index, (mode, is_valid) in enumerate(
+        zip(motion.assembly_modes, has_configuration, strict=False)
+    ):
+        if np.any(is_valid):
+            first_row = mode_index * motion.samples + int(np.argmax(is_valid))
+            sides[mode_index] = _start_side(
+                motion, mode.number, first_row, sign_continuation
+            )
+    return signs_by_sides(sides)
 
 
-Turning = Callable[[Floats, Any, Any], Array]
-"""Gives -1 (poles, k) where directions (3, poles, k) are turned round, else 1, at rows (k,)
-of modes by their place, of one or (k,)."""
+def _start_side(
+    motion: Motion, mode: int, first_row: int, sign_continuation: SignContinuation
+) -> Floats:
+    """Return the vector (3,) to whose side the directions of a mode point at its start.
+
+    It is the sum of the axes and contact points of all pairs at the first row of the mode.
+    """
+    if mode not in sign_continuation.start_sides:
+        (frames,) = motion.rows(np.array([first_row])).frames
+        sign_continuation.start_sides[mode] = np.sum(frames[:, :, 2], axis=0)
+    return sign_continuation.start_sides[mode]
 
 
-def to_sides(sides: Floats) -> Turning:
-    """Return what turns directions to the sides (modes, 3)."""
+def continue_signs(
+    motion: Motion,
+    poles: Sequence[Pole],
+    rows_by_mode: Mapping[int, ModeRows],
+    evaluate_poles: Callable[[Indices], Iterable[Floats]],
+    sign_continuation: SignContinuation,
+) -> SignFunction:
+    """Return the function of the signs that are continuous along each assembly mode.
 
-    def signs(unit: Floats, rows: Any, modes: Any) -> Floats:
-        a, b, c = np.atleast_2d(sides[modes]).T
-        return np.where(a * unit[0] + b * unit[1] + c * unit[2] < 0.0, -1.0, 1.0)
+    Parameters
+    ----------
+    motion
+        A motion along a path of its inputs.
+    poles
+        The poles whose signs are found. Their velocity coefficients, times the sense of the
+        input, are not negative before.
+    rows_by_mode
+        By index of the assembly mode, the rows at which directions are compared. Other rows
+        have the sign of the last of these before them.
+    evaluate_poles
+        Returns the directions, v and dv of the poles at rows (k,), each (3, poles, k).
+    sign_continuation
+        Signs at the end of the previous block. It is updated.
+    """
+    signs = np.ones((len(poles), len(motion)), dtype=np.int8)
 
+    def look_up_signs(directions: Floats, rows: Any, modes: Any) -> Array:
+        return signs[:, rows]
+
+    if not poles or not rows_by_mode:
+        return look_up_signs
+    all_rows = np.concatenate([rows for rows, _ in rows_by_mode.values()])
+    directions, v, dv = evaluate_poles(all_rows)
+    has_several_inputs = motion.inputs.shape[1] > 1
+    if has_several_inputs:
+        # dv is the derivative by one input, and not along the path of all inputs.
+        dv = np.zeros_like(v)
+    coordinate = motion.sample.astype(float) if has_several_inputs else motion.inputs[:, 0]
+    has_direction = all_finite(directions, 0)
+    has_motion = has_direction & all_finite(v, 0) & np.any(v, axis=0)
+
+    first = 0
+    for mode_index, (rows, may_reverse) in rows_by_mode.items():
+        mode_number = motion.assembly_modes[mode_index].number
+        # The columns of this mode in the arrays of `evaluate_poles`.
+        columns = slice(first, first + len(rows))
+        first = columns.stop
+        end_row = (mode_index + 1) * motion.samples
+        sense = np.ones(len(rows)) if motion.sense is None else motion.sense[rows]
+        # Number of gaps up to each row in which directions may reverse.
+        open_gaps = np.append(0, np.cumsum(may_reverse))
+        for pole_index, pole in enumerate(poles):
+            key = (mode_number, *pole)
+            pole_directions = directions[:, pole_index, columns]
+            is_moving = has_motion[pole_index, columns]
+            moving = np.flatnonzero(is_moving)
+            if not len(moving):
+                continue
+            start_sign = 1.0
+            if key not in sign_continuation.last:
+                side = _start_side(
+                    motion, mode_number, int(rows[moving[0]]), sign_continuation
+                )
+                if side @ pole_directions[:, moving[0]] < 0.0:
+                    start_sign = -1.0
+            path = np.concatenate(
+                [
+                    coordinate[rows][None],
+                    sense[None],
+                    v[:, pole_index, columns],
+                    dv[:, pole_index, columns],
+                ]
+            )[:, moving]
+            may_reverse_between = open_gaps[moving[1:]] > open_gaps[moving[:-1]]
+            moving_signs = _continue_along_path(
+                sign_continuation, key, start_sign, path, may_reverse_between
+            )
+            # Rows that do not move have the sign of the last moving row before them.
+            repetitions = np.diff(moving, prepend=0, append=len(rows))
+            row_signs = np.repeat(np.append(1.0, moving_signs), repetitions)
+            # Directions without a velocity point to the side of the nearest one with it.
+            is_resting = has_direction[pole_index, columns] & ~is_moving
+            for k in np.flatnonzero(is_resting):
+                nearest = moving[np.argmin(np.abs(rows[moving] - rows[k]))]
+                nearest_direction = row_signs[nearest] * pole_directions[:, nearest]
+                row_signs[k] = (
+                    -1.0 if nearest_direction @ pole_directions[:, k] < 0.0 else 1.0
+                )
+            signs[pole_index, rows[0] : end_row] = np.repeat(
+                row_signs, np.diff(rows, append=end_row)
+            )
+    return look_up_signs
+
+
+def _continue_along_path(
+    sign_continuation: SignContinuation,
+    key: tuple[int, ...],
+    start_sign: float,
+    path: VelocityPath,
+    may_reverse: Bools,
+) -> Floats:
+    """Return the continuous signs (k,) along a path, and store its last sample.
+
+    Parameters
+    ----------
+    sign_continuation
+        Signs at the end of the previous block. It is updated.
+    key
+        Number of the assembly mode and the two links of the pole.
+    start_sign
+        The sign at the first sample, if there is no previous block.
+    path
+        (8, k) relative angular velocities.
+    may_reverse
+        (k - 1,) between which samples v may reverse.
+    """
+    reversals = np.ones(len(may_reverse))
+    if np.any(may_reverse):
+        reversals = np.where(may_reverse, _find_reversals(path), 1.0)
+    first_sign = start_sign
+    if key in sign_continuation.last:
+        last_path, first_sign = sign_continuation.last[key]
+        if last_path[2:5] @ path[2:5, 0] < 0.0:
+            across_blocks = np.column_stack([last_path, path[:, 0]])
+            first_sign *= float(_find_reversals(across_blocks)[0])
+    signs = np.cumprod(np.append(first_sign, reversals))
+    sign_continuation.last[key] = path[:, -1].copy(), float(signs[-1])
     return signs
 
 
-def signs_at_stops(
-    motion: Motion,
-    signed: Sequence[Pole],
-    stops: Mapping[int, Stops],
-    at: Callable[[Indices], Iterable[Floats]],
-    memory: SignContinuation,
-) -> Turning:
-    """Return which directions are turned round to go on along each assembly mode.
+def _find_reversals(path: VelocityPath) -> Floats:
+    """Return -1 if v reverses between samples an odd number of times, +1 otherwise.
 
-    Of the poles `signed`, whose rates are not negative before. `stops` are those of modes
-    by their place; `at` gives directions, relative angular velocities and their
-    derivatives (3, poles, k) at rows by their numbers, times the sense of the input.
+    Between two samples v is interpolated by a cubic Hermite polynomial. If the sense of the
+    input changes there, derivatives by the input are useless, and v is interpolated by a
+    straight line.
+
+    Parameters
+    ----------
+    path
+        (8, k) samples.
+
+    Returns
+    -------
+    (k - 1,) signs.
     """
-    made = np.ones((len(signed), len(motion)), dtype=np.int8)
-    if not signed or not stops:
-        return lambda unit, rows, modes: made[:, rows]
-    units, vectors, changes = at(np.concatenate([rows for rows, _ in stops.values()]))
-    several = motion.inputs.shape[1] > 1
-    if several:
-        changes = np.zeros_like(vectors)  # by the way of all inputs it is not known
-    ways = motion.sample.astype(float) if several else motion.inputs[:, 0]
-    is_good = all_finite(units, 0)
-    is_moved = is_good & all_finite(vectors, 0) & np.any(vectors, axis=0)
-    first = 0
-    for number, (rows, linked) in stops.items():
-        mode, some = motion.assembly_modes[number], slice(first, first + len(rows))
-        first, end = some.stop, (number + 1) * motion.samples
-        sense = np.ones(len(rows)) if motion.sense is None else motion.sense[rows]
-        since = np.append(0, np.cumsum(linked))
-        for j, pole in enumerate(signed):
-            good = np.flatnonzero(is_moved[j, some])
-            if not len(good):
-                continue
-            unit, key, side = units[:, j, some], (mode.number, *pole), 1.0
-            if key not in memory.last:
-                home = _home(motion, mode.number, int(rows[good[0]]), memory)
-                side = -1.0 if home @ unit[:, good[0]] < 0.0 else 1.0
-            parts = ways[rows][None], sense[None], vectors[:, j, some], changes[:, j, some]
-            path = np.concatenate(parts)[:, good]
-            chain = _chain(memory, key, side, path, since[good[1:]] > since[good[:-1]])
-            often = np.diff(good, prepend=0, append=len(rows))
-            signs = np.repeat(np.append(1.0, chain), often)
-            for k in np.flatnonzero(is_good[j, some] & ~is_moved[j, some]):
-                near = good[np.argmin(np.abs(rows[good] - rows[k]))]
-                signs[k] = -1.0 if signs[near] * unit[:, near] @ unit[:, k] < 0.0 else 1.0
-            made[j, rows[0] : end] = np.repeat(signs, np.diff(rows, append=end))
-    return lambda unit, rows, modes: made[:, rows]
-
-
-def sides_of(motion: Motion, held: Bools, memory: SignContinuation) -> Turning:
-    """Return that directions are turned to the side that modes start on.
-
-    `held` (modes, samples) says which rows have a configuration.
-    """
-    sides = np.zeros((len(motion.assembly_modes), 3))
-    for number, (mode, some) in enumerate(zip(motion.assembly_modes, held, strict=False)):
-        if np.any(some):
-            first = number * motion.samples + int(np.argmax(some))
-            sides[number] = _home(motion, mode.number, first, memory)
-    return to_sides(sides)
-
-
-def _home(motion: Motion, mode: int, row: int, memory: SignContinuation) -> Floats:
-    """Return the side (3,) on which directions of a mode start, read at its first row."""
-    if mode not in memory.home:
-        (frames,) = motion.rows(np.array([row])).frames
-        memory.home[mode] = np.sum(frames[:, :, 2], axis=0)
-    return memory.home[mode]
-
-
-SUBSTEPS = 8
-
-
-def _chain(
-    memory: SignContinuation,
-    key: tuple[int, ...],
-    side: float,
-    path: Path,
-    linked: Bools,
-) -> Floats:
-    """Return the signs (k,) that go on along a path, and keep where it ends.
-
-    From the last sign in memory, or the `side` that it starts on. It may reverse only
-    where it is `linked` (k - 1,).
-    """
-    flips = np.where(linked, _flips(path) if np.any(linked) else 1.0, 1.0)
-    if key in memory.last:
-        last, side = memory.last[key]
-        if last[2:5] @ path[2:5, 0] < 0.0:
-            side *= float(_flips(np.column_stack([last, path[:, 0]]))[0])
-    chain = np.cumprod(np.append(side, flips))
-    memory.last[key] = path[:, -1].copy(), float(chain[-1])
-    return chain
-
-
-def _flips(path: Path) -> Floats:
-    """Return +1 or -1 for each gap (k - 1,): whether w reverses in between.
-
-    On a Hermite path, or a straight one where the sense changes and slopes are useless.
-    """
-    (q, sense), v, dv = path[:2], path[2:5], path[5:]
-    flips = np.ones(len(q) - 1)
-    gap = np.flatnonzero(dot(v[:, 1:], v[:, :-1]) < 0.0)
-    if not len(gap):
-        return flips
-    h = np.where(sense[1:] == sense[:-1], np.diff(q), 0.0)[gap]
-    t = np.linspace(0.0, 1.0, SUBSTEPS + 1)[:, None]
-    start, stop = (
-        (v[:, None, end], np.nan_to_num(dv[:, None, end])) for end in (gap, gap + 1)
-    )
-    path = cubic_hermite(start, stop, h, t)
-    # Rounding must not decide which way what is nearly zero at an end points there.
-    path[:, 0], path[:, -1] = start[0][:, 0], stop[0][:, 0]
-    turns = np.sum(path[:, 1:] * path[:, :-1], axis=0)
-    flips[gap] = (-1.0) ** np.sum(turns < 0.0, axis=0)
-    return flips
+    coordinate = path[0]
+    sense = path[1]
+    v = path[2:5]
+    dv = np.nan_to_num(path[5:])
+    reversals = np.ones(len(coordinate) - 1)
+    gaps = np.flatnonzero(dot(v[:, 1:], v[:, :-1]) < 0.0)
+    if not len(gaps):
+        return reversals
+    # With a length of zero, the derivatives at both ends have no effect.
+    lengths = np.where(sense[1:] == sense[:-1], np.diff(coordinate), 0.0)[gaps]
+    fractions = np.linspace(0.0, 1.0, HERMITE_SUBSTEPS + 1)[:, None]
+    start = v[:, None, gaps], dv[:, None, gaps]
+    stop = v[:, None, gaps + 1], dv[:, None, gaps + 1]
+    # (3, substeps + 1, gaps)
+    interpolated = cubic_hermite(start, stop, lengths, fractions)
+    # Rounding must not decide the direction of a vector that is nearly zero at an end.
+    interpolated[:, 0] = start[0][:, 0]
+    interpolated[:, -1] = stop[0][:, 0]
+    products = np.sum(interpolated[:, 1:] * interpolated[:, :-1], axis=0)
+    reversals[gaps] = (-1.0) ** np.sum(products < 0.0, axis=0)
+    return reversals

@@ -48,10 +48,10 @@ class GeometryRounding:
     w_spread, dw_spread
         (links, n) sums, over all directions in which loops can open, of the sizes of the
         derivatives of `w` and `dw` (per rad of opening).
-    turns
+    link_rotations
         (directions, links, 3, n) rotation vector of each link per unit opening of a loop in
         each direction, rad per rad.
-    moved
+    largest_movement
         (n,) sum over these directions of the movement of one variable per unit opening, for
         the variable with the largest sum.
     profile_speed, profile_bend
@@ -66,8 +66,8 @@ class GeometryRounding:
     dw: Floats
     w_spread: Floats
     dw_spread: Floats
-    turns: Floats
-    moved: Floats
+    link_rotations: Floats
+    largest_movement: Floats
     profile_speed: Floats
     profile_bend: Floats
 
@@ -88,7 +88,7 @@ class GeometryRounding:
     @cached_property
     def _turn(self) -> Floats:
         """(links, n) angles of the links per unit opening, summed over all directions."""
-        return np.sum(norm(self.turns), axis=0)
+        return np.sum(norm(self.link_rotations), axis=0)
 
     @property
     def _first_misfit(self) -> Floats:
@@ -114,7 +114,7 @@ class GeometryRounding:
         return self.gap * self.dw_spread + tilt_error + self.axis_error * self._bend
 
     @cached_property
-    def loss(self) -> Floats:
+    def relative_error_bound(self) -> Floats:
         """(n,) the larger of the relative error bounds of `w` and `dw`.
 
         Each bound is the largest of any link, relative to the largest vector of any link,
@@ -149,8 +149,8 @@ class GeometryRounding:
         direction_dq
             (3, n) derivative of the direction u of the pole.
         spreads
-            (n,) for each quantity in `SIGNED`, by name: sum of the sizes of its derivatives
-            in all directions in which loops can open.
+            (n,) for each quantity in `SIGNED_COMPONENTS`, by name: sum of the sizes of its
+            derivatives in all directions in which loops can open.
         is_pair_axis
             Whether the direction of the pole is the axis or contact line of a pair, and not
             the direction of v.
@@ -166,7 +166,7 @@ class GeometryRounding:
         """
         i, j = pole
         speed, dv_size = norm(v), norm(dv)
-        turn = np.sum(norm(self.turns[:, j] - self.turns[:, i]), axis=0)
+        turn = np.sum(norm(self.link_rotations[:, j] - self.link_rotations[:, i]), axis=0)
         v_tilt_error = self._first_misfit * turn + 2.0 * self.axis_error * self._speed
         # The direction.
         direction = self.gap * spreads["direction"] + self.axis_error
@@ -201,7 +201,7 @@ class GeometryRounding:
         # The derivative of the direction.
         derivative_bound = self.gap * spreads["direction_dq"] * (1.0 + second_order)
         if is_pair_axis:
-            largest_turn = np.max(self._turn, axis=0) + self.moved
+            largest_turn = np.max(self._turn, axis=0) + self.largest_movement
             derivative_bound += (
                 self._first_misfit * largest_turn + 2.0 * self.axis_error * self._speed
             )

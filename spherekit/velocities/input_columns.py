@@ -22,8 +22,12 @@ from spherekit.planning.pole_plan import Pole
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot
 from spherekit.symbolic.vector_algebra import Exprs
 from spherekit.velocities.carried_vectors import CarriedVector, absolute, root
-from spherekit.velocities.direction_signs import SIGNED
-from spherekit.velocities.pole_field import POLE_ERRORS, TURN_KNOWN, axis_pairs
+from spherekit.velocities.pole_field import (
+    MAX_DIRECTION_DQ_ERROR,
+    POLE_ERRORS,
+    SIGNED_COMPONENTS,
+    axis_pairs,
+)
 from spherekit.velocities.pole_request import Request
 from spherekit.velocities.pose_expressions import sum_along_paths
 from spherekit.velocities.row_expressions import RowExpressions
@@ -38,7 +42,7 @@ recomputed in quad precision, where bounds are measured instead of estimated by 
 MAX_CERTIFIED_DW_ERROR = 1e-8
 """The same for the derivatives dw, relative to those of all links together, or to 1."""
 
-FIELD_PARTS = (*SIGNED, "angle", *POLE_ERRORS, "w", "dw")
+FIELD_PARTS = (*SIGNED_COMPONENTS, "conditioning", *POLE_ERRORS, "w", "dw")
 """Fields of a `PoleField` that are columns."""
 
 
@@ -261,9 +265,9 @@ class InputColumns:
     def _add_columns(self, columns: ColumnList) -> None:
         """Add all columns: first those of the signed poles, which are not shared.
 
-        The signed columns are in the order of `SIGNED`: the first component of all poles,
-        then the second, and so on. A change of sign must not reach other columns, so none
-        of them is shared.
+        The signed columns are in the order of `SIGNED_COMPONENTS`: the first component of
+        all poles, then the second, and so on. A change of sign must not reach other
+        columns, so none of them is shared.
         """
         plan = self._request.plan
         pairs = axis_pairs(plan)
@@ -299,7 +303,7 @@ class InputColumns:
         }
         for k, pole in enumerate(signed_parts):
             index = first + k
-            for name, size in SIGNED.items():
+            for name, size in SIGNED_COMPONENTS.items():
                 stop = index + size * pole_count
                 self.column_indices[name][pole] = list(range(index, stop, pole_count))
                 index = stop
@@ -331,7 +335,7 @@ class InputColumns:
     def signed_part(self, columns: Floats) -> Floats:
         """Return a view (8, poles, n) of the signed columns, from all columns.
 
-        Index 0 to 7 is a component of the quantities in `SIGNED`.
+        Index 0 to 7 is a component of the quantities in `SIGNED_COMPONENTS`.
         """
         signed = columns[self._signed_columns]
         return signed.reshape(8, len(self.signed_poles), columns.shape[1])
@@ -391,7 +395,7 @@ class InputColumns:
             "direction_dq": [*unit_derivative],
             "velocity_coefficient": [coefficient],
             "acceleration_coefficient": [derivative],
-            "angle": [1.0],
+            "conditioning": [1.0],
             **_error_parts(
                 axis_error, coefficient_error, derivative_error, axis_derivative_error
             ),
@@ -421,7 +425,7 @@ class InputColumns:
         if length == 0.0:
             # The links rest relative to each other at every configuration.
             errors = _error_parts(1.0, motion.v_error, motion.dv_error, np.nan)
-            return [*[np.nan] * 6, 0.0, 0.0], {"angle": [0.0], **errors}
+            return [*[np.nan] * 6, 0.0, 0.0], {"conditioning": [0.0], **errors}
         inverse_length = 1.0 / length
         unit = motion.v * inverse_length
         derivative = dot(motion.dv, unit)
@@ -436,16 +440,19 @@ class InputColumns:
         transverse = direction_error * motion.dv_bound
         derivative_error = motion.dv_error + transverse
         unit_derivative_error = (derivative_error + transverse) * inverse_length
-        # Of the error of the derivative of u, this part is compared with `TURN_KNOWN`.
+        # This part of the error of the derivative of u is compared with
+        # `MAX_DIRECTION_DQ_ERROR`.
         turn_uncertainty = (
-            derivative_error * inverse_length * (2.0 * MAX_CERTIFIED_ERROR_RAD / TURN_KNOWN)
+            derivative_error
+            * inverse_length
+            * (2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR)
         )
         self._error_sum = self._error_sum + direction_error + turn_uncertainty
         errors = _error_parts(
             direction_error, motion.v_error, derivative_error, unit_derivative_error
         )
         signed_items = [*unit, *unit_derivative, length, derivative]
-        return signed_items, {"angle": [conditioning], **errors}
+        return signed_items, {"conditioning": [conditioning], **errors}
 
 
 def _error_parts(*bounds: Expr) -> dict[str, Iterable[Expr]]:

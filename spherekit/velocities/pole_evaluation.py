@@ -1,62 +1,53 @@
-"""Poles and coefficients at the rows of a motion, by the terms of rows.
+"""Evaluates the requested poles and velocity coefficients at the rows of a motion.
 
-Float64 gives what norms vouch for, quad precision the other rows. A route that is asked for
-by its name takes directions and rates from the sequence of the plan instead.
+By default the velocity equations of the whole mechanism give angular velocities, and these
+give the poles (`spherekit.velocities.row_velocities`). The other routes follow the plan of
+the poles from great circle to great circle (`spherekit.velocities.pole_sequence`).
+
+Symbols: v is the angular velocity of the second link of a pole relative to the first, per
+unit rate of the moving input, and dv its derivative with respect to this input. u is the
+direction of the pole. The velocity coefficient is v . u, the acceleration coefficient is
+dv . u.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any, Literal
 
 import numpy as np
 
-from spherekit.arrays import Bools, Floats, Indices
+from spherekit.arrays import Bools, Floats
 from spherekit.errors import SolveError
 from spherekit.geometry.vectors import nans
-from spherekit.mechanism.pair_frames import SAME_AXIS_SINE
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
-from spherekit.tolerances import EPS, NO_MOTION, SINGULAR_RATIO, USABLE_DIRECTION
-from spherekit.velocities.decimal_rates import DecimalRates
-from spherekit.velocities.direction_signs import SIGNED, SignContinuation, dot, norm, signed
-from spherekit.velocities.elimination_order import (
-    MAX_AMPLIFICATION,
-    EliminationOrder,
-    assign_elimination_orders,
-    inverse_sizes,
+from spherekit.tolerances import EPS, NO_MOTION, USABLE_DIRECTION
+from spherekit.velocities.direction_signs import (
+    SignContinuation,
+    apply_continuous_signs,
+    dot,
+    norm,
 )
-from spherekit.velocities.geometry_rounding import GeometryRounding
-from spherekit.velocities.input_columns import (
-    MAX_CERTIFIED_DW_ERROR,
-    MAX_CERTIFIED_ERROR_RAD,
-    InputColumns,
+from spherekit.velocities.elimination_order import EliminationOrder
+from spherekit.velocities.input_columns import InputColumns
+from spherekit.velocities.pole_field import (
+    MAX_DIRECTION_DQ_ERROR,
+    POLE_ERRORS,
+    SIGNED_COMPONENTS,
+    PoleField,
+    axis_pairs,
 )
-from spherekit.velocities.pole_field import POLE_ERRORS, TURN_KNOWN, PoleField, axis_pairs
 from spherekit.velocities.pole_request import ROUTES, Request, Route
 from spherekit.velocities.pole_sequence import PlannedPoles
-from spherekit.velocities.quad_precision_rows import recompute_in_quad
-from spherekit.velocities.row_kernel import MIN_RECIPROCAL_CONDITION, RowKernel, row_kernel
+from spherekit.velocities.row_velocities import RowEngine, RowVelocities
 from spherekit.wording import listing, nearest
-
-INCONSISTENT = 1e-10
-"""Velocity or acceleration equations that leave over more, relatively, have no solution."""
-TRUSTED_CHANGE = 1e-2
-"""Rates, or derivatives, that may be off by a larger part than this are lost."""
-SECOND_ORDER = 4.0
-"""Errors of second order, over those of first times the bend of the loops, at most."""
-
-SIZES = SIGNED | {"w": 3, "dw": 3}
-"""How many components parts of a field have; others have one."""
-
-RowEngine = Literal["numpy", "compiled", "extended"]
 
 
 def evaluate(
     motion: Motion,
-    wanted: Request,
-    memory: SignContinuation | None = None,
+    request: Request,
+    sign_continuation: SignContinuation | None = None,
     route: Route = "best",
     engine: RowEngine = "numpy",
 ) -> PoleField:
@@ -65,15 +56,16 @@ def evaluate(
     Parameters
     ----------
     motion
-        Any motion of the request's mechanism.
-    wanted
-        What to find, from `spherekit.velocities.pole_request.request`.
-    memory
-        Given for successive blocks of one motion, so that signs continue across them.
+        Any motion of the mechanism of the request.
+    request
+        The poles to compute, from `spherekit.velocities.pole_request.request`.
+    sign_continuation
+        Signs at the end of the previous block of the same motion, which are continued. It
+        is updated in place. By default the signs of this motion start anew.
     route
-        How they are found, one of `spherekit.velocities.pole_request.ROUTES`.
+        How the poles are computed, one of `spherekit.velocities.pole_request.ROUTES`.
     engine
-        What runs the terms: NumPy, heyoka, or quad precision for all rows.
+        What evaluates the expressions: NumPy, heyoka, or quad precision for all rows.
 
     Raises
     ------
@@ -86,393 +78,298 @@ def evaluate(
             f"{nearest(str(route), ROUTES) or ';'} Routes: {listing(ROUTES)}"
         )
     with np.errstate(all="ignore"):
-        made = found(motion, wanted, engine, route)
-        signed(made, motion, wanted, memory or SignContinuation())
+        field = evaluate_unsigned(motion, request, engine, route)
+        apply_continuous_signs(
+            field, motion, request, sign_continuation or SignContinuation()
+        )
     if route == "equations":
-        made.by_equations[:] = True
-    return made
+        field.is_quad_precision[:] = True
+    return field
 
 
 @np.errstate(all="ignore")
-def found(
+def evaluate_unsigned(
     motion: Motion,
-    wanted: Request,
+    request: Request,
     engine: RowEngine = "numpy",
     route: Route = "best",
     order: EliminationOrder | None = None,
 ) -> PoleField:
-    """Return the poles by the terms, with any signs of secondary ones.
+    """Return the requested poles, whose directions may reverse from row to row.
 
-    Variables are eliminated in one `order`, if it is given; by default in the one that is
-    regular at most rows, and at the other rows in orders of their own.
+    Parameters
+    ----------
+    motion, request, engine, route
+        As for `evaluate`.
+    order
+        The order in which variables are eliminated from the velocity equations, for all
+        rows. By default the order that is regular at most rows. The remaining rows are
+        then computed with orders that suit them.
     """
     links = range(len(motion.mechanism.links))
-    at = _Rows(motion, replace(wanted, links=frozenset(links)), engine, order)
-    planned = cache(partial(PlannedPoles, wanted.plan, motion, route))
+    # All links are computed. Their largest rate is the scale of relative errors.
+    request_with_links = replace(request, links=frozenset(links))
+    row_velocities = RowVelocities(motion, request_with_links, engine, order)
+    # The plan is followed only if a row needs it, and at most once.
+    get_planned_poles = cache(partial(PlannedPoles, request.plan, motion, route))
     if route in ("first", "conditioned"):
-        at.follow(planned())
+        row_velocities.use_planned_velocities(get_planned_poles())
+
+    is_ok = row_velocities.status == Status.OK
     field = PoleField(
-        status=at.status,
-        by_equations=at.wide,
-        by_kernel=at.sure,
-        by_decimals=at.by_decimals,
-        loss=np.where(at.status == Status.OK, at.loss, np.nan),
+        status=row_velocities.status,
+        is_quad_precision=row_velocities.is_quad_precision,
+        is_certified=row_velocities.is_certified,
+        is_decimal=row_velocities.is_decimal,
+        relative_error_bound=np.where(is_ok, row_velocities.relative_error_bound, np.nan),
     )
     for link in links:
-        field.w[link], field.dw[link] = at.part("w", link).T, at.part("dw", link).T
-    for pole in wanted.poles:
-        _add_pole(field, at, pole, planned)
-    field.planes.update({pole: planned().circles(pole) for pole in wanted.planes})
-    for own_order, rows in at.reordered:
-        field.put(rows, found(motion.rows(rows), wanted, engine, route, own_order))
+        field.w[link] = row_velocities.quantity("w", link).T
+        field.dw[link] = row_velocities.quantity("dw", link).T
+    for pole in request.poles:
+        if request.plan.pole(*pole) is None:
+            add_locked_pole(field, motion, pole)
+        else:
+            _add_pole(field, row_velocities, pole, get_planned_poles)
+    for pole in request.planes:
+        field.planes[pole] = get_planned_poles().great_circles(pole)
+
+    for row_order, rows in row_velocities.reordered:
+        field.put(
+            rows, evaluate_unsigned(motion.rows(rows), request, engine, route, row_order)
+        )
     return field
 
 
-class _Rows:
-    """What the terms give at the rows of a motion.
+@dataclass
+class _PoleColumns:
+    """The quantities of one pole at n rows, while they are being completed.
 
-    The kernel vouches for rows (n,) that are `sure`; `wide` ones are computed in quad
-    precision. `errors[pole]` (4, n) are its `POLE_ERRORS`, in this order; `loss` (n,)
-    is the part of the largest rate or derivative that may be off, infinite where they are
-    lost. Rows `by_decimals` (n,) are those of the decimal sizes of the file, where the
-    rounding of these leaves nothing of the rates. Rows that follow the sequence have the
-    angular velocities `by_sequence` (3, n).
-    The rows `reordered`, with the elimination order of each, are not computed here: that of
-    the kernel is not regular there, though the velocity equations are.
+    Attributes
+    ----------
+    direction, direction_dq
+        (3, n) direction u, and its derivative with respect to the input.
+    velocity_coefficient, acceleration_coefficient
+        (n,) v . u and dv . u.
+    direction_error, velocity_error, acceleration_error, direction_dq_error
+        (n,) bounds of the errors of these four.
     """
 
-    def __init__(
-        self,
-        motion: Motion,
-        wanted: Request,
-        engine: RowEngine,
-        order: EliminationOrder | None = None,
-    ) -> None:
-        self.motion, self.wanted = motion, wanted
-        self.status, n = motion.status.copy(), len(motion)
-        self.loss = np.zeros(n)
-        self.sure, self.wide, self.by_decimals = np.zeros((3, n), dtype=bool)
-        self.errors: dict[Pole, Floats] = {}
-        self.apart: dict[Pole, Floats] = {}
-        self.by_sequence: dict[int, Floats] = {}
-        self._of: Mapping[str, Mapping[Any, list[int]]] = {}
-        by: Literal["numpy", "compiled"] = "numpy" if engine == "extended" else engine
-        kernel = row_kernel(motion, [wanted], by, order)
-        self.reordered: list[tuple[EliminationOrder, Indices]] = []
-        if kernel is None and order is None:
-            self.reordered = self._reorder(np.full(n, np.inf))
-        if kernel is None:
-            self.status[self.status == Status.OK] = Status.AT_SINGULARITY
-            return
-        values = motion.values.T
-        self._columns, self._aside = kernel.all_columns(values), kernel.row_bounds(values)
-        self._places = kernel.row_bounds.slices
-        self._of = kernel.input_columns[0].column_indices
-        self._signed = kernel.input_columns[0].signed_poles
-        for pole in self._of["error"]:
-            self.errors[pole] = np.concatenate(
-                [self.part(name, pole) for name in POLE_ERRORS]
-            )
-        self.sure = self._vouched() & ~motion.failed & (engine != "extended")
-        self.wide = ~self.sure & ~motion.failed
-        if order is None:
-            self.reordered = self._reorder(self._bound("condition_number"))
-            for _, rows in self.reordered:
-                self.wide[rows] = False
-        if np.any(self.wide):
-            kernel = row_kernel(motion, [wanted], "numpy", order) or kernel
-            self._widen(kernel, np.flatnonzero(self.wide))
-            lost = self.wide & np.isinf(self.loss) & (self.status == Status.OK)
-            if np.any(lost):
-                self._compute_by_decimals(kernel, np.flatnonzero(lost))
-        # Axes of pairs that are one but for rounding differ by that.
-        pairs, rounded = axis_pairs(wanted.plan), wanted.plan.rounded_axes
-        for links, errors in self.errors.items():
-            pole = wanted.plan.pole(*links)
-            if pole and wanted.plan.rounds[pole] and pairs.get(pole) in rounded:
-                slack = SAME_AXIS_SINE * self._bound("rate_size")
-                self.apart[links] = slack / norm(self.relative(links)[0])
-                dv = norm(self.relative(links)[1])
-                bent = (
-                    SAME_AXIS_SINE * self._bound("acceleration_size")
-                    + self.apart[links] * dv
-                )
-                turned = (bent + self.apart[links] * dv) / norm(self.relative(links)[0])
-                errors += self.apart[links], slack, bent, turned
-        lost = np.isinf(self.loss) & (self.status == Status.OK)
-        self.status[lost] = Status.AT_SINGULARITY
-
-    def part(self, name: str, key: Any) -> Floats:
-        """Return (components, n) of a part of a pole or link; NaN where it is not known.
-
-        A direction may be known where rates are not.
-        """
-        if not self._of:
-            return nans((SIZES.get(name, 1), len(self.status)))
-        made = self._columns[self._of[name][key]]
-        if name == "w":
-            made = self.by_sequence.get(key, made)
-        if name == "direction":
-            return np.where(self.motion.failed, np.nan, made)
-        return np.where(self.status == Status.OK, made, np.nan)
-
-    def relative(self, pole: Pole) -> tuple[Floats, Floats]:
-        """Return (3, n) the relative angular velocity of links, and its derivative."""
-        i, j = pole
-        w, dw = (self.part(name, j) - self.part(name, i) for name in ("w", "dw"))
-        return w, dw
-
-    def follow(self, planned: PlannedPoles) -> None:
-        """Take rates from the sequence of the plan, derivatives by the terms.
-
-        What they differ by from the terms is part of their error.
-        """
-        w, doubt = planned.link_rates(self.wanted.bodies)
-        self.sure[:] = self.wide[:] = False
-        lost = ~(doubt < USABLE_DIRECTION) & (self.status == Status.OK)
-        self.status[lost] = Status.ILL_CONDITIONED
-        before = {pole: self.relative(pole)[0] for pole in self.errors}
-        of_links = enumerate(self.wanted.plan.body)
-        self.by_sequence = {link: w[body] for link, body in of_links if body in w}
-        for pole, errors in self.errors.items():
-            errors[1] += norm(self.relative(pole)[0] - before[pole])
-
-    def _reorder(self, condition_numbers: Floats) -> list[tuple[EliminationOrder, Indices]]:
-        """Return elimination orders for rows at which that of the kernel is not regular.
-
-        Parameters
-        ----------
-        condition_numbers
-            (n,) those of the equations by the kernel: the size of the Jacobian times that
-            of the inverse that its order gives. NaN where a pivot is zero.
-        """
-        doubtful = (
-            ~(condition_numbers <= 1.0 / MIN_RECIPROCAL_CONDITION) & ~self.motion.failed
-        )
-        rows = np.flatnonzero(doubtful)
-        if not len(rows):
-            return []
-        jacobians = self.motion.linearisation.jacobian[rows]
-        passive = jacobians[:, :, list(self.motion.passive_variables)]
-        least = inverse_sizes(passive) * np.linalg.norm(passive, axis=(1, 2))
-        # Near a singular configuration every order gives a large inverse.
-        is_regular = condition_numbers[rows] <= MAX_AMPLIFICATION * least
-        misordered = ~(is_regular | np.isinf(least))
-        rows = rows[misordered]
-        return [
-            (own_order, rows[some])
-            for own_order, some in assign_elimination_orders(
-                jacobians[misordered], self.motion.passive_variables
-            )
-        ]
-
-    def _bound(self, name: str) -> Floats:
-        """Return a quantity (n,) of `RowKernel.row_bounds` by its name."""
-        return self._aside[self._places[name]][0]
-
-    def _vouched(self) -> Bools:
-        """Return which rows (n,) norms vouch for: each pole is known or surely none."""
-        good = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
-        good &= self._bound("curvature_uncertainty") <= 1.0
-        good &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
-        for pole in self._signed:
-            direction, rate, change, _ = self.errors[pole]
-            v, dv = map(norm, self.relative(pole))
-            doubt = direction + 2.0 * MAX_CERTIFIED_ERROR_RAD / TURN_KNOWN * change / v
-            none = (v <= rate) & (dv <= change) & (change <= NO_MOTION)
-            good &= (doubt <= MAX_CERTIFIED_ERROR_RAD) | none
-        return good
-
-    def _widen(self, kernel: RowKernel, rows: Indices) -> None:
-        """Compute rows again in quad precision, and what they may be off by.
-
-        The loops of these rows are closed to 33 digits. The error that remains is that of
-        the rounded numbers of the geometry (`GeometryRounding`).
-        """
-        tree = self.motion.linearisation.tree
-        quad_rows = recompute_in_quad(kernel, self.motion.values[rows].T)
-        columns = quad_rows.columns
-        self._columns[:, rows] = columns
-        self._aside[:, rows] = quad_rows.bounds
-        condition_number = self._bound("condition_number")[rows]
-        rate_size = self._bound("rate_size")[rows]
-        acceleration_size = self._bound("acceleration_size")[rows]
-        # Rows that Newton's method did not close stay open as they were.
-        closed_gap = EPS * (2.0 + tree.longest_loop)
-        gap = np.where(quad_rows.is_closed, closed_gap, self.motion.residual_bound[rows])
-
-        ways = 3 * len(tree.chords)
-        inverse = quad_rows.bounds[self._places["inverse"]].reshape(
-            len(self.motion.passive_variables), ways, len(rows)
-        )
-        has_contacts = self.motion.mechanism.has_contacts
-
-        def spread(name: str, key: Any) -> Floats:
-            return np.sum(quad_rows.opening_changes[self._of[name][key]], axis=0)
-
-        links = self._of["w"]
-        rounding = GeometryRounding(
-            gap=gap,
-            axis_error=EPS * (2.0 + tree.longest_path),
-            loop_error=EPS * (2.0 + tree.longest_loop),
-            w=np.array([columns[at] for at in links.values()]),
-            dw=np.array([columns[at] for at in self._of["dw"].values()]),
-            w_spread=np.array([spread("w", link) for link in links]),
-            dw_spread=np.array([spread("dw", link) for link in links]),
-            turns=self._turns_of_links(rows, inverse),
-            moved=np.max(np.sum(np.abs(inverse), axis=1), axis=0, initial=0.0),
-            profile_speed=rate_size if has_contacts else np.zeros_like(gap),
-            profile_bend=acceleration_size if has_contacts else np.zeros_like(gap),
-        )
-        loss = rounding.loss
-        # Residuals of the equations relative to their terms, or to 1 if these are smaller.
-        relative_residual = np.maximum(
-            self._bound("rate_residual")[rows] / np.maximum(rate_size, 1.0),
-            self._bound("acceleration_residual")[rows] / np.maximum(acceleration_size, 1.0),
-        )
-        held = (loss <= TRUSTED_CHANGE) & (relative_residual < INCONSISTENT)
-        held &= condition_number * SINGULAR_RATIO <= 1.0
-        self.loss[rows] = np.where(held, loss, np.inf)
-        more = SECOND_ORDER * np.fmin(self._bound("kantorovich_number")[rows], 0.5)
-        for pole, errors in self.errors.items():
-            v, dv = (part[:, rows] for part in self.relative(pole))
-            errors[:, rows] = rounding.pole_errors(
-                pole,
-                v=v,
-                dv=dv,
-                direction_dq=columns[self._of["direction_dq"][pole]],
-                spreads={name: spread(name, pole) for name in SIGNED},
-                is_pair_axis=pole not in self._signed,
-                second_order=more,
-            )
-
-    def _compute_by_decimals(self, kernel: RowKernel, rows: Indices) -> None:
-        """Compute rows that are too near a singularity for rounded sizes."""
-        plan = self.wanted.plan
-        decimal_rates = DecimalRates.of(self.motion.rows(rows), plan.input)
-        if decimal_rates is None:
-            return
-        good = decimal_rates.is_known & (decimal_rates.loss <= TRUSTED_CHANGE)
-        rows = rows[good]
-        self.by_decimals[rows] = True
-        self.loss[rows] = decimal_rates.loss[good]
-
-        def put(name: str, key: Any, numbers: Floats) -> None:
-            for at, number in zip(self._of[name][key], numbers, strict=True):
-                if not kernel.is_constant[at]:  # which others may share
-                    self._columns[at, rows] = number[good]
-
-        for link in self._of["w"]:
-            put("w", link, decimal_rates.w[:, link].T.astype(float))
-            put("dw", link, decimal_rates.dw[:, link].T.astype(float))
-        pairs = axis_pairs(plan)
-        for pole, errors in self.errors.items():
-            body_pole = plan.pole(*pole)
-            assert body_pole is not None
-            numbers, bounds = decimal_rates.pole(pole, pairs.get(body_pole))
-            for name, part in numbers.items():
-                put(name, pole, part)
-            errors[:, rows] = bounds[:, good]
-
-    def _turns_of_links(self, rows: Indices, inverse: Floats) -> Floats:
-        """Return how links turn (ways, links, 3, rows) as the loops open, rad per rad.
-
-        `inverse` (free variables, ways, rows) says how far variables move; three ways for
-        each loop.
-        """
-        linearisation = self.motion.linearisation
-        tree, vectors = linearisation.tree, linearisation.vectors[rows]
-        turns = np.zeros((inverse.shape[1], tree.count, 3, len(rows)))
-        for turn, moved in zip(turns, inverse.swapaxes(0, 1), strict=True):
-            rates = np.zeros((len(rows), vectors.shape[1]))
-            rates[:, list(self.motion.passive_variables)] = moved.T
-            turn[:] = np.moveaxis(tree.body_rates(vectors, rates), 0, -1)
-        return turns
+    direction: Floats
+    direction_dq: Floats
+    velocity_coefficient: Floats
+    acceleration_coefficient: Floats
+    direction_error: Floats
+    velocity_error: Floats
+    acceleration_error: Floats
+    direction_dq_error: Floats
 
 
 def _add_pole(
-    field: PoleField, at: _Rows, pole: Pole, planned: Callable[[], PlannedPoles]
+    field: PoleField,
+    row_velocities: RowVelocities,
+    pole: Pole,
+    get_planned_poles: Callable[[], PlannedPoles],
 ) -> None:
-    """Add a pole; its direction by the plan where rates leave it open."""
-    body_pole, ok = at.wanted.plan.pole(*pole), at.status == Status.OK
-    if body_pole is None:
-        add_locked(field, at.motion, pole)
-        return
-    unit, turn = at.part("direction", pole), at.part("direction_dq", pole)
-    rate, change, angle = (
-        at.part(name, pole)[0]
-        for name in ("velocity_coefficient", "acceleration_coefficient", "angle")
+    """Add a pole to a field, with its status at each row.
+
+    Parameters
+    ----------
+    field
+        The field, which is changed in place.
+    row_velocities
+        Velocities and poles by the velocity equations.
+    pole
+        Two links that move relative to each other.
+    get_planned_poles
+        Returns the poles by the plan. They replace directions that the velocity equations
+        leave open, or all directions on the routes of the plan.
+    """
+    n = len(row_velocities.status)
+    no_bounds = np.full((len(POLE_ERRORS), n), np.inf)
+    errors = row_velocities.pole_errors.get(pole, no_bounds)
+    columns = _PoleColumns(
+        direction=row_velocities.quantity("direction", pole),
+        direction_dq=row_velocities.quantity("direction_dq", pole),
+        velocity_coefficient=row_velocities.quantity("velocity_coefficient", pole)[0],
+        acceleration_coefficient=(
+            row_velocities.quantity("acceleration_coefficient", pole)[0]
+        ),
+        direction_error=errors[0],
+        velocity_error=errors[1],
+        acceleration_error=errors[2],
+        direction_dq_error=errors[3],
     )
-    direction, e_rate, e_change, e_turn = at.errors.get(pole, np.full((4, len(ok)), np.inf))
-    unknown, (v, dv) = ~(direction < USABLE_DIRECTION), at.relative(pole)
-    open_ = ~at.motion.failed & (unknown | bool(at.by_sequence))
-    # Where constraints repeat each other, great circles may be one but for rounding.
-    redundant = any(group.redundant for group in at.motion.assembly.groups)
-    if np.any(open_) and (at.by_sequence or not redundant):
-        axis = planned().unit[body_pole]
-        axis = axis * np.where(~unknown & (dot(unit, axis) < 0.0), -1.0, 1.0)
-        # Axes are off as the configuration is.
-        off = np.fmin(at.motion.orientation_error, at.motion.fold_error)
-        off = planned().error[body_pole] * np.maximum(off / EPS, 1.0)
-        unit[:, open_] = axis[:, open_]
-        direction[open_] = (off + at.apart.get(pole, 0.0))[open_]
-        rate[open_], change[open_] = dot(v, unit)[open_], dot(dv, unit)[open_]
-        part = np.where(direction < USABLE_DIRECTION, direction, 1.0)
-        e_rate[open_] += (part * norm(v))[open_]
-        e_change[open_] += (part * norm(dv))[open_]
-        if body_pole not in axis_pairs(at.wanted.plan):
-            turn[:, open_ & unknown] = np.nan
-    bad = at.motion.failed | ~(direction < USABLE_DIRECTION)
-    unit[:, bad] = np.nan
-    # How a direction turns is left out where it may be off by too much.
-    has_six_digits = e_turn < TURN_KNOWN * np.maximum(1.0, norm(turn))
-    turn[:, bad | ~has_six_digits] = np.nan
-    codes = at.status.copy()
-    codes[bad & ok] = Status.ILL_CONDITIONED
-    w = norm(at.part("w", pole[1]))
-    still = bad & ok & (norm(v) < NO_MOTION * np.maximum(1.0, w))
-    codes[still] = Status.NO_POLE
-    rate[bad] = change[bad] = np.nan
-    rate[still] = 0.0
-    change[still & (norm(dv) < NO_MOTION)] = 0.0
-    field.pole_status[pole], field.direction[pole] = codes, unit.T
-    field.direction_dq[pole] = turn.T
-    field.velocity_coefficient[pole], field.acceleration_coefficient[pole] = rate, change
-    field.angle[pole], field.error[pole] = np.where(bad, np.nan, [angle, direction])
-    field.velocity_coefficient_error[pole] = np.where(np.isnan(rate), np.nan, e_rate)
+    v_size = norm(row_velocities.relative_velocity(pole))
+    dv_size = norm(row_velocities.relative_velocity_derivative(pole))
+    has_failed = row_velocities.motion.failed
+    is_on_planned_route = bool(row_velocities.planned_w)
+    is_open = ~(columns.direction_error < USABLE_DIRECTION)
+    takes_planned = ~has_failed & (is_open | is_on_planned_route)
+    # If constraints repeat each other, great circles can coincide except for rounding.
+    groups = row_velocities.motion.assembly.groups
+    has_redundant_group = any(group.redundant for group in groups)
+    if np.any(takes_planned) and (is_on_planned_route or not has_redundant_group):
+        _take_planned_direction(
+            columns, row_velocities, pole, get_planned_poles(), takes_planned, is_open
+        )
+
+    has_no_direction = has_failed | ~(columns.direction_error < USABLE_DIRECTION)
+    columns.direction[:, has_no_direction] = np.nan
+    # The derivative of a direction is left out if its error may be too large.
+    has_direction_dq = columns.direction_dq_error < (
+        MAX_DIRECTION_DQ_ERROR * np.maximum(1.0, norm(columns.direction_dq))
+    )
+    columns.direction_dq[:, has_no_direction | ~has_direction_dq] = np.nan
+
+    is_ok = row_velocities.status == Status.OK
+    pole_status = row_velocities.status.copy()
+    pole_status[has_no_direction & is_ok] = Status.ILL_CONDITIONED
+    # Without a direction, links whose relative velocity vanishes have no pole, and their
+    # velocity coefficient is 0.
+    w_size = norm(row_velocities.quantity("w", pole[1]))
+    is_without_motion = v_size < NO_MOTION * np.maximum(1.0, w_size)
+    has_no_pole = has_no_direction & is_ok & is_without_motion
+    pole_status[has_no_pole] = Status.NO_POLE
+    columns.velocity_coefficient[has_no_direction] = np.nan
+    columns.acceleration_coefficient[has_no_direction] = np.nan
+    columns.velocity_coefficient[has_no_pole] = 0.0
+    columns.acceleration_coefficient[has_no_pole & (dv_size < NO_MOTION)] = 0.0
+
+    conditioning = row_velocities.quantity("conditioning", pole)[0]
+    field.pole_status[pole] = pole_status
+    field.direction[pole] = columns.direction.T
+    field.direction_dq[pole] = columns.direction_dq.T
+    field.velocity_coefficient[pole] = columns.velocity_coefficient
+    field.acceleration_coefficient[pole] = columns.acceleration_coefficient
+    field.conditioning[pole] = np.where(has_no_direction, np.nan, conditioning)
+    # A bound is NaN if its quantity is.
+    field.direction_error[pole] = np.where(
+        has_no_direction, np.nan, columns.direction_error
+    )
+    field.velocity_coefficient_error[pole] = np.where(
+        np.isnan(columns.velocity_coefficient), np.nan, columns.velocity_error
+    )
     field.acceleration_coefficient_error[pole] = np.where(
-        np.isnan(change), np.nan, e_change
+        np.isnan(columns.acceleration_coefficient), np.nan, columns.acceleration_error
     )
-    field.direction_dq_error[pole] = np.where(np.isnan(turn[0]), np.nan, e_turn)
+    field.direction_dq_error[pole] = np.where(
+        np.isnan(columns.direction_dq[0]), np.nan, columns.direction_dq_error
+    )
 
 
-def vouched_field(
-    moving: InputColumns, columns: Floats, motion: Motion, wanted: Request
+def _take_planned_direction(
+    columns: _PoleColumns,
+    row_velocities: RowVelocities,
+    pole: Pole,
+    planned_poles: PlannedPoles,
+    rows: Bools,
+    is_open: Bools,
+) -> None:
+    """Replace the direction of a pole by that of the plan, in place.
+
+    Parameters
+    ----------
+    columns
+        The quantities of the pole.
+    row_velocities
+        Velocities of the links.
+    pole
+        The two links.
+    planned_poles
+        Directions by the plan, with any sign.
+    rows
+        (n,) where the direction is replaced.
+    is_open
+        (n,) where the velocity equations leave the direction open.
+    """
+    plan = row_velocities.request.plan
+    body_pole = plan.pole(*pole)
+    assert body_pole is not None
+    planned_direction = planned_poles.directions[body_pole]
+    is_opposite = ~is_open & (dot(columns.direction, planned_direction) < 0.0)
+    planned_direction = planned_direction * np.where(is_opposite, -1.0, 1.0)
+    # The bounds of the plan assume axes that are known up to rounding. Here axes have the
+    # error of the configuration.
+    motion = row_velocities.motion
+    configuration_error = np.fmin(motion.orientation_error, motion.fold_error)
+    planned_error = planned_poles.errors[body_pole] * np.maximum(
+        configuration_error / EPS, 1.0
+    )
+    planned_error = planned_error + row_velocities.axis_separations.get(pole, 0.0)
+
+    columns.direction[:, rows] = planned_direction[:, rows]
+    columns.direction_error[rows] = planned_error[rows]
+    v = row_velocities.relative_velocity(pole)
+    dv = row_velocities.relative_velocity_derivative(pole)
+    columns.velocity_coefficient[rows] = dot(v, columns.direction)[rows]
+    columns.acceleration_coefficient[rows] = dot(dv, columns.direction)[rows]
+    # An error of the direction changes each coefficient by at most this part of |v|, |dv|.
+    relative_change = np.where(
+        columns.direction_error < USABLE_DIRECTION, columns.direction_error, 1.0
+    )
+    columns.velocity_error[rows] += (relative_change * norm(v))[rows]
+    columns.acceleration_error[rows] += (relative_change * norm(dv))[rows]
+    if body_pole not in axis_pairs(plan):
+        columns.direction_dq[:, rows & is_open] = np.nan
+
+
+def make_certified_field(
+    input_columns: InputColumns, columns: Floats, motion: Motion, request: Request
 ) -> PoleField:
-    """Return the poles of rows by all columns (columns, n), for which a kernel vouches."""
-    directions, n = moving.column_indices["direction"], len(motion)
+    """Return the poles of rows that a kernel certifies.
+
+    Parameters
+    ----------
+    input_columns
+        Indices of the columns of the moving input.
+    columns
+        (columns, n) all columns of the kernel, in which pole directions have their sign.
+    motion, request
+        The n rows, and the requested poles.
+    """
+    n = len(motion)
+    directions = input_columns.column_indices["direction"]
     field = PoleField(
         status=motion.status,
         pole_status=dict.fromkeys(directions, motion.status),
-        by_equations=np.zeros(n, dtype=bool),
-        by_kernel=np.ones(n, dtype=bool),
-        by_decimals=np.zeros(n, dtype=bool),
-        loss=np.zeros(n),
+        is_quad_precision=np.zeros(n, dtype=bool),
+        is_certified=np.ones(n, dtype=bool),
+        is_decimal=np.zeros(n, dtype=bool),
+        relative_error_bound=np.zeros(n),
     )
-    for name, places in moving.column_indices.items():
-        for key, at in places.items():
-            part = columns[at]
-            getattr(field, name)[key] = part.T if len(at) > 1 else part[0]
-    for pole in set(wanted.poles) - directions.keys():
-        add_locked(field, motion, pole)
+    for name, indices_by_key in input_columns.column_indices.items():
+        for key, indices in indices_by_key.items():
+            values = columns[indices]
+            getattr(field, name)[key] = values.T if len(indices) > 1 else values[0]
+    for pole in set(request.poles) - directions.keys():
+        add_locked_pole(field, motion, pole)
     return field
 
 
-def add_locked(field: PoleField, motion: Motion, pole: Pole) -> None:
-    """Add the pole of two links that inputs at rest hold together: there is none."""
-    good, n = field.status == Status.OK, len(motion)
-    field.pole_status[pole] = np.where(good, Status.NO_POLE, field.status).astype(np.int8)
-    for name in (*SIGNED, "angle", *POLE_ERRORS):
-        count = (3,) * (SIGNED.get(name) == 3)
-        rest = np.where(good, 0.0, np.nan) if "coefficient" in name else nans((n, *count))
-        getattr(field, name)[pole] = rest
+def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
+    """Add two links that locked inputs hold together, which therefore have no pole.
+
+    Their coefficients and the error bounds of these are 0. Directions are NaN.
+
+    Parameters
+    ----------
+    field
+        The field, which is changed in place.
+    motion
+        The n rows of the field.
+    pole
+        The two links.
+    """
+    n = len(motion)
+    is_ok = field.status == Status.OK
+    pole_status = np.where(is_ok, Status.NO_POLE, field.status).astype(np.int8)
+    field.pole_status[pole] = pole_status
+    for name in (*SIGNED_COMPONENTS, "conditioning", *POLE_ERRORS):
+        if "coefficient" in name:
+            values = np.where(is_ok, 0.0, np.nan)
+        elif SIGNED_COMPONENTS.get(name) == 3:
+            values = nans((n, 3))
+        else:
+            values = nans((n,))
+        getattr(field, name)[pole] = values

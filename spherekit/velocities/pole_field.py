@@ -1,4 +1,9 @@
-"""Poles of a motion in which one input moves, in rows."""
+"""The poles of a motion in which one input moves, as arrays with one row per configuration.
+
+Symbols: w are the angular velocities of links per unit rate of the moving input, and v is
+the difference of w for the two links of a pole. The direction u of a pole is the axis of
+the pair that joins its two links. Without such a pair it is the direction of v.
+"""
 
 from collections.abc import MutableMapping
 from dataclasses import dataclass, field
@@ -7,11 +12,15 @@ from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.pole_plan import Plan, Pole, PrimaryPole
 
-TURN_KNOWN = 1e-6
-"""Relative error to which the derivative of an axis is known where it is given."""
+MAX_DIRECTION_DQ_ERROR = 1e-6
+"""Largest error of the derivative of a direction, relative to its size or to 1.
+
+A derivative with a larger error bound is NaN in a `PoleField`. Larger: more derivatives are
+returned, with fewer correct digits.
+"""
 
 REPORTED_ERRORS = (
-    "error",
+    "direction_error",
     "velocity_coefficient_error",
     "acceleration_coefficient_error",
 )
@@ -21,45 +30,82 @@ REPORTED_ERRORS = (
 POLE_ERRORS = (*REPORTED_ERRORS, "direction_dq_error")
 """All error bounds of a pole. The last one is that of the derivative of the direction."""
 
+SIGNED_COMPONENTS = {
+    "direction": 3,
+    "direction_dq": 3,
+    "velocity_coefficient": 1,
+    "acceleration_coefficient": 1,
+}
+"""Number of components of each quantity of a pole that changes its sign together with the
+direction."""
+
 
 def axis_pairs(plan: Plan) -> dict[Pole, int]:
-    """Return the poles of bodies that are the axis or contact line of a pair, and those."""
+    """Return the poles of bodies that are the axis or contact line of a pair.
+
+    The values are the numbers of these pairs.
+    """
     return {step.pole: step.pair for step in plan.steps if isinstance(step, PrimaryPole)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class PoleField(ArrayRows):
-    """Requested poles of a motion in which one input moves; rows as in the motion.
+    """Poles at the n rows of a motion in which one input moves while others are locked.
 
-    NaN where the motion failed. Derivatives are by that input, the others held.
+    Vectors are in ground axes. Rates are per unit rate of the moving input, and derivatives
+    are with respect to this input. Failed rows are NaN. Mappings have the pole of two links
+    (i, j), i < j, as their key, or the number of a link. Every bound contains the rounding
+    errors and the error of the configuration.
 
-    `direction[pole]` (n, 3) unit vector in ground axes, continuous along each assembly
-    mode and at its first sample on the side of the mechanism's axes (of a pair: its
-    axis); `rate[pole]` (n,): rate * direction is the angular velocity of the pole's
-    second link relative to its first per unit rate of the input;
-    `acceleration_coefficient[pole]` (n,) its derivative by the input (1/rad);
-    `angle[pole]` (n,) how far the angular velocities of its links are from cancelling:
-    |w_j - w_i| over |w_i| + |w_j|, 1 for the axes of pairs. `error[pole]` (n,) bound of
-    the direction's error (rad), `velocity_coefficient_error[pole]` and
-    `acceleration_coefficient_error[pole]` (n,) those of the two coefficients: of
-    rounding, and of what the configuration is off by. `planes[pole]` (n, 2, 3) unit
-    normals of those planes, for the poles asked for. `w[link]`, `dw[link]` (n, 3):
-    rates of links relative to the ground, per unit rate of the input, and their
-    derivatives. `direction_dq[pole]` (n, 3) is how directions
-    turn by the input, 1/rad, and `direction_dq_error[pole]` (n,) a bound of its error.
-    `loss` (n,): the part of the largest of them, or of 1, that may be wrong.
-    `status` (n,): the motion's, with AT_SINGULARITY where the rates are
-    not finite. `pole_status[pole]` (n,): the same, with NO_POLE or ILL_CONDITIONED
-    where only this pole cannot be given. `by_equations` (n,): samples solved from the
-    velocity equations instead; `by_kernel` (n,): rows that a kernel vouches for;
-    `by_decimals` (n,): rows of the decimal sizes of the file, beside a dead centre.
+    Attributes
+    ----------
+    direction
+        (n, 3) unit vector u of each pole. It is continuous along each assembly mode. At the
+        first sample of a mode it points to the side on which the sum of all pair axes lies.
+        The pole of a pair is the axis of this pair, with its sign.
+    velocity_coefficient
+        (n,) for each pole the number k for which k u is the angular velocity of link j
+        relative to link i.
+    acceleration_coefficient
+        (n,) derivative of the velocity coefficient (1/rad).
+    conditioning
+        (n,) for each pole |w_j - w_i| / (|w_i| + |w_j|). Digits cancel in the pole if it is
+        small. It is 1 for the axis of a pair.
+    direction_error
+        (n,) bound of the error of the direction (rad).
+    velocity_coefficient_error, acceleration_coefficient_error
+        (n,) bounds of the errors of the two coefficients.
+    planes
+        (n, 2, 3) unit normals of two great circles that meet in the pole, for the poles of
+        which they were requested.
+    w, dw
+        (n, 3) by link, the angular velocity relative to the ground and its derivative.
+    status
+        (n,) status of the motion, and AT_SINGULARITY if the rates are not finite.
+    pole_status
+        (n,) for each pole the same, and NO_POLE or ILL_CONDITIONED if only this pole is not
+        determined.
+    is_quad_precision
+        (n,) rows that were computed a second time, in quad precision. On the route
+        "equations" all rows are counted as such.
+    is_certified
+        (n,) rows whose float64 results a kernel certifies.
+    is_decimal
+        (n,) rows near a dead centre that were computed from the decimal sizes of the file.
+    relative_error_bound
+        (n,) error bound of `w` and `dw`, relative to the largest of any link, or to 1 if
+        that is larger.
+    direction_dq
+        (n, 3) derivative of each direction (1/rad).
+    direction_dq_error
+        (n,) bound of its error.
     """
 
     direction: MutableMapping[Pole, Floats] = field(default_factory=dict)
     velocity_coefficient: MutableMapping[Pole, Floats] = field(default_factory=dict)
     acceleration_coefficient: MutableMapping[Pole, Floats] = field(default_factory=dict)
-    angle: MutableMapping[Pole, Floats] = field(default_factory=dict)
-    error: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    conditioning: MutableMapping[Pole, Floats] = field(default_factory=dict)
+    direction_error: MutableMapping[Pole, Floats] = field(default_factory=dict)
     velocity_coefficient_error: MutableMapping[Pole, Floats] = field(default_factory=dict)
     acceleration_coefficient_error: MutableMapping[Pole, Floats] = field(
         default_factory=dict
@@ -69,14 +115,14 @@ class PoleField(ArrayRows):
     dw: MutableMapping[int, Floats] = field(default_factory=dict)
     status: SmallIntegers
     pole_status: MutableMapping[Pole, SmallIntegers] = field(default_factory=dict)
-    by_equations: Bools
-    by_kernel: Bools
-    by_decimals: Bools
-    loss: Floats
+    is_quad_precision: Bools
+    is_certified: Bools
+    is_decimal: Bools
+    relative_error_bound: Floats
     direction_dq: MutableMapping[Pole, Floats] = field(default_factory=dict)
     direction_dq_error: MutableMapping[Pole, Floats] = field(default_factory=dict)
 
     @property
-    def made(self) -> "PoleField":
-        """All of it, as arrays: itself."""
+    def as_arrays(self) -> "PoleField":
+        """The field itself. A `LazyField` computes all of its columns here."""
         return self

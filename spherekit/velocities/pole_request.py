@@ -1,4 +1,4 @@
-"""Which poles a set of wanted directions and coefficients needs."""
+"""Requests: which poles have to be computed for given directions and coefficients."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 Route = Literal["best", "first", "conditioned", "equations"]
+"""How poles and coefficients are computed; see `ROUTES`."""
 
 ROUTES: dict[Route, str] = {
     "best": "velocity equations of the whole mechanism, in more digits where doubtful",
@@ -26,17 +27,29 @@ ROUTES: dict[Route, str] = {
     "conditioned": "two best great circles",
     "equations": "velocity equations of the whole mechanism",
 }
-"""Those of the sequence give a status where it is ill-conditioned."""
+"""The routes, with their description in tables. "first" and "conditioned" follow the plan
+of the poles. They return a status for poles that are ill-conditioned on this route."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """The plan behind wanted poles and coefficients, and the links whose rates it gives.
+    """The poles to compute while one input moves, and the plan that gives them.
 
-    `poles` are the wanted ones, by links; `bodies` are the bodies of the plan whose
-    angular velocity is found, the ground and the two of the input among them. `planes`
-    are the poles whose great circles are wanted as well, `links` those whose angular
-    velocities are.
+    Attributes
+    ----------
+    plan
+        The plan, reduced to the necessary steps.
+    poles
+        The poles to compute, as pairs of link numbers.
+    bodies
+        Bodies of the plan whose angular velocity is computed. The ground and the two bodies
+        of the input are among them.
+    derivatives
+        Whether the derivatives of the velocity coefficients are requested.
+    planes
+        Poles of which two great circles are requested as well.
+    links
+        Links whose angular velocities are requested.
     """
 
     plan: Plan
@@ -47,8 +60,11 @@ class Request:
     links: frozenset[int] = frozenset()
 
 
-class ByIdentity:
-    """A mechanism as a cache key: the same object, not an equal one."""
+class MechanismKey:
+    """A mechanism as the key of a cache, equal only to the key of the same object.
+
+    The keys of two equal mechanisms that are different objects differ.
+    """
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
@@ -57,17 +73,18 @@ class ByIdentity:
         return id(self.mechanism)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, ByIdentity) and other.mechanism is self.mechanism
+        return isinstance(other, MechanismKey) and other.mechanism is self.mechanism
 
 
 @lru_cache
-def _whole_plan(of: ByIdentity, driven: str, by_rank: bool) -> Plan:
-    return plan(of.mechanism, None, driven, by_rank)
+def _plan_all_poles(mechanism_key: MechanismKey, input_pair: str, by_rank: bool) -> Plan:
+    """Return the plan of all poles; the arguments are those of `request`."""
+    return plan(mechanism_key.mechanism, None, input_pair, by_rank)
 
 
 def request(
     mechanism: Mechanism,
-    driven: str,
+    input_pair: str,
     poles: Iterable[Pole],
     rates: Iterable[Pole] = (),
     derivatives: bool = True,
@@ -75,25 +92,54 @@ def request(
     by_rank: bool = False,
     links: Iterable[int] = (),
 ) -> Request:
-    """Return what must be planned for these poles and velocity coefficients.
+    """Return the request for some poles, velocity coefficients and angular velocities.
 
-    `driven` is the input that moves; others stand still, and poles of links that they
-    join are left out. The coefficient of links (i, j) is the component of w_j - w_i;
-    each w follows from the two poles of its body with those of the input.
-    `links` are those whose angular velocity is wanted. `by_rank` is that of
-    `spherekit.planning.pole_planner.plan`.
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    input_pair
+        Name of the input that moves. The others are locked, and links that cannot move
+        relative to each other then form one body without poles.
+    poles
+        Pairs of link numbers whose pole directions are wanted.
+    rates
+        Pairs of link numbers whose velocity coefficients are wanted.
+    derivatives
+        Whether the derivatives of the coefficients are wanted.
+    planes
+        Pairs of link numbers of whose poles two great circles are wanted.
+    by_rank
+        As in `spherekit.planning.pole_planner.plan`.
+    links
+        Numbers of the links whose angular velocity is wanted.
     """
-    whole = _whole_plan(ByIdentity(mechanism), driven, by_rank)
-    a, b = whole.ends[whole.input]
-    circles = frozenset(pole_of(*pole) for pole in planes)
-    wanted = [*(pole_of(*pole) for pole in poles), *sorted(circles)]
-    turned = frozenset(links)
-    to_ground = [pole_of(0, link) for link in sorted(turned - {0})]
-    coefficients = [*(pole_of(*pole) for pole in rates), *to_ground]
-    bodies = {0, a, b} | {whole.body[link] for pole in coefficients for link in pole}
-    needed = {whole.pole(*pole) for pole in (*wanted, *coefficients, (a, b))}
-    for body in bodies - {a, b}:
-        needed |= {pole_of(a, body), pole_of(b, body)}
-    pruned = prune_plan(whole, sorted(pole for pole in needed if pole is not None))
-    every = tuple(dict.fromkeys([*wanted, *coefficients]))
-    return Request(pruned, every, tuple(sorted(bodies)), derivatives, circles, turned)
+    plan_of_all_poles = _plan_all_poles(MechanismKey(mechanism), input_pair, by_rank)
+    body_of_link = plan_of_all_poles.body
+    input_first, input_second = plan_of_all_poles.ends[plan_of_all_poles.input]
+    pole_planes = frozenset(pole_of(*pole) for pole in planes)
+    direction_poles = [*(pole_of(*pole) for pole in poles), *sorted(pole_planes)]
+    requested_links = frozenset(links)
+    link_poles = [pole_of(0, link) for link in sorted(requested_links - {0})]
+    coefficient_poles = [*(pole_of(*pole) for pole in rates), *link_poles]
+
+    bodies = {0, input_first, input_second}
+    for pole in coefficient_poles:
+        bodies |= {body_of_link[link] for link in pole}
+    needed_poles = {
+        plan_of_all_poles.pole(*pole)
+        for pole in (*direction_poles, *coefficient_poles, (input_first, input_second))
+    }
+    # A coefficient is the component of w_j - w_i along the pole. The angular velocity of
+    # each body follows from its poles with the two bodies of the input.
+    for body in bodies - {input_first, input_second}:
+        needed_poles |= {pole_of(input_first, body), pole_of(input_second, body)}
+    body_poles = sorted(pole for pole in needed_poles if pole is not None)
+    return Request(
+        plan=prune_plan(plan_of_all_poles, body_poles),
+        poles=tuple(dict.fromkeys([*direction_poles, *coefficient_poles])),
+        bodies=tuple(sorted(bodies)),
+        derivatives=derivatives,
+        planes=pole_planes,
+        links=requested_links,
+    )

@@ -1,13 +1,19 @@
-"""The sequence of a plan: every pole a product of known ones, every coefficient a ratio.
+"""Computes the poles of a plan one after another, and angular velocities from them.
 
-With two third links k and r a pole lies along (u_ik x u_jk) x (u_ir x u_jr), and
-w_k - w_a = x u_ka with one ratio x of such products, as arrays (3, n) and (n,).
+With u_ik the direction of the pole of links i and k, and two third links k and r, the pole
+of i and j lies along (u_ik x u_jk) x (u_ir x u_jr). The factors are the normals of two
+great circles through this pole.
 
-Each pole carries a bound of its error, propagated from those of its sources. Of all the
-great circles that the plan keeps for a pole, a route takes the best two or the first two.
-The best two are the one with the smallest error and then the partner that makes the
-intersection most certain.
+Each pole has a bound of its error, which is propagated from the poles it is computed from.
+If the plan has several great circles for a pole, a route takes the first two or the best
+two. The best two are the great circle with the smallest error, and the one whose
+intersection with it has the smallest error.
+
+The poles of an irreducible part of the mechanism follow from the null vector of its
+velocity equations.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,143 +34,246 @@ from spherekit.tolerances import EPS
 from spherekit.velocities.direction_signs import dot, norm
 from spherekit.velocities.pole_request import Route, cross
 
+MAX_DIRECTION_ERROR_RAD = 1.0
+"""Upper limit of the error bounds of directions. A direction with this bound is unknown."""
+
+
+@dataclass(frozen=True)
+class CircleIntersection:
+    """Two great circles through a pole, at n rows.
+
+    Attributes
+    ----------
+    first_normal, second_normal
+        (3, n) normals of the planes of the two great circles, of any length.
+    error
+        (n,) bound of the error of their intersection (rad).
+    """
+
+    first_normal: Floats
+    second_normal: Floats
+    error: Floats
+
 
 class PlannedPoles:
-    """The poles of a plan at the rows of a motion, with any signs of secondary ones.
+    """The poles of a plan at the n rows of a motion, with any signs of secondary poles.
 
-    `unit[pole]` (3, n) the direction; `error[pole]` (n,) bound of its error (rad).
+    Attributes
+    ----------
+    directions
+        (3, n) unit vector of each pole of bodies in ground axes, NaN if it is undefined.
+    errors
+        (n,) bound of the error of each direction (rad).
     """
 
     def __init__(self, plan: Plan, motion: Motion, route: Route = "best") -> None:
-        self.plan, self.motion, self.route = plan, motion, route
-        self.unit: dict[Pole, Floats] = {}
-        self.error: dict[Pole, Floats] = {}
-        self._drawn: dict[Pole, tuple[Floats, Floats]] = {}
+        """Follow the steps of the plan.
+
+        Parameters
+        ----------
+        plan, motion
+            The plan, and the configurations.
+        route
+            "first" takes the first two great circles of each pole. All other routes take
+            the best two.
+        """
+        self.plan = plan
+        self.motion = motion
+        self.route = route
+        self.directions: dict[Pole, Floats] = {}
+        self.errors: dict[Pole, Floats] = {}
+        self._circle_normals: dict[Pole, tuple[Floats, Floats]] = {}
         n = len(motion)
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for step in plan.steps:
                 if isinstance(step, PrimaryPole):
-                    self.unit[step.pole] = self._of_pair(step.pair)
-                    self.error[step.pole] = np.full(n, EPS)
+                    self.directions[step.pole] = self._pair_axis(step.pair)
+                    self.errors[step.pole] = np.full(n, EPS)
                 elif isinstance(step, LinePole):
-                    one, other, self.error[step.pole] = self._two_circles(step)
-                    self._drawn[step.pole] = one, other
-                    self.unit[step.pole] = _unit(cross(one, other))
+                    circles = self._choose_great_circles(step)
+                    normals = circles.first_normal, circles.second_normal
+                    self._circle_normals[step.pole] = normals
+                    self.directions[step.pole] = _unit_vectors(cross(*normals))
+                    self.errors[step.pole] = circles.error
                 else:
-                    self._solve(step)
+                    self._solve_block(step)
 
-    def _of_pair(self, pair: int) -> Floats:
+    def _pair_axis(self, pair: int) -> Floats:
+        """Return the unit axis (3, n) of a pair in ground axes."""
         return np.ascontiguousarray(self.motion.axes[:, pair].T)
 
-    def _two_circles(self, step: LinePole) -> tuple[Floats, Floats, Floats]:
-        """Return the normals of the two great circles of a pole.
+    def _choose_great_circles(self, step: LinePole) -> CircleIntersection:
+        """Return the two great circles from which a pole is computed.
 
-        And the bound of where they meet (n,). Of all these are those through pairs of known
-        poles, then the contact planes.
+        The possible great circles pass through two known poles each, or are those in the
+        contact planes of sliding pairs.
         """
         i, j = step.pole
-        sources = [(pole_of(i, k), pole_of(j, k)) for k in step.via]
-        every = [cross(self.unit[a], self.unit[b]) for a, b in sources]
-        every += [self._of_pair(number) for number in step.contacts]
-        drawn = [self.error[a] + self.error[b] for a, b in sources]
-        drawn += [np.zeros(len(self.motion))] * len(step.contacts)
-        count = 2 if self.route == "first" else len(every)
-        circles = np.stack(every[:count])
-        length, row = norm(circles), np.arange(len(self.motion))
-        errors = (np.stack(drawn[:count]) + EPS) / np.maximum(length, EPS)
-        # Only two are taken in their order, so that their sense is that of the plan.
-        best = np.argmin(errors, axis=0) * (len(errors) > 2)
-        first = circles[best, :, row].T
-        sine = norm(cross(first, circles))
-        sine /= np.maximum(length * length[best, row], EPS * EPS)
-        doubt = (errors + errors[best, row]) / np.maximum(sine, EPS)
-        doubt[best, row] = np.inf
-        partner = np.argmin(doubt, axis=0)
-        off = np.minimum(doubt[partner, row], 1.0)
-        return first, circles[partner, :, row].T, off
+        n = len(self.motion)
+        rows = np.arange(n)
+        known_poles = [(pole_of(i, k), pole_of(j, k)) for k in step.via]
+        normals = [cross(self.directions[a], self.directions[b]) for a, b in known_poles]
+        normals += [self._pair_axis(pair) for pair in step.contacts]
+        normal_errors = [self.errors[a] + self.errors[b] for a, b in known_poles]
+        normal_errors += [np.zeros(n)] * len(step.contacts)
 
-    def _solve(self, step: BlockPoles) -> None:
-        """Add the poles of an irreducible part: the null vector of its equations."""
-        number = {link: k for k, link in enumerate(step.links)}
+        count = 2 if self.route == "first" else len(normals)
+        # (circles, 3, n) and (circles, n)
+        circles = np.stack(normals[:count])
+        length = norm(circles)
+        errors = (np.stack(normal_errors[:count]) + EPS) / np.maximum(length, EPS)
+        # If there are only two circles, they keep their order. The sense of the pole is
+        # then that of the plan.
+        first = np.argmin(errors, axis=0) * (len(errors) > 2)
+        first_normal = circles[first, :, rows].T
+        sine = norm(cross(first_normal, circles))
+        sine /= np.maximum(length * length[first, rows], EPS * EPS)
+        intersection_errors = (errors + errors[first, rows]) / np.maximum(sine, EPS)
+        intersection_errors[first, rows] = np.inf
+        second = np.argmin(intersection_errors, axis=0)
+        return CircleIntersection(
+            first_normal=first_normal,
+            second_normal=circles[second, :, rows].T,
+            error=np.minimum(intersection_errors[second, rows], MAX_DIRECTION_ERROR_RAD),
+        )
+
+    def _solve_block(self, step: BlockPoles) -> None:
+        """Add the poles of an irreducible part, from the null vector of its equations."""
+        # Bodies of the part are counted from 0 in its tree.
+        body_index = {link: k for k, link in enumerate(step.links)}
         ends = [self.plan.ends[pair] for pair in step.pairs]
-        owned = {
+        pair_of_variable = {
             variable: k
             for k, pair in enumerate(step.pairs)
             for variable in self.plan.mechanism.variables_of(pair)
         }
         tree = LoopTree(
             len(step.links),
-            tuple((number[a], number[b]) for a, b in ends),
-            tuple(owned.values()),
+            tuple((body_index[a], body_index[b]) for a, b in ends),
+            tuple(pair_of_variable.values()),
         )
-        vectors = self.motion.vectors[:, [*owned]]
-        rates, inverse = null_motion(tree, vectors)
-        w, growth = tree.body_rates(vectors, rates), np.linalg.norm(inverse, axis=(1, 2))
+        vectors = self.motion.vectors[:, [*pair_of_variable]]
+        null_motion = solve_null_motion(tree, vectors)
+        w = tree.body_rates(vectors, null_motion.rates)
+        error_growth = np.linalg.norm(null_motion.inverse, axis=(1, 2))
         for pole in step.poles:
-            i, j = (number[link] for link in pole)
-            vector = (w[:, j] - w[:, i]).T
-            off = EPS * growth / np.maximum(norm(vector), EPS)
-            self.unit[pole], self.error[pole] = _unit(vector), np.minimum(off, 1.0)
+            i, j = (body_index[link] for link in pole)
+            v = (w[:, j] - w[:, i]).T
+            error = EPS * error_growth / np.maximum(norm(v), EPS)
+            self.directions[pole] = _unit_vectors(v)
+            self.errors[pole] = np.minimum(error, MAX_DIRECTION_ERROR_RAD)
 
     def link_rates(self, bodies: tuple[int, ...]) -> tuple[dict[int, Floats], Floats]:
-        """Return w (3, n) relative to the ground by body, and a bound (n,) of its error.
+        """Return the angular velocities of bodies per unit rate of the moving input.
 
-        By the vector form of eq. (5) of Di Gregorio 2024, with a and b the links of the
-        input: u_ab = x u_ak + y u_bk. It is 0/0 only where the axes on the right coincide,
-        not where the rate of one of them vanishes.
+        With the bodies a and b of the input, the angular velocity of body k relative to a
+        is w_k = x u_ak. The factor x follows from u_ab = x u_ak + y u_bk, the vector form
+        of eq. (5) of Di Gregorio (2024). It is 0/0 only if the axes u_ak and u_bk coincide,
+        and not if the rate about one of them vanishes.
+
+        Parameters
+        ----------
+        bodies
+            Numbers of bodies; the ground must be one of them.
+
+        Returns
+        -------
+        w
+            (3, n) angular velocity of each body relative to the ground, in ground axes.
+        error
+            (n,) largest error bound of any of the axes relative to the sine of the angle
+            between u_ak and u_bk, which bounds the relative error of w.
         """
         a, b = self.plan.ends[self.plan.input]
-        driven = self.unit[pole_of(a, b)]
-        w, doubt = {a: np.zeros_like(driven), b: driven}, np.zeros(len(self.motion))
+        input_axis = self.directions[pole_of(a, b)]
+        # Relative to body a, of which the input moves body b.
+        w = {a: np.zeros_like(input_axis), b: input_axis}
+        error = np.zeros(len(self.motion))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for body in set(bodies) - {a, b}:
-                one, other = pole_of(a, body), pole_of(b, body)
-                normal = cross(self.unit[one], self.unit[other])
+                pole_a = pole_of(a, body)
+                pole_b = pole_of(b, body)
+                normal = cross(self.directions[pole_a], self.directions[pole_b])
                 square = dot(normal, normal)
-                along = dot(cross(driven, self.unit[other]), normal)
-                w[body] = self.unit[one] * (along / square)
-                off = (self.error[one] + self.error[other]) / np.sqrt(square)
-                doubt = np.maximum(doubt, off)
-        doubt = np.nan_to_num(doubt, nan=1.0, posinf=1.0)
-        return {body: rates - w[0] for body, rates in w.items()}, doubt
+                along = dot(cross(input_axis, self.directions[pole_b]), normal)
+                w[body] = self.directions[pole_a] * (along / square)
+                axis_error = (self.errors[pole_a] + self.errors[pole_b]) / np.sqrt(square)
+                error = np.maximum(error, axis_error)
+        error = np.nan_to_num(
+            error, nan=MAX_DIRECTION_ERROR_RAD, posinf=MAX_DIRECTION_ERROR_RAD
+        )
+        return {body: rates - w[0] for body, rates in w.items()}, error
 
-    def circles(self, pole: Pole) -> Floats:
-        """Return (n, 2, 3) unit normals of two great circles of a pole of links.
+    def great_circles(self, pole: Pole) -> Floats:
+        """Return the unit normals (n, 2, 3) of two great circles through a pole of links.
 
-        Through third links whose poles with both are known, where it was found otherwise;
-        NaN without two.
+        If the plan computes the pole in another way, the great circles pass through the
+        known poles of third links. The result is NaN if there are fewer than two.
         """
-        nothing, bodies = nans((len(self.motion), 2, 3)), self.plan.pole(*pole)
-        if bodies is None:
-            return nothing
+        no_circles = nans((len(self.motion), 2, 3))
+        body_pole = self.plan.pole(*pole)
+        if body_pole is None:
+            return no_circles
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            if bodies not in self._drawn:
-                (i, j), others = bodies, (k for k in self.plan.bodies if k not in bodies)
-                via = [k for k in others if {pole_of(i, k), pole_of(j, k)} <= {*self.unit}]
-                if len(via) < 2:
-                    return nothing
-                first, second, *_ = self._two_circles(LinePole(bodies, 0, tuple(via)))
-                self._drawn[bodies] = first, second
-            both = np.stack(self._drawn[bodies])
+            if body_pole not in self._circle_normals:
+                i, j = body_pole
+                third_bodies = [
+                    k
+                    for k in self.plan.bodies
+                    if k not in body_pole
+                    and pole_of(i, k) in self.directions
+                    and pole_of(j, k) in self.directions
+                ]
+                if len(third_bodies) < 2:
+                    return no_circles
+                circles = self._choose_great_circles(
+                    LinePole(body_pole, 0, tuple(third_bodies))
+                )
+                normals = circles.first_normal, circles.second_normal
+                self._circle_normals[body_pole] = normals
+            both = np.stack(self._circle_normals[body_pole])
             return (both / norm(both)[:, None]).transpose(2, 0, 1)
 
 
-def _unit(a: Floats) -> Floats:
-    """Return a vector made a unit vector; NaN where it is zero."""
-    return a / norm(a)
+def _unit_vectors(vectors: Floats) -> Floats:
+    """Return vectors (3, n) divided by their lengths; NaN for zero vectors."""
+    return vectors / norm(vectors)
 
 
-def null_motion(tree: LoopTree, vectors: Floats) -> tuple[Floats, Floats]:
-    """Return the motion of a single-freedom part up to its scale.
+@dataclass(frozen=True)
+class NullMotion:
+    """The motion of a part with one degree of freedom, at n configurations.
 
-    The null vector (n, variables), of unit length, of its velocity equations, vectors
-    (n, variables, 3); and the inverse (n, variables, variables) of the equations bordered
-    by it, which gives derivatives.
+    Attributes
+    ----------
+    rates
+        (n, variables) null vector of the velocity equations, of unit length. The scale and
+        the sign of the motion are arbitrary.
+    inverse
+        (n, variables, equations + 1) left inverse of the equations with `rates` as a last
+        row. It gives the derivatives of the motion.
+    """
+
+    rates: Floats
+    inverse: Floats
+
+
+def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
+    """Return the motion of a part with one degree of freedom, up to its scale.
+
+    Parameters
+    ----------
+    tree
+        The loops of the part.
+    vectors
+        (n, variables, 3) vectors of the variables in ground axes.
     """
     jacobian = tree.jacobian(vectors)
     n, _, count = jacobian.shape
+    # One more equation fixes the scale. Its first coefficients are arbitrary numbers. The
+    # null vector that follows from them gives the better conditioned second equation.
     border = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
     for _ in range(2):
         inverse = left_inverse(np.concatenate([jacobian, border[:, None, :]], axis=1))
         border = rates = unit_rows(inverse[:, :, -1])
-    return rates, inverse
+    return NullMotion(rates, inverse)

@@ -1,0 +1,464 @@
+"""Velocities and poles at the rows of a motion, by up to three methods per row.
+
+1. A kernel evaluates all rows in float64. Bounds by norms certify most of them.
+2. The other rows are computed again in quad precision, and their errors are measured.
+3. Rows so near to a singularity that the rounded sizes determine no digit of the rates are
+   computed from the decimal sizes of the file.
+
+Symbols: w are the angular velocities of links per unit rate of the moving input, dw their
+derivatives with respect to this input. v and dv are the differences of these for the two
+links of a pole.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.vectors import nans
+from spherekit.mechanism.pair_frames import SAME_AXIS_SINE
+from spherekit.planning.pole_plan import Pole
+from spherekit.positions.motion import Motion
+from spherekit.status import Status
+from spherekit.tolerances import EPS, NO_MOTION, SINGULAR_RATIO, USABLE_DIRECTION
+from spherekit.velocities.decimal_rates import DecimalRates
+from spherekit.velocities.direction_signs import norm
+from spherekit.velocities.elimination_order import (
+    MAX_AMPLIFICATION,
+    EliminationOrder,
+    assign_elimination_orders,
+    inverse_sizes,
+)
+from spherekit.velocities.geometry_rounding import GeometryRounding
+from spherekit.velocities.input_columns import (
+    MAX_CERTIFIED_DW_ERROR,
+    MAX_CERTIFIED_ERROR_RAD,
+)
+from spherekit.velocities.pole_field import (
+    MAX_DIRECTION_DQ_ERROR,
+    POLE_ERRORS,
+    SIGNED_COMPONENTS,
+    axis_pairs,
+)
+from spherekit.velocities.pole_request import Request
+from spherekit.velocities.pole_sequence import PlannedPoles
+from spherekit.velocities.quad_precision_rows import QuadPrecisionRows, recompute_in_quad
+from spherekit.velocities.row_kernel import MIN_RECIPROCAL_CONDITION, RowKernel, row_kernel
+
+MAX_RELATIVE_RESIDUAL = 1e-10
+"""Largest residual of solved velocity or acceleration equations, relative to their terms.
+
+Equations with a larger residual contradict each other. Such rows are AT_SINGULARITY.
+Larger: rows with contradicting equations are accepted. Smaller: rounding counts as a
+contradiction.
+"""
+
+MAX_RELATIVE_ERROR = 1e-2
+"""Largest relative error bound of w and dw in a row that has rates.
+
+Rows with a larger bound are AT_SINGULARITY. Larger: rates are returned nearer to
+singularities, with fewer correct digits.
+"""
+
+SECOND_ORDER_FACTOR = 4.0
+"""Bound of the terms of second order in an error, relative to those of first order and to
+the number in Kantorovich's theorem, which measures how strongly the loops are curved."""
+
+COMPONENT_COUNTS = SIGNED_COMPONENTS | {"w": 3, "dw": 3}
+"""Number of components of the quantities of a row. Other quantities have one."""
+
+RowEngine = Literal["numpy", "compiled", "extended"]
+"""What evaluates the expressions: NumPy, heyoka, or quad precision for all rows."""
+
+
+class RowVelocities:
+    """Velocities and poles at the n rows of a motion while one input moves.
+
+    Attributes
+    ----------
+    motion, request
+        The configurations, and the poles and links to compute.
+    status
+        (n,) status of the motion. Rows whose rates are not determined are AT_SINGULARITY.
+    is_certified
+        (n,) rows whose float64 results the bounds of the kernel certify.
+    is_quad_precision
+        (n,) rows that were computed in quad precision.
+    is_decimal
+        (n,) rows that were computed from the decimal sizes of the file.
+    relative_error_bound
+        (n,) bound of the errors of w and dw, relative to the largest of any link or to 1.
+        It is 0 for certified rows and infinite if the rates are not determined.
+    pole_errors
+        (4, n) error bounds of each pole, in the order of `POLE_ERRORS`.
+    axis_separations
+        (n,) for poles that are the common axis of several pairs: angle (rad) by which the
+        rounding of these axes can turn the pole. Other poles have no entry.
+    planned_w
+        (3, n) by link, angular velocities that the plan of the poles gives. Empty if the
+        velocity equations give them.
+    reordered
+        Elimination orders with the rows (k,) that they suit better than that of the kernel.
+        The velocity equations are regular at these rows, but the kernel's elimination meets
+        a pivot that is nearly zero. The rows are not computed here.
+    """
+
+    def __init__(
+        self,
+        motion: Motion,
+        request: Request,
+        engine: RowEngine,
+        order: EliminationOrder | None = None,
+    ) -> None:
+        """Compute all rows.
+
+        Parameters
+        ----------
+        motion, request
+            The configurations, and what to compute.
+        engine
+            What evaluates the expressions.
+        order
+            The order in which variables are eliminated. By default the order that is
+            regular at most rows. Only then other rows can be `reordered`.
+        """
+        self.motion = motion
+        self.request = request
+        n = len(motion)
+        self.status = motion.status.copy()
+        self.relative_error_bound = np.zeros(n)
+        self.is_certified = np.zeros(n, dtype=bool)
+        self.is_quad_precision = np.zeros(n, dtype=bool)
+        self.is_decimal = np.zeros(n, dtype=bool)
+        self.pole_errors: dict[Pole, Floats] = {}
+        self.axis_separations: dict[Pole, Floats] = {}
+        self.planned_w: dict[int, Floats] = {}
+        self.reordered: list[tuple[EliminationOrder, Indices]] = []
+        # Indices of columns by quantity, then by pole or link. Empty without a kernel.
+        self._column_indices: Mapping[str, Mapping[Any, list[int]]] = {}
+
+        float_engine: Literal["numpy", "compiled"] = (
+            "numpy" if engine == "extended" else engine
+        )
+        kernel = row_kernel(motion, [request], float_engine, order)
+        if kernel is None:
+            if order is None:
+                self.reordered = self._find_reordered_rows(np.full(n, np.inf))
+            self.status[self.status == Status.OK] = Status.AT_SINGULARITY
+            return
+
+        values = motion.values.T
+        self._columns = kernel.all_columns(values)
+        self._bounds = kernel.row_bounds(values)
+        self._bound_slices = kernel.row_bounds.slices
+        self._column_indices = kernel.input_columns[0].column_indices
+        self._signed_poles = kernel.input_columns[0].signed_poles
+        for pole in self._column_indices[POLE_ERRORS[0]]:
+            self.pole_errors[pole] = np.concatenate(
+                [self.quantity(name, pole) for name in POLE_ERRORS]
+            )
+        self.is_certified = self._find_certified_rows() & ~motion.failed
+        self.is_certified &= engine != "extended"
+        self.is_quad_precision = ~self.is_certified & ~motion.failed
+        if order is None:
+            condition_numbers = self._bound("condition_number")
+            self.reordered = self._find_reordered_rows(condition_numbers)
+            for _, rows in self.reordered:
+                self.is_quad_precision[rows] = False
+
+        if np.any(self.is_quad_precision):
+            # Quad precision needs a kernel that is not compiled.
+            kernel = row_kernel(motion, [request], "numpy", order) or kernel
+            self._compute_in_quad(kernel, np.flatnonzero(self.is_quad_precision))
+            is_lost = (
+                self.is_quad_precision
+                & np.isinf(self.relative_error_bound)
+                & (self.status == Status.OK)
+            )
+            if np.any(is_lost):
+                self._compute_from_decimals(kernel, np.flatnonzero(is_lost))
+        self._add_errors_of_common_axes()
+        is_lost = np.isinf(self.relative_error_bound) & (self.status == Status.OK)
+        self.status[is_lost] = Status.AT_SINGULARITY
+
+    def quantity(self, name: str, key: Any) -> Floats:
+        """Return a quantity (components, n) of a pole or link.
+
+        It is NaN in rows that are not OK. Only directions are also returned in other rows
+        that have a configuration, since the axis of a pair is known without the rates.
+
+        Parameters
+        ----------
+        name
+            Field of `PoleField`.
+        key
+            The pole, or the number of the link.
+        """
+        if not self._column_indices:
+            return nans((COMPONENT_COUNTS.get(name, 1), len(self.status)))
+        values = self._columns[self._column_indices[name][key]]
+        if name == "w":
+            values = self.planned_w.get(key, values)
+        if name == "direction":
+            return np.where(self.motion.failed, np.nan, values)
+        return np.where(self.status == Status.OK, values, np.nan)
+
+    def relative_velocity(self, pole: Pole) -> Floats:
+        """Return v (3, n), the difference of the angular velocities of two links."""
+        first, second = pole
+        return self.quantity("w", second) - self.quantity("w", first)
+
+    def relative_velocity_derivative(self, pole: Pole) -> Floats:
+        """Return dv (3, n), the difference of the derivatives of two links."""
+        first, second = pole
+        return self.quantity("dw", second) - self.quantity("dw", first)
+
+    def use_planned_velocities(self, planned_poles: PlannedPoles) -> None:
+        """Replace w by the angular velocities that follow from the plan of the poles.
+
+        The derivatives dw remain those of the velocity equations. The difference of both
+        results is added to the error of the velocity coefficients.
+        """
+        w, direction_error = planned_poles.link_rates(self.request.bodies)
+        self.is_certified[:] = False
+        self.is_quad_precision[:] = False
+        is_uncertain = ~(direction_error < USABLE_DIRECTION)
+        self.status[is_uncertain & (self.status == Status.OK)] = Status.ILL_CONDITIONED
+
+        previous_v = {pole: self.relative_velocity(pole) for pole in self.pole_errors}
+        self.planned_w = {
+            link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
+        }
+        for pole, errors in self.pole_errors.items():
+            errors[1] += norm(self.relative_velocity(pole) - previous_v[pole])
+
+    def _bound(self, name: str) -> Floats:
+        """Return a quantity (n,) of `RowKernel.row_bounds` by its name."""
+        return self._bounds[self._bound_slices[name]][0]
+
+    def _find_certified_rows(self) -> Bools:
+        """Return (n,) the rows whose bounds are small enough in float64.
+
+        In such a row each pole is known, or it is certain that its links do not move
+        relative to each other.
+        """
+        is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
+        is_certified &= self._bound("curvature_uncertainty") <= 1.0
+        is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
+        for pole in self._signed_poles:
+            direction_error, v_error, dv_error, _ = self.pole_errors[pole]
+            v_size = norm(self.relative_velocity(pole))
+            dv_size = norm(self.relative_velocity_derivative(pole))
+            # The second term compares the error of the derivative of the direction with the
+            # largest one that is returned.
+            uncertainty = (
+                direction_error
+                + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size
+            )
+            has_no_motion = (v_size <= v_error) & (dv_size <= dv_error)
+            has_no_motion &= dv_error <= NO_MOTION
+            is_certified &= (uncertainty <= MAX_CERTIFIED_ERROR_RAD) | has_no_motion
+        return is_certified
+
+    def _find_reordered_rows(
+        self, condition_numbers: Floats
+    ) -> list[tuple[EliminationOrder, Indices]]:
+        """Return elimination orders for rows at which that of the kernel is not regular.
+
+        Parameters
+        ----------
+        condition_numbers
+            (n,) condition numbers by the kernel: the norm of the Jacobian times the norm of
+            the inverse that its elimination order gives. NaN if a pivot is zero.
+
+        Returns
+        -------
+        Orders with the rows (k,) for which each of them is used.
+        """
+        is_doubtful = ~(condition_numbers <= 1.0 / MIN_RECIPROCAL_CONDITION)
+        rows = np.flatnonzero(is_doubtful & ~self.motion.failed)
+        if not len(rows):
+            return []
+        jacobians = self.motion.linearisation.jacobian[rows]
+        passive = jacobians[:, :, list(self.motion.passive_variables)]
+        best_condition_numbers = inverse_sizes(passive) * np.linalg.norm(
+            passive, axis=(1, 2)
+        )
+        # Near a singular configuration every order gives a large inverse. Another order
+        # helps only if the best possible inverse is much smaller.
+        is_regular = condition_numbers[rows] <= MAX_AMPLIFICATION * best_condition_numbers
+        needs_order = ~(is_regular | np.isinf(best_condition_numbers))
+        rows = rows[needs_order]
+        return [
+            (order, rows[indices])
+            for order, indices in assign_elimination_orders(
+                jacobians[needs_order], self.motion.passive_variables
+            )
+        ]
+
+    def _compute_in_quad(self, kernel: RowKernel, rows: Indices) -> None:
+        """Compute rows (k,) again in quad precision, and bound their errors.
+
+        The loops of these rows are closed to 33 digits. The remaining error is caused by
+        the rounding of the sizes of the mechanism (`GeometryRounding`).
+        """
+        quad_rows = recompute_in_quad(kernel, self.motion.values[rows].T)
+        self._columns[:, rows] = quad_rows.columns
+        self._bounds[:, rows] = quad_rows.bounds
+        rate_size = self._bound("rate_size")[rows]
+        acceleration_size = self._bound("acceleration_size")[rows]
+        rounding = self._make_geometry_rounding(quad_rows, rows)
+
+        # Residuals of the equations relative to their terms, or to 1 if these are smaller.
+        relative_residual = np.maximum(
+            self._bound("rate_residual")[rows] / np.maximum(rate_size, 1.0),
+            self._bound("acceleration_residual")[rows] / np.maximum(acceleration_size, 1.0),
+        )
+        has_rates = rounding.relative_error_bound <= MAX_RELATIVE_ERROR
+        has_rates &= relative_residual < MAX_RELATIVE_RESIDUAL
+        has_rates &= self._bound("condition_number")[rows] * SINGULAR_RATIO <= 1.0
+        self.relative_error_bound[rows] = np.where(
+            has_rates, rounding.relative_error_bound, np.inf
+        )
+
+        second_order = SECOND_ORDER_FACTOR * np.fmin(
+            self._bound("kantorovich_number")[rows], 0.5
+        )
+        for pole, errors in self.pole_errors.items():
+            errors[:, rows] = rounding.pole_errors(
+                pole,
+                v=self.relative_velocity(pole)[:, rows],
+                dv=self.relative_velocity_derivative(pole)[:, rows],
+                direction_dq=quad_rows.columns[self._column_indices["direction_dq"][pole]],
+                spreads={
+                    name: self._spread(quad_rows, name, pole) for name in SIGNED_COMPONENTS
+                },
+                is_pair_axis=pole not in self._signed_poles,
+                second_order=second_order,
+            )
+
+    def _make_geometry_rounding(
+        self, quad_rows: QuadPrecisionRows, rows: Indices
+    ) -> GeometryRounding:
+        """Return the error bounds of rows (k,) that were computed in quad precision."""
+        tree = self.motion.linearisation.tree
+        # Rows that Newton's method did not close stay open as they were.
+        closed_gap = EPS * (2.0 + tree.longest_loop)
+        gap = np.where(quad_rows.is_closed, closed_gap, self.motion.residual_bound[rows])
+        # Each loop can open in three directions.
+        direction_count = 3 * len(tree.chords)
+        inverse = quad_rows.bounds[self._bound_slices["inverse"]].reshape(
+            len(self.motion.passive_variables), direction_count, len(rows)
+        )
+        has_contacts = self.motion.mechanism.has_contacts
+        no_profiles = np.zeros_like(gap)
+        w_indices = self._column_indices["w"]
+        dw_indices = self._column_indices["dw"]
+        return GeometryRounding(
+            gap=gap,
+            axis_error=EPS * (2.0 + tree.longest_path),
+            loop_error=EPS * (2.0 + tree.longest_loop),
+            w=np.array([quad_rows.columns[indices] for indices in w_indices.values()]),
+            dw=np.array([quad_rows.columns[indices] for indices in dw_indices.values()]),
+            w_spread=np.array([self._spread(quad_rows, "w", link) for link in w_indices]),
+            dw_spread=np.array([self._spread(quad_rows, "dw", link) for link in w_indices]),
+            link_rotations=self._link_rotations(rows, inverse),
+            largest_movement=np.max(np.sum(np.abs(inverse), axis=1), axis=0, initial=0.0),
+            profile_speed=self._bound("rate_size")[rows] if has_contacts else no_profiles,
+            profile_bend=(
+                self._bound("acceleration_size")[rows] if has_contacts else no_profiles
+            ),
+        )
+
+    def _spread(self, quad_rows: QuadPrecisionRows, name: str, key: Any) -> Floats:
+        """Return (k,) by how much a quantity changes as the loops open, per rad.
+
+        The sizes of the changes of all components in all directions are summed.
+        """
+        changes = quad_rows.opening_changes[self._column_indices[name][key]]
+        return np.sum(changes, axis=0)
+
+    def _link_rotations(self, rows: Indices, inverse: Floats) -> Floats:
+        """Return the rotations of links as the loops open, rad per rad.
+
+        Parameters
+        ----------
+        rows
+            (k,) rows.
+        inverse
+            (passive variables, directions, k) movement of the variables per unit opening of
+            a loop, in three directions for each loop.
+
+        Returns
+        -------
+        (directions, links, 3, k) rotation vectors in ground axes.
+        """
+        linearisation = self.motion.linearisation
+        tree = linearisation.tree
+        vectors = linearisation.vectors[rows]
+        rotations = np.zeros((inverse.shape[1], tree.count, 3, len(rows)))
+        for rotation, movement in zip(rotations, inverse.swapaxes(0, 1), strict=True):
+            rates = np.zeros((len(rows), vectors.shape[1]))
+            rates[:, list(self.motion.passive_variables)] = movement.T
+            rotation[:] = np.moveaxis(tree.body_rates(vectors, rates), 0, -1)
+        return rotations
+
+    def _compute_from_decimals(self, kernel: RowKernel, rows: Indices) -> None:
+        """Compute rows (k,) that are too near to a singularity for rounded sizes."""
+        plan = self.request.plan
+        decimal_rates = DecimalRates.of(self.motion.rows(rows), plan.input)
+        if decimal_rates is None:
+            return
+        has_rates = decimal_rates.is_known & (
+            decimal_rates.relative_error_bound <= MAX_RELATIVE_ERROR
+        )
+        rows = rows[has_rates]
+        self.is_decimal[rows] = True
+        self.relative_error_bound[rows] = decimal_rates.relative_error_bound[has_rates]
+
+        def put_columns(name: str, key: Any, values: Floats) -> None:
+            indices = self._column_indices[name][key]
+            for index, column in zip(indices, values, strict=True):
+                # Several quantities can share a constant column.
+                if not kernel.is_constant[index]:
+                    self._columns[index, rows] = column[has_rates]
+
+        for link in self._column_indices["w"]:
+            put_columns("w", link, decimal_rates.w[:, link].T.astype(float))
+            put_columns("dw", link, decimal_rates.dw[:, link].T.astype(float))
+        pairs = axis_pairs(plan)
+        for pole, errors in self.pole_errors.items():
+            body_pole = plan.pole(*pole)
+            assert body_pole is not None
+            quantities, bounds = decimal_rates.pole(pole, pairs.get(body_pole))
+            for name, values in quantities.items():
+                put_columns(name, pole, values)
+            errors[:, rows] = bounds[:, has_rates]
+
+    def _add_errors_of_common_axes(self) -> None:
+        """Add the angle between axes that coincide up to rounding to errors of poles.
+
+        The links of several pairs with a common axis have this axis as their pole. If the
+        axes differ by rounding, the relative motion of the links is not exactly about it.
+        """
+        plan = self.request.plan
+        pairs = axis_pairs(plan)
+        for links, errors in self.pole_errors.items():
+            pole = plan.pole(*links)
+            is_common_axis = (
+                pole and plan.rounds[pole] > 0 and pairs.get(pole) in plan.rounded_axes
+            )
+            if not is_common_axis:
+                continue
+            v_size = norm(self.relative_velocity(links))
+            dv_size = norm(self.relative_velocity_derivative(links))
+            v_error = SAME_AXIS_SINE * self._bound("rate_size")
+            direction_error = v_error / v_size
+            dv_error = (
+                SAME_AXIS_SINE * self._bound("acceleration_size")
+                + direction_error * dv_size
+            )
+            direction_dq_error = (dv_error + direction_error * dv_size) / v_size
+            self.axis_separations[links] = direction_error
+            errors += direction_error, v_error, dv_error, direction_dq_error
