@@ -319,7 +319,7 @@ def test_fields_and_motions_of_reference_values(name):
             known = np.isfinite(given.velocity_coefficient[pole])
             assert np.array_equal(known, np.isfinite(found.velocity_coefficient[pole]))
             apart = np.linalg.norm(given.direction[pole] - found.direction[pole], axis=1)
-            bound = given.error[pole]
+            bound = given.direction_error[pole]
             assert np.all((apart <= bound) | np.isnan(apart))
             rate = found.velocity_coefficient[pole]
             off = np.abs(given.velocity_coefficient[pole] - rate)
