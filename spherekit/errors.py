@@ -38,10 +38,6 @@ class DesignError(SpherekitError):
     """A sweep, a sensitivity or a synthesis was asked for wrongly, or failed."""
 
 
-class ArgumentError(AnalysisError):
-    """What `spherekit.plugin` offers was called with what its types do not allow."""
-
-
 class UndeclaredNeed(AnalysisError):
     """An analysis read a quantity that its `needs` did not declare."""
 

@@ -19,7 +19,7 @@ from spherekit.runs.execution import Execution
 
 LAYERS = """
 library_warnings arrays errors status tolerances wording conventions escaping completeness
-version progress > api_validation argument_validation lazy_imports markup processor
+version progress > type_descriptions type_checks argument_validation markup processor
 resources > numerics > geometry > mechanism > symbolic storage > files planning > tables
 positions > velocities > singularities proof > outputs > dynamics > scenes > runs > designs
 > exchange display.rerun display.figures > display.pages > display > api > plugin > cli
@@ -185,7 +185,7 @@ def test_each_heavy_library_has_one_home(library):
         assert library not in used, f"{where} imports {library}"
 
 
-def test_importing_spherekit_loads_the_standard_library_and_numpy_only():
+def test_importing_spherekit_loads_no_large_library():
     code = (
         "import sys; before = set(sys.modules); import spherekit; "
         "print(' '.join({m.split('.')[0] for m in set(sys.modules) - before}))"
@@ -194,16 +194,16 @@ def test_importing_spherekit_loads_the_standard_library_and_numpy_only():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     loaded = {name for name in out.stdout.split() if name not in sys.stdlib_module_names}
-    assert loaded <= {"spherekit", "numpy"}
+    assert loaded <= {"spherekit", "lazy_loader"}
 
 
 @pytest.mark.parametrize("package", PUBLIC)
 def test_public_names_resolve(package):
     module = importlib.import_module(package)
-    assert module.__doc__ and dir(module) == module.__all__
+    assert module.__doc__ and set(module.__all__) <= set(dir(module))
     for name in module.__all__:
         assert getattr(module, name) is not None
-    with pytest.raises(AttributeError, match="no attribute 'no_such_name'"):
+    with pytest.raises(AttributeError, match="attribute .?no_such_name"):
         module.no_such_name
 
 

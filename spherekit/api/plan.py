@@ -1,4 +1,4 @@
-"""The plan of a mechanism, given as such or by its name."""
+"""The plan of a mechanism, and its pole table as text."""
 
 from collections.abc import Iterable
 
@@ -6,6 +6,7 @@ from spherekit.argument_validation import checked
 from spherekit.errors import PlanError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.planning import pole_planner as planning
+from spherekit.planning.plan_text import as_text
 from spherekit.planning.pole_plan import Plan, Pole
 
 
@@ -43,3 +44,18 @@ def plan(
     4    x  I  x  ■
     """
     return planning.plan(mechanism_of(mechanism), poles, input_pair)
+
+
+@checked(PlanError)
+def table(plan: Plan) -> str:
+    """Return the pole table of a plan, in the style of the lecture, as text.
+
+    The table has a row and a column for each link. Entry (i, j) says in which pass of the
+    plan the pole of links i and j is constructed.
+
+    Parameters
+    ----------
+    plan
+        What `plan` returned.
+    """
+    return as_text(plan)

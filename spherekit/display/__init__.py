@@ -5,14 +5,14 @@ begin with a `RecordingHead`;
 `open_viewer` shows a recording, `screenshot` takes a picture of it.
 """
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from spherekit.lazy_imports import offered as _offered
+from spherekit.scenes.recording_head import RecordingHead as RecordingHead
 
-if TYPE_CHECKING:
-    from spherekit.display.rerun.recorder import RerunRecorder as RerunRecorder
-    from spherekit.display.rerun.screenshot import screenshot as screenshot
-    from spherekit.display.rerun.viewer import open_viewer as open_viewer
-    from spherekit.scenes.recording_head import RecordingHead as RecordingHead
+# The other names load the rerun SDK when they are first read; see __init__.pyi.
+__getattr__, _, _lazy_names = lazy_loader.attach_stub(__name__, __file__)
+__all__ = sorted([*_lazy_names, "RecordingHead"])
 
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+
+def __dir__() -> list[str]:
+    return __all__

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from spherekit.conventions import Facts
-from spherekit.errors import ArgumentError, PluginError, SpherekitError
+from spherekit.errors import PluginError, SpherekitError
 from spherekit.wording import counted
 
 LOG = logging.getLogger("spherekit.plugins")
@@ -35,8 +35,6 @@ def failed_rows(summary: Facts) -> list[str]:
 def faults_of(analysis: str, what: str) -> Iterator[None]:
     """Turn whatever a plugin raises into `PluginError`; errors of spherekit stay.
 
-    An `ArgumentError` is a mistake of the plugin's.
-
     Parameters
     ----------
     analysis
@@ -46,9 +44,9 @@ def faults_of(analysis: str, what: str) -> Iterator[None]:
     """
     try:
         yield
+    except SpherekitError:
+        raise
     except (Exception, SystemExit) as problem:
-        if isinstance(problem, SpherekitError) and not isinstance(problem, ArgumentError):
-            raise
         LOG.debug("%s: %s", analysis, what, exc_info=True)
         raise PluginError(f"{analysis}: {what} raises {described(problem)}") from problem
 

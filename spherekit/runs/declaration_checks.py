@@ -12,7 +12,6 @@ from typing import Any, get_args, get_type_hints
 
 import numpy as np
 
-from spherekit.argument_validation import fault_of
 from spherekit.conventions import NAME_PATTERN
 from spherekit.errors import PluginError
 from spherekit.mechanism.mechanism import Mechanism
@@ -23,6 +22,7 @@ from spherekit.runs.parameter_text import parameters
 from spherekit.runs.run_result import MOTION
 from spherekit.tables.column_units import SYMBOLS, is_unit
 from spherekit.tables.table import COLUMNS, Table
+from spherekit.type_checks import type_fault
 from spherekit.wording import choices, listing
 
 TAKEN = (MOTION, COLUMNS.partition(".")[0])
@@ -42,7 +42,7 @@ def _faults(cls: Any) -> Iterator[str]:
         if not hasattr(cls, key):
             yield f"the class attribute `{key}` is missing"
             return
-        if fault := fault_of(key, getattr(cls, key), *get_args(hint)):
+        if fault := type_fault(key, getattr(cls, key), *get_args(hint)):
             yield f"the class attribute {fault}"
     if not NAME_PATTERN.fullmatch(cls.name):
         yield f"its name {cls.name!r} may hold letters, digits and underscores only"
@@ -120,6 +120,9 @@ def _fault(needs: Any, mechanism: Mechanism) -> str:
     """Return what is wrong with a pole, pair or link that is declared, or nothing."""
     if not isinstance(needs, Needs):
         return f"needs returns a {type(needs).__name__}, it has to return Needs(...)"
+    for field, annotation in get_type_hints(Needs).items():
+        if fault := type_fault(field, getattr(needs, field), annotation):
+            return f"Needs: {fault}"
     count = len(mechanism.links)
     name = mechanism.name
     for what, held in vars(needs).items():

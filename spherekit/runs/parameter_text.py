@@ -5,13 +5,13 @@ from dataclasses import MISSING, fields
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-from spherekit.argument_validation import Style, in_words, read_as
 from spherekit.conventions import Facts, Names
 from spherekit.errors import AnalysisError, SpherekitError
+from spherekit.type_descriptions import TypeWording, describe_type, read_value
 from spherekit.wording import listing, nearest
 
 _SWITCHES = {"true": True, "1": True, "false": False, "0": False}
-_TEXT = Style(
+_TEXT = TypeWording(
     {
         str: "text",
         float: "number",
@@ -30,7 +30,7 @@ def parameters(cls: type) -> dict[str, tuple[str, Any]]:
     hints = get_type_hints(cls)
     return {
         item.name: (
-            in_words(hints[item.name], _TEXT),
+            describe_type(hints[item.name], _TEXT),
             item.default if item.default_factory is MISSING else item.default_factory(),
         )
         for item in fields(cls)
@@ -99,11 +99,11 @@ def given_in(
 
     def read(key: str, value: str, hint: Any) -> Any:
         try:
-            return read_as(hint, value, _one, lambda several: several.split("+"))
+            return read_value(hint, value, _one, lambda several: several.split("+"))
         except ValueError:
             raise fault(
                 (),
-                f'parameter {key}: "{value}" does not read as {in_words(hint, _TEXT)}',
+                f'parameter {key}: "{value}" does not read as {describe_type(hint, _TEXT)}',
             ) from None
 
     items: dict[str, str] = {}

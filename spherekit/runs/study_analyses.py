@@ -5,7 +5,6 @@ from contextlib import contextmanager
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
-from spherekit.argument_validation import Style, in_words, read_as
 from spherekit.conventions import Facts, Names
 from spherekit.errors import PluginError, SpherekitError
 from spherekit.files.schema import mismatch, shown
@@ -15,10 +14,11 @@ from spherekit.runs.contract import AbstractAnalysis, BrokenAnalysis
 from spherekit.runs.declaration_checks import declared
 from spherekit.runs.parameter_text import given
 from spherekit.runs.registry import create, load
+from spherekit.type_descriptions import TypeWording, describe_type, read_value
 from spherekit.wording import listing
 
 DEFAULT_ANALYSIS = "poles"
-_FILE = Style(
+_FILE = TypeWording(
     {
         bool: "true or false",
         int: "a whole number",
@@ -107,9 +107,9 @@ def _given(study: Study, cls: type[AbstractAnalysis], values: Mapping[str, Any])
             return value
 
         try:
-            return read_as(hint, value, _one, items)
+            return read_value(hint, value, _one, items)
         except ValueError:
-            raise fault((key,), mismatch(value, in_words(hint, _FILE))) from None
+            raise fault((key,), mismatch(value, describe_type(hint, _FILE))) from None
 
     return given(cls, cls.name, values, read, fault)
 

@@ -5,13 +5,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import MISSING, fields, replace
 from typing import Any, TypeVar
 
-from spherekit.argument_validation import fault_of
 from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError
 from spherekit.files.study import Study
 from spherekit.files.study_reader import Subject as Subject
 from spherekit.files.study_reader import study_of as of_subject
 from spherekit.planning.assembly_plan import driven_at
+from spherekit.type_checks import type_fault
 from spherekit.wording import choices
 
 Second = TypeVar("Second")
@@ -65,7 +65,7 @@ def study_of(
     if "samples" in changes or pairs is not None:
         changes.setdefault("path", None)
     if pairs is not None:
-        if fault := fault_of("input_pair", pairs, str | Sequence[str]):
+        if fault := type_fault("input_pair", pairs, str | Sequence[str]):
             raise AnalysisError(f"{function}: {fault}")
         changes["mechanism"] = driven_at(study.mechanism, pairs)
     if changes:

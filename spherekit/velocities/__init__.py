@@ -3,12 +3,6 @@
 `kernel` makes a `Kernel`: a function of many configurations at once.
 """
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from spherekit.lazy_imports import offered as _offered
-
-if TYPE_CHECKING:
-    from spherekit.velocities.kernels import Kernel as Kernel
-    from spherekit.velocities.kernels import kernel as kernel
-
-__all__, __getattr__, __dir__ = _offered(__name__, __file__)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

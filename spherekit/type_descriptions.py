@@ -1,0 +1,149 @@
+"""The values of a type in words, for messages and help; and values read as a type."""
+
+import functools
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from spherekit.wording import listing
+
+
+@dataclass(frozen=True)
+class TypeWording:
+    """How the types are written for one kind of reader: of Python, a file or a command.
+
+    Parameters
+    ----------
+    simple_types
+        Words for each simple type, such as ``"a whole number"`` for `int`.
+    write_choices
+        Returns words for the values of a `Literal`.
+    write_items
+        Returns words for a tuple, from the words for each of its items.
+    repeated_item
+        Words for a sequence of any length, with ``{}`` in place of its items.
+    """
+
+    simple_types: Mapping[Any, str]
+    write_choices: Callable[[Iterable[Any]], str]
+    write_items: Callable[[Sequence[str]], str]
+    repeated_item: str
+
+
+PYTHON_WORDING = TypeWording(
+    simple_types={
+        bool: "True or False",
+        int: "a whole number",
+        float: "a number",
+        str: "text",
+        NoneType: "None",
+    },
+    write_choices=lambda choices: f"one of {listing(choices)}",
+    write_items=lambda items: f"({', '.join(items)})",
+    repeated_item="a sequence, each {}",
+)
+"""The wording for arguments of Python functions."""
+
+
+def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str:
+    """Return words for the values of a type, such as ``"a number or None"``."""
+    if annotation in (Any, object):
+        return "anything"
+    origin = get_origin(annotation)
+    arguments = get_args(annotation)
+    if annotation is ArrayLike or origin is np.ndarray:
+        return "texts" if is_text_array(annotation) else "numbers"
+    if annotation in wording.simple_types:
+        return wording.simple_types[annotation]
+    if origin is Literal:
+        return wording.write_choices(arguments)
+    if origin is Callable:
+        return "a function"
+
+    descriptions = [
+        describe_type(member, wording)
+        for member in union_members(arguments)
+        if member is not ...
+    ]
+    if origin in (Union, UnionType):
+        # In files, None is a missing key and has no words.
+        return " or ".join(dict.fromkeys(filter(None, descriptions)))
+    if origin is tuple and arguments[1:] != (...,):
+        return wording.write_items(descriptions)
+    if origin in (Sequence, Iterable, tuple):
+        return wording.repeated_item.format(*descriptions)
+    if origin in (Mapping, dict):
+        return f"a mapping of {' to '.join(descriptions)}"
+    if origin in (list, set, frozenset):
+        return f"a {origin.__name__}, each {descriptions[0]}"
+    if origin is type:
+        return f"a class, {descriptions[0]} or one that extends it"
+    if origin is os.PathLike:
+        return "a path"
+    return str(getattr(origin or annotation, "__name__", annotation))
+
+
+def read_value(
+    annotation: Any,
+    source: Any,
+    read_simple_value: Callable[[Any, Any], Any],
+    split_items: Callable[[Any], Sequence[Any]],
+) -> Any:
+    """Return a value of a type that a text or an entry of a file states.
+
+    Parameters
+    ----------
+    annotation
+        The type: a simple one, a choice, a union or a tuple of these.
+    source
+        The text or entry.
+    read_simple_value
+        Called with a simple type or a choice and its source; returns the value.
+    split_items
+        Called with the source of a tuple; returns the sources of its items.
+
+    Raises
+    ------
+    ValueError
+        If the source does not read as the type. The two functions raise it as well.
+    """
+    origin = get_origin(annotation)
+    arguments = get_args(annotation)
+    if origin in (Union, UnionType):
+        for member in arguments:
+            with suppress(ValueError):
+                return read_value(member, source, read_simple_value, split_items)
+        raise ValueError(source)
+    if origin is not tuple:
+        return read_simple_value(annotation, source)
+    items = split_items(source)
+    has_any_length = arguments[1:] == (...,)
+    item_types = arguments[:1] * len(items) if has_any_length else arguments
+    return tuple(
+        read_value(item_type, item, read_simple_value, split_items)
+        for item_type, item in zip(item_types, items, strict=True)
+    )
+
+
+@functools.cache
+def union_members(members: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the members of a union, with the members of `ArrayLike` as that one type.
+
+    `ArrayLike` is a union itself, and Python merges nested unions.
+    """
+    array_like_members = get_args(ArrayLike)
+    if not set(array_like_members) <= set(members):
+        return members
+    return (ArrayLike, *(member for member in members if member not in array_like_members))
+
+
+@functools.cache
+def is_text_array(annotation: Any) -> bool:
+    """Return whether a type is that of arrays of texts."""
+    return annotation is not ArrayLike and "str" in str(annotation)

@@ -1,0 +1,2 @@
+from .kernels import Kernel as Kernel
+from .kernels import kernel as kernel
