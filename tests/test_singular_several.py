@@ -14,13 +14,14 @@ import spherekit as sk
 from spherekit.mechanism.elements import Output
 from spherekit.positions.motion import make_motion
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.singularities import singular_surface as surface
+from spherekit.singularities import curve_tracing, surface_front
 from spherekit.singularities.aspects import aspects
 from spherekit.singularities.curve_tracing import trace_curves
+from spherekit.singularities.locus import SingularityLocus
 from spherekit.singularities.several_inputs import RowType, coefficients
 from spherekit.singularities.singular_curves import singular_curves
 from spherekit.singularities.singular_surface import singular_surface
-from spherekit.singularities.slices import SingularityLocus, solver_of
+from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import InputsLocked, output_of
 from spherekit.status import Status
 
@@ -297,8 +298,8 @@ def test_cusps_of_a_three_rrr_with_one_input_locked(monkeypatch):
     motion, driven = tracer.motion(), tracer.solver.driven
     values = motion.values[~motion.failed][0]
     locus = SingularityLocus(tracer.solver.closure, 2, InputsLocked(driven))
-    monkeypatch.setattr("spherekit.singularities.curve_tracing.LONGEST", 20.0)
-    (curve,) = trace_curves(locus, locus.onto(values[None]))
+    monkeypatch.setattr(curve_tracing, "MAX_SINGULAR_CURVE_LENGTH_RAD", 20.0)
+    (curve,) = trace_curves(locus, locus.project(values[None]))
     assert curve is not None
     cusps = curve.cusps()
     assert len(cusps) >= 2
@@ -336,7 +337,7 @@ def test_aspects_free_of_both_types_split_by_signs():
 def test_surface_of_type_two_in_a_three_rrr(monkeypatch):
     """Vertices: distal planes of the legs with a common line. Edges: two triangles each."""
     made = sk.load("three_rrr")
-    monkeypatch.setattr(surface, "MOST_VERTICES", 80)
+    monkeypatch.setattr(surface_front, "MAX_FRONT_VERTICES", 80)
     mesh = singular_surface(whole(made), "II", slices_of_each=1, side=0.3)
     assert str(mesh.claim).endswith("searched; stopped at 80 vertices")
     assert np.max(mesh.points.residual) < 1e-12

@@ -16,14 +16,11 @@ from spherekit.outputs.pose_solver import output_kinematics
 from spherekit.positions.motion import make_motion
 from spherekit.singularities.curve_starts import (
     closed_configurations,
-    everywhere,
+    is_singular_everywhere,
     points_from,
 )
-from spherekit.singularities.several_inputs import (
-    SingularityReport,
-    coefficients,
-    what_vanishes,
-)
+from spherekit.singularities.several_inputs import coefficients, what_vanishes
+from spherekit.singularities.singularity_report import SingularityReport
 from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import output_of
 from spherekit.velocities.transmission import SINGULAR, Transmission
@@ -175,7 +172,7 @@ def test_no_note_takes_an_output_for_the_input():
 def test_axes_that_coincide_are_not_called_coplanar(name):
     """Theorem 2 of Di Gregorio (2015): all u_i coincide at type II of three inputs."""
     made = sk.load(name)
-    view = SingularityReport.of(solver_of(made), output_of(made), "II")
+    view = SingularityReport.for_output(solver_of(made), output_of(made), "II")
     values = closed_configurations(view.solver, 16, np.random.default_rng(5))
     points = points_from(view.locus, values, view.solver.driven)
     words = what_vanishes(make_motion(view.solver, points.values), view.output)
@@ -228,19 +225,19 @@ def check_types(made, count):
         rest = output_of(made, output.name)
         rest = replace(rest, pointing=None if len(made.inputs) > 2 else output.direction)
         views = {
-            kind: SingularityReport.of(solver, rest, kind)
+            kind: SingularityReport.for_output(solver, rest, kind)
             for kind in ("II", "I", "self-motion")
         }
         values = closed(solver, count)
         rows = [values[:6]]
         for kind, view in views.items():
-            if everywhere(view):
+            if is_singular_everywhere(view):
                 assert kernel_type(made, values[0], output) == kind
                 continue
             points = points_from(view.locus, values, solver.driven).values
             rows.append(points[:8])
             if kind == "II":
-                assert np.all(view.is_own(view.types(points)))
+                assert np.all(view.has_type(view.types(points)))
         rows = np.concatenate(rows)
         told = coefficients(make_motion(solver, rows), rest)
         measure = Transmission.of(made, output).of_values(solver.closure, rows)
@@ -256,7 +253,8 @@ def check_types(made, count):
                 int(told.type[k]), "I" * int(told.type[k])
             )
             if kind in ("II", "III"):
-                assert whole.measure(whole.space(here[None])).smallest[0] < RANK
+                measure = whole.measure(whole.tangent_space(here[None]))
+                assert measure.smallest_singular_value[0] < RANK
             met.append(kind)
     return met
 

@@ -26,8 +26,8 @@ from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.connectivity import order_chains
 from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture
 from spherekit.outputs.mid_plane_symmetry import mid_plane_form
-from spherekit.singularities.several_inputs import LocusName, SingularityReport
 from spherekit.singularities.singular_curves import CurveSeen, SingularCurves
+from spherekit.singularities.singularity_report import LocusName, SingularityReport
 from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import output_of
 from spherekit.tolerances import CLOSURE_TOLERANCE
@@ -174,13 +174,14 @@ class _Modes:
         with those of what stands still, or the gap of the loops.
         """
         values, _ = self.form.values(self.form.place(normals, modes))
-        space = self.locus.space(values)
-        stacked = np.hstack([space.at.jacobian, self.locus.rest.equations(space.at)])
+        linearisation = self.locus.tangent_space(values).linearisation
+        constraint = self.locus.constraint.equations(linearisation)
+        stacked = np.hstack([linearisation.jacobian, constraint])
         _, sizes, right = np.linalg.svd(np.nan_to_num(stacked))
-        residual = np.maximum(np.nan_to_num(space.at.gap, nan=np.inf), sizes[:, -1])
-        points = self.view.seen(values, right[:, -1], residual)
+        residual = np.maximum(np.nan_to_num(linearisation.gap, nan=np.inf), sizes[:, -1])
+        points = self.view.describe(values, right[:, -1], residual)
         closes = residual < CLOSURE_TOLERANCE
-        kept = np.flatnonzero(closes & self.view.is_own(points.type))
+        kept = np.flatnonzero(closes & self.view.has_type(points.type))
         s = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
         whole = closed and len(kept) == len(normals)
         none, signs = points.rows(slice(0)), tuple(modes.tolist())

@@ -12,10 +12,8 @@ from spherekit.singularities.input_output_relation import SixPoles, Type
 from spherekit.singularities.near_misses import NearMiss, least_transmission, near_misses
 from spherekit.singularities.sampled_singularities import SampledSingularities
 from spherekit.singularities.several_inputs import (
-    LocusName,
     OutputCoefficients,
     RowType,
-    SingularPoints,
     coefficients,
     what_vanishes,
 )
@@ -27,6 +25,7 @@ from spherekit.singularities.singular_curves import (
 )
 from spherekit.singularities.singular_point import SingularPoint
 from spherekit.singularities.singular_surface import SingularSurface, singular_surface
+from spherekit.singularities.singularity_report import LocusName, SingularPoints
 from spherekit.singularities.slices import LockedInputSection, cut, solver_of
 from spherekit.singularities.stationarity import output_of
 

@@ -1,8 +1,9 @@
-"""Aspects: parts of the configuration manifold that no singular configuration divides.
+"""Aspects: parts of the configurations that are connected without a singularity.
 
-Configurations over an input grid are joined where verified steps lead from one
-to its neighbour: those never pass a configuration of type II. Joined configurations are
-one aspect; the sign of a determinant tells others apart.
+Configurations over an input grid are connected if verified steps lead from one of them to
+its neighbour. Verified steps never pass a singularity of type II. Connected configurations
+are one aspect. Two aspects of the same sign of a determinant may be one aspect, which the
+samples do not connect.
 """
 
 from collections.abc import Sequence
@@ -24,18 +25,25 @@ from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.input_revolutions import less_periods
 from spherekit.positions.path_continuation import follow_inputs
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.singularities.several_inputs import LocusName
-from spherekit.singularities.slices import SingularityLocus, configurations, solver_of
+from spherekit.singularities.locus import SingularityLocus
+from spherekit.singularities.singularity_report import LocusName
+from spherekit.singularities.slices import configurations, solver_of
 from spherekit.singularities.stationarity import InputsLocked, OutputStationary, output_of
 from spherekit.status import Status
 
-SINGULAR = 1e-8
-"""Configurations with a smaller singular value are singular themselves."""
-PROBES = 5
-"""Samples along each axis at which modes of irreducible groups are looked for."""
-SAME = 1e-6
-"""Configurations whose variables differ by less (rad) are the same one."""
-MOST_CONFIGURATIONS = 200_000
+SINGULAR_NODE_VALUE = 1e-8
+"""A configuration with a smaller singular value is singular and belongs to no aspect.
+Larger: aspects lose configurations near singularities."""
+START_SAMPLES_PER_INPUT = 5
+"""Samples along each input at which modes of mechanisms with groups larger than dyads are
+searched. Larger: more aspects are found; smaller: faster."""
+SAME_ASPECT_CONFIGURATION_RAD = 1e-6
+"""Configurations whose variables differ by less are the same one. Larger: different modes
+near a singularity are taken for one; smaller: one configuration is counted twice."""
+MAX_ASPECT_CONFIGURATIONS = 200_000
+"""Number of configurations after which no more are connected."""
+NO_CONFIGURATION = -1
+"""Stands for a configuration that does not exist in arrays of their numbers."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +52,10 @@ class Aspects:
 
     Attributes
     ----------
-    input grid, row
-        The samples, and the sample (n,) of each configuration.
+    input_grid
+        The samples of the inputs.
+    row
+        (n,) sample of each configuration.
     values, inputs
         The variables (n, V) and inputs (n, g), rad.
     label
@@ -53,18 +63,19 @@ class Aspects:
     sizes
         (aspects,) numbers of configurations.
     sign_two, sign_one
-        (aspects,) sign of the determinant of type II and of that of type I, 0 where it has
-        none: the motions' sense is not fixed, or the output has more freedoms than there
-        are inputs. Aspects free of type II only may hold both signs of type I: 0 too.
+        (aspects,) sign of the determinant of type II and of that of type I. 0 if there is
+        no sign, because J does not determine the sense of the motions or the output has
+        more degrees of freedom than there are inputs. Also 0 if an aspect holds both signs
+        of type I, which is possible if only type II divides aspects.
     modes
-        (aspects,) greatest number of configurations at one sample. More than one: the
-        mechanism changes its assembly mode within the aspect, without a singularity.
+        (aspects,) greatest number of configurations at one sample. If it is more than one,
+        the mechanism can change its assembly mode within the aspect, without a singularity.
     free_of
-        The types that divide aspects.
+        The types of singularity that divide aspects.
     singular
         Number of configurations met that are singular themselves, and so in no aspect.
     note
-        What was not done as time was spent, or nothing.
+        What was not done because the time was spent, or empty.
     """
 
     input_grid: InputGrid
@@ -124,65 +135,122 @@ def aspects(
     for kind in free_of:
         if kind not in ("I", "II"):
             raise AnalysisError(f'aspects are free of "I" and "II", not of "{kind}"')
-    asked = mechanism.outputs or "I" in free_of
-    rest = output_of(mechanism, output, pointing) if asked else None
+    divides_by_type_one = "I" in free_of
+    stationary_output = None
+    if mechanism.outputs or divides_by_type_one:
+        stationary_output = output_of(mechanism, output, pointing)
     solver = solver_of(mechanism)
-    count = len(solver.driven)
-    if rest is not None and "I" in free_of and count > rest.count:
-        raise AnalysisError(
-            f"{mechanism.name}: the output has {rest.count} freedoms: {count} inputs can "
-            "always move while it rests: no aspect is free of type I; leave that out"
-        )
-    counts = samples if isinstance(samples, Sequence) else [samples] * count
-    input_grid = grids.make_grid(mechanism.inputs, counts)
-    budget = budget or TimeLimit()
-    spread = _Spread(solver, input_grid, rest, "I" in free_of, budget)
-    if budget.goes_on("modes at samples of the input grid"):
-        spread.add(*_starts(solver, input_grid))
-    spread.run()
-    return spread.labelled(("II", "I") if "I" in free_of else ("II",))
+    input_count = len(solver.driven)
+    if stationary_output is not None and divides_by_type_one:
+        output_freedoms = stationary_output.equation_count
+        if input_count > output_freedoms:
+            raise AnalysisError(
+                f"{mechanism.name}: the output has {output_freedoms} freedoms: "
+                f"{input_count} inputs can always move while it rests: no aspect is free "
+                "of type I; leave that out"
+            )
+    if isinstance(samples, Sequence):
+        sample_counts = samples
+    else:
+        sample_counts = [samples] * input_count
+    input_grid = grids.make_grid(mechanism.inputs, sample_counts)
+    time_limit = budget or TimeLimit()
+    graph = _AspectGraph(
+        solver, input_grid, stationary_output, divides_by_type_one, time_limit
+    )
+    if time_limit.goes_on("modes at samples of the input grid"):
+        graph.add_configurations(*_start_configurations(solver, input_grid))
+    graph.connect_neighbours()
+    return graph.label_aspects(("II", "I") if divides_by_type_one else ("II",))
 
 
-def _starts(solver: PositionSolver, input_grid: InputGrid) -> tuple[Floats, Indices]:
-    """Return configurations (n, V) and their samples (n,): all of dyads, of groups some."""
+def _start_configurations(
+    solver: PositionSolver, input_grid: InputGrid
+) -> tuple[Floats, Indices]:
+    """Return the configurations from which the search for aspects starts.
+
+    For mechanisms of dyads these are all modes at all samples. For others, whose modes take
+    longer to find, they are the modes at some samples.
+
+    Returns
+    -------
+    values, samples
+        (n, V) variables (rad), and (n,) the sample of each configuration.
+    """
     if solver.assembly.has_closed_form:
         rows = np.arange(len(input_grid))
     else:
-        places = [
-            np.unique(np.linspace(0, count - 1, min(PROBES, count)).astype(int))
-            for count in input_grid.shape
-        ]
-        rows = np.ravel_multi_index(np.ix_(*places), input_grid.shape).ravel()
-    values, which = configurations(solver, input_grid.q[rows])
-    return values, rows[which]
+        indices_by_input = []
+        for count in input_grid.shape:
+            indices = np.linspace(0, count - 1, min(START_SAMPLES_PER_INPUT, count))
+            indices_by_input.append(np.unique(indices.astype(int)))
+        rows = np.ravel_multi_index(np.ix_(*indices_by_input), input_grid.shape).ravel()
+    values, input_rows = configurations(solver, input_grid.q[rows])
+    return values, rows[input_rows]
 
 
 @dataclass(frozen=True)
-class _Nodes(ArrayRows):
-    """n configurations at samples of an input grid, and the signs that part aspects.
+class _AspectNodes(ArrayRows):
+    """n configurations at samples of an input grid, and the signs that separate aspects.
 
-    `row` (n,) is the sample, `regular` (n,) whether the configuration is singular of no
-    type that divides; `two`, `one` (n,) the determinants of types II and I, 0 without a
-    sign or an output, and `slope` (n, g) the derivatives of `one` by the inputs.
+    Attributes
+    ----------
+    values
+        (n, V) variables (rad).
+    sample
+        (n,) sample of each configuration.
+    is_regular
+        (n,) whether the configuration is singular of no type that divides aspects.
+    determinant_two, determinant_one
+        (n,) determinants that vanish at types II and I; 0 without a meaningful sign of
+        type II, or without an output.
+    slope_one
+        (n, g) derivatives of `determinant_one` by the inputs, 0 if type I does not divide.
     """
 
     values: Floats
-    row: Indices
-    regular: Bools
-    two: Floats
-    one: Floats
-    slope: Floats
+    sample: Indices
+    is_regular: Bools
+    determinant_two: Floats
+    determinant_one: Floats
+    slope_one: Floats
 
     def __len__(self) -> int:
-        return len(self.row)
+        return len(self.sample)
 
 
-class _Spread:
-    """Configurations at the samples of an input grid, and which are joined.
+class _AspectGraph:
+    """A graph of configurations at the samples of an input grid.
 
-    `at` (samples, k) has the numbers of a sample's configurations, -1 where there are no
-    more; `done` (n, ways) says from which configuration a way to the sample beside it is
-    known to lead, as it was gone from the other end.
+    Two configurations at neighbouring samples are connected if a straight path of the
+    inputs leads from one to the other without a singularity that divides aspects.
+
+    Parameters
+    ----------
+    solver, input_grid
+        Position solver of the mechanism, and the samples.
+    output
+        The output of type I, or None.
+    divides_by_type_one
+        Whether singularities of type I divide aspects. Those of type II always do.
+    time_limit
+        Time after which no more configurations are connected.
+
+    Attributes
+    ----------
+    neighbours
+        (directions, samples) neighbouring sample in each direction of the grid, -1 where
+        there is none. Directions 2 k and 2 k + 1 are opposite.
+    nodes
+        The configurations.
+    numbers_at_sample
+        (samples, k) numbers of the configurations at each sample, `NO_CONFIGURATION` where
+        there are no more.
+    is_path_known
+        (n, directions) whether the path from a configuration in a direction needs not be
+        followed, because it was followed from its other end.
+    connections
+        Arrays (m, 2) of the numbers of connected configurations.
     """
 
     def __init__(
@@ -190,131 +258,227 @@ class _Spread:
         solver: PositionSolver,
         input_grid: InputGrid,
         output: OutputStationary | None,
-        divides: bool,
-        budget: TimeLimit,
+        divides_by_type_one: bool,
+        time_limit: TimeLimit,
     ) -> None:
-        self.budget = budget
-        self.solver, self.input_grid = solver, input_grid
-        self.beside = input_grid.neighbours()
+        self.time_limit = time_limit
+        self.solver = solver
+        self.input_grid = input_grid
+        self.neighbours = input_grid.neighbours()
         self.driven = list(solver.driven)
         self.periods = variable_periods(solver.closure)
         self.output = output
-        self.divides = divides
-        self.signed = False
-        self.nodes = self._judged(
+        self.divides_by_type_one = divides_by_type_one
+        self.has_sign_of_type_one = False
+        self.nodes = self._make_nodes(
             np.zeros((0, len(self.periods))), np.zeros(0, dtype=np.intp)
         )
-        self.at = np.full((len(input_grid), 1), -1)
-        self.done = np.zeros((0, len(self.beside)), dtype=bool)
-        self.joined = [np.zeros((0, 2), dtype=np.intp)]
+        self.numbers_at_sample = np.full((len(input_grid), 1), NO_CONFIGURATION)
+        self.is_path_known = np.zeros((0, len(self.neighbours)), dtype=bool)
+        self.connections = [np.zeros((0, 2), dtype=np.intp)]
 
-    def _judged(self, values: Floats, row: Indices) -> _Nodes:
-        closure, count = self.solver.closure, len(self.driven)
-        locus = SingularityLocus(closure, count, InputsLocked(self.solver.driven))
-        space = locus.space(values)
-        two = locus.measure(space)
-        least = np.minimum(space.reciprocal_condition, two.smallest)
-        signs = two.value if two.signed else np.zeros(len(values))
-        one = np.zeros(len(values))
-        slope = np.zeros((len(values), count))
+    def _make_nodes(self, values: Floats, samples: Indices) -> _AspectNodes:
+        """Return nodes with determinants for configurations (n, V) at samples (n,)."""
+        closure = self.solver.closure
+        input_count = len(self.driven)
+        locus_two = SingularityLocus(closure, input_count, InputsLocked(self.solver.driven))
+        space = locus_two.tangent_space(values)
+        measure_two = locus_two.measure(space)
+        smallest_value = np.minimum(
+            space.reciprocal_condition, measure_two.smallest_singular_value
+        )
+        determinant_two = np.zeros(len(values))
+        if measure_two.changes_sign:
+            determinant_two = measure_two.value
+        determinant_one = np.zeros(len(values))
+        slope_one = np.zeros((len(values), input_count))
         if self.output is not None:
-            measure = SingularityLocus(closure, count, self.output).measure(space)
-            self.signed = measure.signed
-            one = measure.value
-            if self.divides:
-                least = np.minimum(least, measure.smallest)
-                inverse = nans(slope.shape + (count,))
-                good = least > SINGULAR
-                inverse[good] = np.linalg.inv(space.basis[good][:, self.driven])
-                slope = np.vecmat(measure.gradient, inverse)
-        return _Nodes(values, row, least > SINGULAR, signs, one, slope)
+            locus_one = SingularityLocus(closure, input_count, self.output)
+            measure_one = locus_one.measure(space)
+            self.has_sign_of_type_one = measure_one.changes_sign
+            determinant_one = measure_one.value
+            if self.divides_by_type_one:
+                smallest_value = np.minimum(
+                    smallest_value, measure_one.smallest_singular_value
+                )
+                # From coordinates in the tangent space to rates of the inputs.
+                is_regular = smallest_value > SINGULAR_NODE_VALUE
+                inverse = nans((*slope_one.shape, input_count))
+                inverse[is_regular] = np.linalg.inv(space.basis[is_regular][:, self.driven])
+                slope_one = np.vecmat(measure_one.gradient, inverse)
+        return _AspectNodes(
+            values,
+            samples,
+            smallest_value > SINGULAR_NODE_VALUE,
+            determinant_two,
+            determinant_one,
+            slope_one,
+        )
 
-    def add(self, values: Floats, row: Indices) -> Indices:
-        """Return the numbers (n,) of configurations (n, V) at samples, new or known."""
-        numbers = np.full(len(values), -1)
-        left = np.arange(len(values))
+    def add_configurations(self, values: Floats, samples: Indices) -> Indices:
+        """Add configurations at samples, unless they are known.
+
+        Parameters
+        ----------
+        values
+            (n, V) variables (rad).
+        samples
+            (n,) sample of each configuration.
+
+        Returns
+        -------
+        (n,) numbers of the configurations.
+        """
+        numbers = np.full(len(values), NO_CONFIGURATION)
+        remaining = np.arange(len(values))
+        # Column after column, each remaining configuration is compared with the one that is
+        # stored at its sample, or is stored there if the column is empty.
         column = 0
-        while len(left):
-            if column == self.at.shape[1]:
-                self.at = np.pad(self.at, ((0, 0), (0, 1)), constant_values=-1)
-            free = left[self.at[row[left], column] < 0]
-            samples, first = np.unique(row[free], return_index=True)
-            new = free[first]
-            self.at[samples, column] = len(self.nodes) + np.arange(len(new))
-            self.nodes = _Nodes.joined([self.nodes, self._judged(values[new], samples)])
-            there = self.at[row[left], column]
-            away = less_periods(values[left] - self.nodes.values[there], self.periods)
-            same = max_abs(away, axis=1) < SAME
-            numbers[left[same]] = there[same]
-            left = left[~same]
+        while len(remaining):
+            if column == self.numbers_at_sample.shape[1]:
+                self.numbers_at_sample = np.pad(
+                    self.numbers_at_sample,
+                    ((0, 0), (0, 1)),
+                    constant_values=NO_CONFIGURATION,
+                )
+            stored = self.numbers_at_sample[samples[remaining], column]
+            without_stored = remaining[stored == NO_CONFIGURATION]
+            empty_samples, first = np.unique(samples[without_stored], return_index=True)
+            new = without_stored[first]
+            new_numbers = len(self.nodes) + np.arange(len(new))
+            self.numbers_at_sample[empty_samples, column] = new_numbers
+            new_nodes = self._make_nodes(values[new], empty_samples)
+            self.nodes = _AspectNodes.joined([self.nodes, new_nodes])
+
+            stored = self.numbers_at_sample[samples[remaining], column]
+            differences = less_periods(
+                values[remaining] - self.nodes.values[stored], self.periods
+            )
+            is_same = max_abs(differences, axis=1) < SAME_ASPECT_CONFIGURATION_RAD
+            numbers[remaining[is_same]] = stored[is_same]
+            remaining = remaining[~is_same]
             column += 1
-        self.done = np.pad(self.done, ((0, len(self.nodes) - len(self.done)), (0, 0)))
+        added = len(self.nodes) - len(self.is_path_known)
+        self.is_path_known = np.pad(self.is_path_known, ((0, added), (0, 0)))
         return numbers
 
-    def run(self) -> None:
-        """Join every configuration to those that straight ways lead to."""
-        walked = 0
-        while walked < len(self.nodes) < MOST_CONFIGURATIONS:
-            if not self.budget.goes_on(f"configuration {walked + 1} of aspects"):
+    def connect_neighbours(self) -> None:
+        """Follow the paths from all configurations to neighbouring samples.
+
+        Configurations that are met for the first time are added and continued in turn.
+        """
+        processed = 0
+        while processed < len(self.nodes) < MAX_ASPECT_CONFIGURATIONS:
+            next_step = f"configuration {processed + 1} of aspects"
+            if not self.time_limit.goes_on(next_step):
                 return
-            new = walked + np.flatnonzero(self.nodes.regular[walked:])
-            walked = len(self.nodes)
+            new = processed + np.flatnonzero(self.nodes.is_regular[processed:])
+            processed = len(self.nodes)
+            # First forwards along all inputs, then backwards where no path led forwards.
             for sense in (0, 1):
-                start, way = np.nonzero(~self.done[new, sense::2])
-                self._walk(new[start], 2 * way + sense)
+                needs_path = ~self.is_path_known[new, sense::2]
+                start, input_number = np.nonzero(needs_path)
+                self._follow_paths(new[start], 2 * input_number + sense)
 
-    def _walk(self, start: Indices, way: Indices) -> None:
-        """Go from configurations (n,) to the samples beside them; join what is there."""
-        stop = self.beside[way, self.nodes.row[start]]
-        start, way, stop = (part[stop >= 0] for part in (start, way, stop))
-        values = self.nodes.values[start]
-        goal = self.input_grid.q[stop]
-        goal += TURN * np.round((values[:, self.driven] - goal) / TURN)
-        reached, status, _ = follow_inputs(self.solver.closure, self.driven, values, goal)
-        good = status == Status.OK
-        there = self.add(reached.values[good], stop[good])
-        # From there the same way leads back: ways are in pairs, there and back.
-        self.done[there, way[good] ^ 1] = True
-        ends = np.stack([start[good], there], axis=1)
-        clear = np.all(self.nodes.regular[ends], axis=1)
-        if self.divides:  # nothing singular that divides is between, by cubics
-            moved = (reached.values - values)[good][:, self.driven]
-            slope = np.matvec(self.nodes.slope[ends], moved)
-            value = self.nodes.one[ends]
-            signs = np.sign(np.append(value, value + slope * [1.0, -1.0] / 3.0, axis=1))
-            clear &= (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
-        self.joined.append(ends[clear])
+    def _follow_paths(self, starts: Indices, directions: Indices) -> None:
+        """Follow straight paths of the inputs, and connect configurations at their ends.
 
-    def labelled(self, free_of: tuple[LocusName, ...]) -> Aspects:
-        """Return the regular configurations with their aspects."""
-        kept = np.flatnonzero(self.nodes.regular)
-        nodes = self.nodes.rows(kept)
-        label = label_components(
-            len(kept), np.searchsorted(kept, np.concatenate(self.joined))
+        Parameters
+        ----------
+        starts
+            (n,) numbers of the configurations at which paths start.
+        directions
+            (n,) direction of the grid in which each path leads.
+        """
+        goal_samples = self.neighbours[directions, self.nodes.sample[starts]]
+        has_goal = goal_samples >= 0
+        starts = starts[has_goal]
+        directions = directions[has_goal]
+        goal_samples = goal_samples[has_goal]
+        values = self.nodes.values[starts]
+        goals = self.input_grid.q[goal_samples]
+        # The variables may have grown by whole revolutions.
+        goals += TURN * np.round((values[:, self.driven] - goals) / TURN)
+        end_nodes, status, _ = follow_inputs(
+            self.solver.closure, self.driven, values, goals
         )
+        arrived = status == Status.OK
+        ends = self.add_configurations(end_nodes.values[arrived], goal_samples[arrived])
+        # The opposite direction of 2 k is 2 k + 1, and the reverse.
+        self.is_path_known[ends, directions[arrived] ^ 1] = True
+        pairs = np.stack([starts[arrived], ends], axis=1)
+        is_connected = np.all(self.nodes.is_regular[pairs], axis=1)
+        if self.divides_by_type_one:
+            input_changes = (end_nodes.values - values)[arrived][:, self.driven]
+            is_connected &= self._keeps_sign_of_type_one(pairs, input_changes)
+        self.connections.append(pairs[is_connected])
+
+    def _keeps_sign_of_type_one(self, pairs: Indices, input_changes: Floats) -> Bools:
+        """Return whether the determinant of type I keeps its sign on straight paths.
+
+        The determinant is interpolated by a cubic from its values and slopes at both ends.
+        All Bernstein coefficients of one sign are sufficient for no zero.
+
+        Parameters
+        ----------
+        pairs
+            (n, 2) configurations at the ends of each path.
+        input_changes
+            (n, g) changes of the inputs along the path (rad).
+        """
+        slopes = np.matvec(self.nodes.slope_one[pairs], input_changes)
+        values = self.nodes.determinant_one[pairs]
+        inner_coefficients = values + slopes * [1.0, -1.0] / 3.0
+        signs = np.sign(np.append(values, inner_coefficients, axis=1))
+        return (signs[:, 0] != 0.0) & np.all(signs == signs[:, :1], axis=1)
+
+    def label_aspects(self, free_of: tuple[LocusName, ...]) -> Aspects:
+        """Return the regular configurations with their aspects.
+
+        `free_of` are the types that divide aspects, for the result.
+        """
+        regular_numbers = np.flatnonzero(self.nodes.is_regular)
+        nodes = self.nodes.rows(regular_numbers)
+        edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
+        label = label_components(len(regular_numbers), edges)
+
+        # Aspects are numbered by size, the largest one first.
         sizes = np.bincount(label)
         order = np.argsort(-sizes, kind="stable")
-        label, sizes = np.argsort(order)[label], sizes[order]
+        label = np.argsort(order)[label]
+        sizes = sizes[order]
         modes = np.zeros(len(sizes), dtype=np.int64)
-        pairs, often = np.unique(np.stack([label, nodes.row]), axis=1, return_counts=True)
-        np.maximum.at(modes, pairs[0], often)
+        (aspect_numbers, _), counts = np.unique(
+            np.stack([label, nodes.sample]), axis=1, return_counts=True
+        )
+        np.maximum.at(modes, aspect_numbers, counts)
+        determinant_one = nodes.determinant_one * self.has_sign_of_type_one
         return Aspects(
-            self.input_grid,
-            nodes.row,
-            nodes.values,
-            nodes.values[:, self.driven],
-            label,
-            sizes,
-            _signs(nodes.two, label, sizes),
-            _signs(nodes.one * self.signed, label, sizes),
-            modes,
-            free_of,
-            len(self.nodes) - len(kept),
-            self.budget.note,
+            input_grid=self.input_grid,
+            row=nodes.sample,
+            values=nodes.values,
+            inputs=nodes.values[:, self.driven],
+            label=label,
+            sizes=sizes,
+            sign_two=_common_signs(nodes.determinant_two, label, sizes),
+            sign_one=_common_signs(determinant_one, label, sizes),
+            modes=modes,
+            free_of=free_of,
+            singular=len(self.nodes) - len(regular_numbers),
+            note=self.time_limit.note,
         )
 
 
-def _signs(value: Floats, label: Integers, sizes: Integers) -> SmallIntegers:
-    """Return the sign that all configurations of each aspect have, or 0."""
-    total = np.bincount(label, np.sign(value), len(sizes))
-    return np.where(np.abs(total) == sizes, np.sign(total), 0.0).astype(np.int8)
+def _common_signs(values: Floats, label: Integers, sizes: Integers) -> SmallIntegers:
+    """Return the sign that all values of an aspect have, or 0 if they have none in common.
+
+    Parameters
+    ----------
+    values, label
+        (n,) values at configurations, and the aspect of each.
+    sizes
+        (aspects,) number of configurations of each aspect.
+    """
+    sum_of_signs = np.bincount(label, np.sign(values), len(sizes))
+    is_common = np.abs(sum_of_signs) == sizes
+    return np.where(is_common, np.sign(sum_of_signs), 0.0).astype(np.int8)

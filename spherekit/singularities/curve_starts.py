@@ -1,4 +1,8 @@
-"""Where singular configurations are looked for: on slices, or from random starts."""
+"""Search for points of a locus, from which curves and surfaces are then followed.
+
+Points are singular configurations on slices with locked inputs, or are reached by Newton's
+method from random configurations.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,61 +14,73 @@ from spherekit.errors import AnalysisError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import starting_range
-from spherekit.singularities.several_inputs import LocusName, SingularityReport
+from spherekit.singularities.locus import LocusPoints, SingularityLocus
+from spherekit.singularities.singularity_report import LocusName, SingularityReport
 from spherekit.singularities.slices import (
     LockedInputSection,
-    LocusPoints,
-    SingularityLocus,
     cut,
-    seeds,
+    singular_points_on_slice,
     solver_of,
 )
 from spherekit.singularities.stationarity import output_of
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
-CLOSING_STEPS = 40
-"""Newton's steps that a random start may take to closed loops."""
-LOCUS_STEPS = 30
-"""The same from there to the locus."""
-STARTS = 256
-"""Random starts of one round."""
-PROBES = 64
-"""Random starts by which it is told whether every configuration is singular."""
-SECTIONS = 16
-"""Curves on slices that are searched at once."""
-DRY = 3
-"""Rounds in a row without news that end a search."""
-MOST_ROUNDS = 12
-SEED = 20240616
-FOR_SLICES = 0.6
-"""Part of the time that slices may take."""
+CLOSING_NEWTON_STEPS = 40
+"""Most Newton steps from a random start to closed loops. Larger: more starts succeed;
+smaller: failures end sooner."""
+RANDOM_LOCUS_NEWTON_STEPS = 30
+"""Most Newton steps from there to the locus, likewise."""
+STARTS_PER_ROUND = 256
+"""Random starts of one round. Larger: rounds without a new result are stronger evidence;
+smaller: the search ends sooner."""
+STARTS_OF_EVERYWHERE_TEST = 64
+"""Random starts that decide whether every configuration is singular. Larger: a type that is
+regular in few configurations only is noticed."""
+SLICE_CURVES_AT_ONCE = 16
+"""Curves of slices whose singular points form one batch. Larger: curves are followed from
+more points at the same time, and the time limit is checked less often."""
+MAX_ROUNDS_WITHOUT_RESULT = 3
+"""Successive rounds of random starts without a new result after which a search ends."""
+MAX_RANDOM_ROUNDS = 12
+"""Rounds of random starts after which a search ends at the latest."""
+RANDOM_SEED = 20240616
+"""Seed of the random starts, fixed so that results are repeatable."""
+TIME_SHARE_OF_SLICES = 0.6
+"""Part of the time limit that slices may take. The rest is for following the locus."""
 
 
-class StartPoints:
-    """Batches of points of a locus, from slices if there are any, else from random starts.
+class LocusPointSearch:
+    """A search that yields points of a locus in batches.
 
-    Whoever reads them tells by `met` that a batch had news: random starts end after
-    some rounds without.
+    Points come from slices if there are any, otherwise from random starts. The caller
+    reports by `record_new_result` that the last batch gave a new curve or surface. Random
+    starts end after some rounds without a new result.
 
     Parameters
     ----------
-    mechanism, inputs
-        The mechanism, and how many inputs it has to have.
+    mechanism
+        The mechanism.
+    input_count
+        Number of inputs that it must have.
     kind, output, pointing
-        What is looked for.
-    made
-        The slices that are there already.
+        Type of singularity, and the output (see
+        `spherekit.singularities.stationarity.output_of`).
+    section
+        Slices that were followed before, or None.
     slices_of_each
-        Values at which each input is locked, for slices if there are none; or 0.
-    budget
-        Time to spend.
+        Number of values at which each input is locked, if there are no slices yet. With 0
+        random starts are used.
+    time_limit
+        Processor time to spend; None for unlimited.
 
     Attributes
     ----------
-    view
-        The mechanism, and what is looked for.
-    everywhere
-        Whether all configurations are looked for, so that nothing is.
+    report
+        The locus, and what is reported of its points.
+    section
+        The slices, or None with random starts.
+    is_everywhere
+        Whether every configuration is on the locus. Then no points are yielded.
 
     Raises
     ------
@@ -76,138 +92,196 @@ class StartPoints:
     def __init__(
         self,
         mechanism: Mechanism,
-        inputs: int,
+        input_count: int,
         kind: LocusName,
         output: str | None,
         pointing: str | Sequence[float] | None,
-        made: LockedInputSection | None,
+        section: LockedInputSection | None,
         slices_of_each: int,
-        budget: TimeLimit | None,
+        time_limit: TimeLimit | None,
     ) -> None:
-        rest = output_of(mechanism, output, pointing)
+        stationary_output = output_of(mechanism, output, pointing)
         solver = solver_of(mechanism)
-        if len(solver.driven) != inputs:
+        if len(solver.driven) != input_count:
             raise AnalysisError(
                 f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
                 "configurations are those of a mechanism with two, surfaces those of three"
             )
-        if kind == "I" and rest.count < inputs:
+        if kind == "I" and stationary_output.equation_count < input_count:
             raise AnalysisError(
                 f"{mechanism.name}: three inputs move a direction in more ways than it "
                 "has; ask for type I of the link's orientation, without `pointing`"
             )
-        self.view = SingularityReport.of(solver, rest, kind)
-        self.budget, self.cut = budget or TimeLimit(), made
-        self.everywhere = everywhere(self.view)
-        if made is None and slices_of_each and not self.everywhere:
-            share = self.budget.part(FOR_SLICES)
-            self.cut = cut(solver, ranges_of(mechanism), slices_of_each, share)
-        self.starts = self.hits = self.searched = 0
-        self._dry = 0
+        self.report = SingularityReport.for_output(solver, stationary_output, kind)
+        self.time_limit = time_limit or TimeLimit()
+        self.section = section
+        self.is_everywhere = is_singular_everywhere(self.report)
+        if section is None and slices_of_each and not self.is_everywhere:
+            slice_limit = self.time_limit.part(TIME_SHARE_OF_SLICES)
+            self.section = cut(solver, ranges_of(mechanism), slices_of_each, slice_limit)
+        self._random_starts = 0
+        self._singular_points = 0
+        self._searched_slice_curves = 0
+        self._rounds_without_result = 0
 
     def batches(self) -> Iterator[LocusPoints]:
-        """Yield points of the locus, as long as that is worth the time."""
-        if self.everywhere:
+        """Yield points of the locus until the search or the time limit ends."""
+        if self.is_everywhere:
             return
-        for points in self._of_random_starts() if self.cut is None else self._on(self.cut):
-            self.hits += len(points)
+        if self.section is None:
+            batches = self._batches_from_random_starts()
+        else:
+            batches = self._batches_on_slices(self.section)
+        for points in batches:
+            self._singular_points += len(points)
             yield points
 
-    def _on(self, section: LockedInputSection) -> Iterator[LocusPoints]:
-        every = section.slices
-        for first in range(0, len(every), SECTIONS):
-            if not self.budget.goes_on(f"slice curve {first + 1} of {len(every)}"):
+    def _batches_on_slices(self, section: LockedInputSection) -> Iterator[LocusPoints]:
+        """Yield the singular points on the curves of slices, some curves at a time."""
+        curves = section.slices
+        for first in range(0, len(curves), SLICE_CURVES_AT_ONCE):
+            if not self.time_limit.goes_on(f"slice curve {first + 1} of {len(curves)}"):
                 return
-            some = every[first : first + SECTIONS]
-            self.searched += len(some)
-            yield LocusPoints.joined([seeds(one, self.view.locus) for one in some])
+            chunk = curves[first : first + SLICE_CURVES_AT_ONCE]
+            self._searched_slice_curves += len(chunk)
+            yield LocusPoints.joined(
+                [singular_points_on_slice(curve, self.report.locus) for curve in chunk]
+            )
 
-    def _of_random_starts(self) -> Iterator[LocusPoints]:
-        random = np.random.default_rng(SEED)
-        solver = self.view.solver
-        for number in range(MOST_ROUNDS):
-            words = f"round {number + 1} of random starts"
-            if self._dry >= DRY or not self.budget.goes_on(words):
+    def _batches_from_random_starts(self) -> Iterator[LocusPoints]:
+        """Yield the points of the locus that rounds of random starts lead to."""
+        random = np.random.default_rng(RANDOM_SEED)
+        solver = self.report.solver
+        for number in range(MAX_RANDOM_ROUNDS):
+            if self._rounds_without_result >= MAX_ROUNDS_WITHOUT_RESULT:
                 return
-            values = closed_configurations(solver, STARTS, random)
-            self.starts += STARTS
-            self._dry += 1
-            yield points_from(self.view.locus, values, solver.driven)
+            if not self.time_limit.goes_on(f"round {number + 1} of random starts"):
+                return
+            values = closed_configurations(solver, STARTS_PER_ROUND, random)
+            self._random_starts += STARTS_PER_ROUND
+            self._rounds_without_result += 1
+            yield points_from(self.report.locus, values, solver.driven)
 
-    def met(self) -> None:
-        """Say that the last batch had news."""
-        self._dry = 0
+    def record_new_result(self) -> None:
+        """Record that the last batch gave a curve or surface that was not known before."""
+        self._rounds_without_result = 0
 
-    def claim(self, what: str) -> Completeness:
-        """Return what is known of curves or surfaces (`what`) that were not found."""
-        if self.everywhere:
-            words = f"all configurations that {PROBES} random starts led to are of it"
-            return Completeness(Guarantee.SAMPLED, words)
-        notes = [self.budget.note]
-        if self.cut is None:
+    def completeness(self, item: str) -> Completeness:
+        """Return what is known of results that the search may have missed.
+
+        Parameters
+        ----------
+        item
+            What was searched, in the singular: ``"curve"`` or ``"surface"``.
+        """
+        if self.is_everywhere:
             reason = (
-                f"{self.starts} random starts in the ranges of the inputs led to "
-                f"{self.hits} singular configurations, the last {self._dry * STARTS} to no "
-                f"{what} not known before"
+                f"all configurations that {STARTS_OF_EVERYWHERE_TEST} random starts led to "
+                "are of it"
+            )
+            return Completeness(Guarantee.SAMPLED, reason)
+        notes = [self.time_limit.note]
+        if self.section is None:
+            starts_without_result = self._rounds_without_result * STARTS_PER_ROUND
+            reason = (
+                f"{self._random_starts} random starts in the ranges of the inputs led to "
+                f"{self._singular_points} singular configurations, the last "
+                f"{starts_without_result} to no {item} not known before"
             )
         else:
-            notes = [self.cut.note, *notes]
-            reason = f"{self.searched} curves on slices were searched"
+            notes = [self.section.note, *notes]
+            reason = f"{self._searched_slice_curves} curves on slices were searched"
             if not any(notes):
-                sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in self.cut.gaps)
-                reason = f"but for {what}s within a box of {sides} deg between slices"
-                return Completeness(Guarantee.TO_BOX, reason, max(self.cut.gaps))
+                gaps = self.section.gaps
+                sides = " by ".join(f"{np.degrees(gap):.3g}" for gap in gaps)
+                reason = f"but for {item}s within a box of {sides} deg between slices"
+                return Completeness(Guarantee.TO_BOX, reason, max(gaps))
         return Completeness(Guarantee.SAMPLED, "; ".join(filter(None, [reason, *notes])))
 
 
 def ranges_of(mechanism: Mechanism) -> list[tuple[float, float]]:
-    """Return the lowest and highest value (rad) of each input that is looked at."""
+    """Return the lowest and the highest declared value (rad) of each input."""
     return [item.range for item in mechanism.inputs]
 
 
 def closed_configurations(
     solver: PositionSolver, count: int, random: np.random.Generator
 ) -> Floats:
-    """Return the closed configurations (n, V) that random starts lead to.
+    """Return closed configurations that Newton's method reaches from random starts.
 
-    Inputs are spread over their ranges and held. With them what wheels in mesh have
-    rolled, where that is known.
+    Inputs are distributed uniformly over their ranges and are not changed by Newton's
+    method. Rotations of wheels in mesh follow from the inputs where the gear phases are
+    known, and are not changed either.
+
+    Parameters
+    ----------
+    solver
+        Position solver of the mechanism.
+    count
+        Number of random starts.
+    random
+        Source of random numbers.
+
+    Returns
+    -------
+    (n, V) variables (rad), n <= count.
     """
     low, high = starting_range(solver.closure)
     start = random.uniform(low, high, (count, len(low)))
-    held = list(solver.driven)
-    first, last = np.transpose(ranges_of(solver.mechanism))
-    start[:, held] = random.uniform(first, last, (count, len(held)))
+    fixed_variables = list(solver.driven)
+    range_starts, range_stops = np.transpose(ranges_of(solver.mechanism))
+    start[:, fixed_variables] = random.uniform(
+        range_starts, range_stops, (count, len(fixed_variables))
+    )
     meshes = solver.gear_phases
     if meshes is not None and meshes.all_known:
-        start[:, list(meshes.variables)] = meshes.rolled_lengths(start[:, held])
-        held += meshes.variables
-    solution = solver.closure.solve(start, held, iterations=CLOSING_STEPS)
+        start[:, list(meshes.variables)] = meshes.rolled_lengths(start[:, fixed_variables])
+        fixed_variables += meshes.variables
+    solution = solver.closure.solve(start, fixed_variables, iterations=CLOSING_NEWTON_STEPS)
     return solution.values[solution.gap < CLOSURE_TOLERANCE]
 
 
-def everywhere(view: SingularityReport) -> bool:
-    """Return whether every configuration that random starts lead to is on the locus.
+def is_singular_everywhere(report: SingularityReport) -> bool:
+    """Return whether every configuration that random starts lead to is of the type.
 
-    What has no more freedoms than the locus has is not looked for on curves or surfaces.
+    The configurations of the type are then no curves or surfaces.
     """
-    values = closed_configurations(view.solver, PROBES, np.random.default_rng(SEED))
-    return len(values) > 0 and bool(np.all(view.is_own(view.types(values))))
+    values = closed_configurations(
+        report.solver, STARTS_OF_EVERYWHERE_TEST, np.random.default_rng(RANDOM_SEED)
+    )
+    return len(values) > 0 and bool(np.all(report.has_type(report.types(values))))
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def points_from(
     locus: SingularityLocus, values: Floats, driven: Sequence[int]
 ) -> LocusPoints:
-    """Return the points of a locus that configurations (n, V) lead to.
+    """Return the points of a locus that Newton's method reaches from configurations.
 
-    All `driven` variables but one are held, one after the other free, so that the others
-    stay in their ranges; or none, as by the shortest way alone crossings of it are met.
+    For most configurations all inputs but one are held, so that these stay in their ranges.
+    The free input changes from row to row. In some rows no input is held: only the
+    shortest steps reach points at which the locus crosses itself.
+
+    Parameters
+    ----------
+    locus
+        The singular configurations.
+    values
+        (n, V) closed configurations (rad).
+    driven
+        Numbers of the inputs' variables.
+
+    Returns
+    -------
+    At most n points.
     """
-    every = np.eye(values.shape[1])[list(driven)]
-    ways = [*(np.delete(every, free, 0) for free in range(len(every))), 0.0 * every[1:]]
-    borders = np.array(ways)[np.arange(len(values)) % len(ways)]
-    motion = locus.measure(locus.space(values)).motion
+    input_rows = np.eye(values.shape[1])[list(driven)]
+    choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
+    choices.append(0.0 * input_rows[1:])
+    borders = np.array(choices)[np.arange(len(values)) % len(choices)]
+    motions = locus.measure(locus.tangent_space(values)).motion
     targets = np.matvec(borders, values)
-    points = locus.correct(values, motion, borders, targets, most=LOCUS_STEPS)
-    return points.rows(points.good)
+    points = locus.correct(
+        values, motions, borders, targets, max_steps=RANDOM_LOCUS_NEWTON_STEPS
+    )
+    return points.rows(points.is_on_locus)

@@ -1,6 +1,7 @@
-"""A curve of singular configurations followed by verified steps.
+"""Curves of singular configurations, followed by verified steps.
 
-The bend of a node is that of the last step.
+The method is that of `spherekit.positions.path_continuation`. The second derivative of a
+curve at a node is estimated from the last step.
 """
 
 from dataclasses import dataclass, replace
@@ -18,75 +19,115 @@ from spherekit.positions.path_continuation import (
     Verification,
     taylor,
 )
-from spherekit.singularities.singular_curve import SingularCurve, _plain, _turned
-from spherekit.singularities.slices import LocusPoints, SingularityLocus
+from spherekit.singularities.locus import LocusPoints, SingularityLocus
+from spherekit.singularities.singular_curve import (
+    SingularCurve,
+    orient_tangents,
+    to_curve_points,
+)
 from spherekit.status import Status
 
-LARGEST_STEP = 0.3
-"""Longest step (rad of arc length)."""
-
-
-LONGEST = 200.0
-"""Length (rad) after which a curve that does not close is ended in each sense."""
-
-
-FREEDOMS = 2
-"""Loci of mechanisms with so many are curves."""
-
-
-FIRST_STEP = 0.05
-"""The first step that is tried (rad)."""
-
-
-NEARLY_FLAT = 1e-3
-"""Equations of this reciprocal condition at a node that no step leaves are a crossing."""
-
-
-SAME_MOTION = 0.8
-"""Least cosine between the singular motions where a lap ends and starts."""
+MAX_CURVE_STEP_RAD = 0.3
+"""Longest step in arc length. Larger: faster where curves are straight; smaller: nodes are
+denser, and fewer zeros between them are missed."""
+MAX_SINGULAR_CURVE_LENGTH_RAD = 200.0
+"""Arc length after which a curve that does not close is ended in each direction. Larger:
+such curves take longer; smaller: long curves are cut."""
+CURVE_FREEDOMS = 2
+"""Degrees of freedom of the mechanisms whose loci are curves."""
+FIRST_CURVE_STEP_RAD = 0.05
+"""The first step that is tried. It affects the time only."""
+NEAR_CROSSING_CONDITION = 1e-3
+"""If no step from a node succeeds and the reciprocal condition of its equations is below
+this, the curve ends at a crossing of curves. Larger: other failures are called
+crossings."""
+SAME_LAP_COSINE = 0.8
+"""Least size of the cosine between the singular motions at the start and at the end of a
+lap. Smaller: a lap may close at another sheet of the locus."""
 
 
 def trace_curves(
-    locus: SingularityLocus, starts: LocusPoints, budget: TimeLimit | None = None
+    locus: SingularityLocus, starts: LocusPoints, time_limit: TimeLimit | None = None
 ) -> list[SingularCurve | None]:
-    """Return the curves of a locus through points of it, side by side.
+    """Return the curves of a locus through points of it.
 
-    Of singular configurations of a mechanism with two freedoms. Curves are ended,
-    MODE_LOST, when the time is over, unlimited by default. None where no step holds.
+    All curves are followed at the same time, in both directions from their starts.
+
+    Parameters
+    ----------
+    locus
+        Singular configurations of a mechanism with two degrees of freedom.
+    starts
+        n points of the locus.
+    time_limit
+        Processor time, unlimited by default. Curves that are not complete when it is spent
+        end with status MODE_LOST.
+
+    Returns
+    -------
+    n curves; None for a start from which no step succeeds.
     """
     count = len(starts)
-    both = LocusPoints.joined([starts, _turned(starts, -1.0)])
-    still = np.zeros(both.values.shape)
-    start = _Nodes(both.values, both.tangents[:, :, 0], still, both.residual, both)
-    given = (
-        variable_periods(locus.closure),
-        LONGEST,
-        LARGEST_STEP,
-        locus,
-        budget or TimeLimit(),
+    both_directions = LocusPoints.joined([starts, orient_tangents(starts, -1.0)])
+    start_nodes = _LocusNodes(
+        both_directions.values,
+        both_directions.tangents[:, :, 0],
+        np.zeros(both_directions.values.shape),
+        both_directions.residual,
+        both_directions,
     )
-    paths = _LocusCurves(start, *given)
-    paths.follow(FIRST_STEP)
-    return [paths.curve(number, count + number) for number in range(count)]
+    paths = _LocusCurves(
+        start_nodes,
+        variable_periods(locus.closure),
+        MAX_SINGULAR_CURVE_LENGTH_RAD,
+        MAX_CURVE_STEP_RAD,
+        locus,
+        time_limit or TimeLimit(),
+    )
+    paths.follow(FIRST_CURVE_STEP_RAD)
+    return [paths.join_halves(row, count + row) for row in range(count)]
 
 
 @dataclass(frozen=True)
-class _Nodes(CurvePoints):
-    """Points, tangents in the sense of the path, bends of the last step, or none."""
+class _LocusNodes(CurvePoints):
+    """n nodes of curves, with tangents in the direction of the path.
 
-    point: LocusPoints
+    The second derivatives are those of the last step, zero at the start.
+
+    Attributes
+    ----------
+    points
+        The nodes as points of the locus, with the singular motions.
+    """
+
+    points: LocusPoints
 
 
-def _bordered(points: LocusPoints, tangents: Floats) -> Floats:
-    """Return the equations of points with borders along tangents (n, V)."""
+def _bordered_equations(points: LocusPoints, tangents: Floats) -> Floats:
+    """Return the equations (n, m + 2, g + k) of points with a border along tangents.
+
+    `tangents` (n, V) are given in the variables; the border has zeros for the coordinates
+    of the motion.
+    """
     border = np.einsum("nv,nvg->ng", tangents, points.basis)
-    border[:, FREEDOMS:] = 0.0
+    border[:, CURVE_FREEDOMS:] = 0.0
     return np.concatenate([points.equations, border[:, None]], axis=1)
 
 
 @dataclass
-class _LocusCurves(Curves[_Nodes]):
-    """Curves of a locus: in one sense in the first half, in the other in the second."""
+class _LocusCurves(Curves[_LocusNodes]):
+    """Curves of a locus that are followed at the same time.
+
+    The first half of the rows follows each curve in one direction from its start, the
+    second half in the other one.
+
+    Attributes
+    ----------
+    locus
+        The singular configurations.
+    time_limit
+        Time after which all curves end.
+    """
 
     tests = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
     smallest_step = 2e-6
@@ -94,89 +135,156 @@ class _LocusCurves(Curves[_Nodes]):
     most_nodes = 20_000
 
     locus: SingularityLocus
-    budget: TimeLimit
+    time_limit: TimeLimit
 
     def exhaust(self, rows: Indices) -> None:
-        """End curves that have closed in the other sense, and all when time is over."""
+        """End curves that closed in the first direction, and all when time is over."""
         half = len(self.end) // 2
-        second = rows[rows >= half]
-        self.end[second[self.closed[second - half]]] = Status.OK
-        left = rows[self.end[rows] == GOING]
-        if len(left) and not self.budget.goes_on("the rest of a singular curve"):
-            self.end[left] = Status.MODE_LOST
+        second_half = rows[rows >= half]
+        is_closed = self.closed[second_half - half]
+        self.end[second_half[is_closed]] = Status.OK
+        going = rows[self.end[rows] == GOING]
+        if len(going) and not self.time_limit.goes_on("the rest of a singular curve"):
+            self.end[going] = Status.MODE_LOST
 
     def steps_to(
-        self, rows: Indices, at: _Nodes, ways: Floats
-    ) -> tuple[_Nodes, Bools, Floats]:
-        """See `Curves`, as the further methods."""
-        here, tangents = at.point, at.tangents
-        parts = ways[:, None] * STEP_PARTS
-        borders = np.repeat(tangents, 2, axis=0)
-        turns = here.turns[:, :, 0]
-        targets = np.vecdot(tangents, here.values)[:, None] + parts
+        self, rows: Indices, at: _LocusNodes, ways: Floats
+    ) -> tuple[_LocusNodes, Bools, Floats]:
+        """Return the nodes after one step, and the result of their verification.
+
+        Parameters
+        ----------
+        rows
+            (k,) rows of the curves.
+        at
+            Their last nodes.
+        ways
+            (k,) lengths of the steps along the tangents (rad).
+
+        Returns
+        -------
+        nodes
+            The k new nodes.
+        holds
+            (k,) whether the step passed all tests.
+        change
+            (k,) relative change of the equations, at 1 of which they may be singular on
+            the way.
+        """
+        start = at.points
+        # Each step is verified at its middle and at its end; rows 2 j and 2 j + 1 belong
+        # to step j.
+        distances = ways[:, None] * STEP_PARTS
+        borders = np.repeat(at.tangents, 2, axis=0)
+        motion_derivatives = start.motion_derivatives[:, :, 0]
+        targets = np.vecdot(at.tangents, start.values)[:, None] + distances
         points = self.locus.correct(
-            taylor(here.values, tangents, at.bends, parts),
-            taylor(here.motions, turns, np.zeros_like(turns), parts),
-            borders[:, None],
-            targets.reshape(-1, 1),
-            np.repeat(here.basis, 2, axis=0),
+            values=taylor(start.values, at.tangents, at.bends, distances),
+            motions=taylor(
+                start.motions,
+                motion_derivatives,
+                np.zeros_like(motion_derivatives),
+                distances,
+            ),
+            borders=borders[:, None],
+            targets=targets.reshape(-1, 1),
+            reference_basis=np.repeat(start.basis, 2, axis=0),
         )
-        # A step is one of the motion too, which turns fast where curves pass each other.
-        sizes = ways * np.hypot(1.0, np.linalg.norm(turns, axis=1))
-        good = points.good & self.tests.corrected(
-            (points.first_step, points.ratio), np.repeat(sizes, 2)
+        # The size of a step includes the change of the singular motion, which is fast where
+        # curves pass each other.
+        step_sizes = ways * np.hypot(1.0, np.linalg.norm(motion_derivatives, axis=1))
+        good = points.is_on_locus & self.tests.corrected(
+            (points.first_step, points.step_ratio), np.repeat(step_sizes, 2)
         )
-        along = np.vecdot(points.tangents[:, :, 0], borders)
-        points = _turned(points, np.sign(along))
-        before = np.repeat(_bordered(here, tangents), 2, axis=0)
-        change = np.linalg.pinv(before) @ (_bordered(points, borders) - before)
-        moved = np.linalg.norm(change, axis=(1, 2))
-        good &= self.tests.regular(moved, np.abs(along))
-        last = points.rows(slice(1, None, 2))
-        ahead = last.tangents[:, :, 0]
-        middles, slack = points.values[::2], self.tests.slack
-        holds = self.judged(_plain(here), _plain(last), middles, ways, good, slack)
-        length = np.linalg.norm(last.values - here.values, axis=1, keepdims=True)
-        bends = (ahead - tangents) / length
-        new = _Nodes(last.values, ahead, bends, last.residual, last)
-        return new, holds, np.max(moved.reshape(-1, 2), axis=1)
+        tangent_cosine = np.vecdot(points.tangents[:, :, 0], borders)
+        points = orient_tangents(points, np.sign(tangent_cosine))
+        equations_before = np.repeat(_bordered_equations(start, at.tangents), 2, axis=0)
+        equations_after = _bordered_equations(points, borders)
+        relative_change = np.linalg.pinv(equations_before) @ (
+            equations_after - equations_before
+        )
+        change = np.linalg.norm(relative_change, axis=(1, 2))
+        good &= self.tests.regular(change, np.abs(tangent_cosine))
 
-    def again(self, start: _Nodes, at: _Nodes, values: Floats) -> _Nodes:
-        """Return starts with the sense of the singular motion here, where it is that."""
-        cosine = np.vecdot(start.point.motions, at.point.motions)[:, None]
-        sense = np.where(np.abs(cosine) < SAME_MOTION, np.nan, np.sign(cosine))
-        point = replace(
-            start.point,
+        middles = points.values[::2]
+        end_points = points.rows(slice(1, None, 2))
+        holds = self.judged(
+            to_curve_points(start),
+            to_curve_points(end_points),
+            middles,
+            ways,
+            good,
+            self.tests.slack,
+        )
+        end_tangents = end_points.tangents[:, :, 0]
+        lengths = np.linalg.norm(end_points.values - start.values, axis=1, keepdims=True)
+        bends = (end_tangents - at.tangents) / lengths
+        nodes = _LocusNodes(
+            end_points.values, end_tangents, bends, end_points.residual, end_points
+        )
+        return nodes, holds, np.max(change.reshape(-1, 2), axis=1)
+
+    def again(self, start: _LocusNodes, at: _LocusNodes, values: Floats) -> _LocusNodes:
+        """Return the starts of curves, moved by whole periods, to test whether laps close.
+
+        The sign of a singular motion is arbitrary; it becomes that of the last node. If the
+        motion is another one, the start is set to NaN, so that the lap does not close.
+
+        Parameters
+        ----------
+        start, at
+            First and last nodes of k curves.
+        values
+            (k, V) variables of the starts, moved by whole periods (rad).
+        """
+        cosine = np.vecdot(start.points.motions, at.points.motions)[:, None]
+        sense = np.where(np.abs(cosine) < SAME_LAP_COSINE, np.nan, np.sign(cosine))
+        # sense^2 is 1, or NaN for another motion.
+        points = replace(
+            start.points,
             values=sense**2 * values,
-            motions=sense * start.point.motions,
-            turns=sense[:, None] * start.point.turns,
+            motions=sense * start.points.motions,
+            motion_derivatives=sense[:, None] * start.points.motion_derivatives,
         )
-        return replace(start, values=point.values, point=point)
+        return replace(start, values=points.values, points=points)
 
-    def within(self, rows: Indices, step: Floats, new: _Nodes, holds: Bools) -> Bools:
-        """End curves that leave a profile."""
-        inside = holds.copy()
-        inside[holds] = np.all(
-            self.locus.closure.at(new.values[holds]).states.inside, axis=1
-        )
-        self.end[rows[holds & ~inside]] = Status.OFF_PROFILE
-        return inside
+    def within(self, rows: Indices, step: Floats, new: _LocusNodes, holds: Bools) -> Bools:
+        """Return which steps (k,) that hold are taken; end curves that leave a profile.
+
+        Parameters
+        ----------
+        rows, step, new, holds
+            (k,) rows of the curves, lengths of the steps (not used), new nodes, and whether
+            each step passed all tests.
+        """
+        is_taken = holds.copy()
+        states = self.locus.closure.at(new.values[holds]).states
+        is_taken[holds] = np.all(states.inside, axis=1)
+        self.end[rows[holds & ~is_taken]] = Status.OFF_PROFILE
+        return is_taken
 
     def stop(self, row: int) -> None:
-        """End a curve at its last node: at a singularity beside a crossing of curves."""
-        flat = self.at.point.reciprocal_condition[row] < NEARLY_FLAT
-        self.end[row] = Status.AT_SINGULARITY if flat else Status.MODE_LOST
+        """End a curve from whose last node no step succeeds."""
+        reciprocal_condition = self.at.points.reciprocal_condition[row]
+        is_crossing = reciprocal_condition < NEAR_CROSSING_CONDITION
+        self.end[row] = Status.AT_SINGULARITY if is_crossing else Status.MODE_LOST
 
-    def curve(self, ahead: int, behind: int) -> SingularCurve | None:
-        """Return the curve that was followed in both senses; None where no step holds."""
+    def join_halves(self, ahead: int, behind: int) -> SingularCurve | None:
+        """Return the curve that two rows followed in both directions from one start.
+
+        None if no step succeeded in either direction.
+        """
         for row in (ahead, behind):
             if self.closed[row]:
-                points = self.nodes_of(row).point
+                points = self.nodes_of(row).points
                 ends = (Status.OK, Status.OK)
                 return SingularCurve(self.locus, points, self.periods, True, ends)
-        back = self.nodes_of(behind).point.rows(slice(None, 0, -1))
-        points = LocusPoints.joined([_turned(back, -1.0), self.nodes_of(ahead).point])
+        # The nodes behind, in reversed order, without the start.
+        nodes_behind = self.nodes_of(behind).points.rows(slice(None, 0, -1))
+        points = LocusPoints.joined(
+            [orient_tangents(nodes_behind, -1.0), self.nodes_of(ahead).points]
+        )
         if len(points) < 2:
             return None
-        ends = Status(self.end[behind]), Status(self.end[ahead])
+        ends = (Status(self.end[behind]), Status(self.end[ahead]))
         return SingularCurve(self.locus, points, self.periods, False, ends)

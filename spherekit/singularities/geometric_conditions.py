@@ -22,7 +22,7 @@ from spherekit.singularities.input_output_relation import (
     Type,
     third_axis,
 )
-from spherekit.singularities.tangent_space import decomposed
+from spherekit.singularities.tangent_space import decompose
 
 TOLERANCE = 1e-9
 """Sines up to this are taken for zero where the error of the axes is not larger."""
@@ -170,7 +170,7 @@ def conditions(
 
 def _out_of_plane(vectors: Floats) -> Floats:
     """Return (n,) the largest sine of the angles of vectors (n, k, 3) to their plane."""
-    _, _, right, _ = decomposed(vectors)
+    right = decompose(vectors).right
     return max_abs(np.einsum("nki,ni->nk", vectors, right[:, -1]), axis=1)
 
 

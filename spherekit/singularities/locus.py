@@ -1,8 +1,476 @@
-"""Where a mechanism is singular: its locus in the space of configurations, made regular.
+"""The locus of singular configurations of one type, as solutions of a regular system.
 
-With x a unit vector of rates that close the loops, the singular configurations of a
-mechanism with g freedoms are those with E x = 0: the inputs stand still in a motion
-(type II), or the output does (type I). Configuration and x together solve a regular
-system: loops closed, J x = 0, E x = 0, |x| = 1, whose solutions have g - 1 dimensions.
-Newton's method works in the tangent space of the loops, with exact second derivatives.
+Let x be a unit vector of rates that close the loops. The singular configurations of a
+mechanism with g degrees of freedom are those in which an x with E x = 0 exists. E says
+that the inputs stand still (type II) or that the output does (type I), see
+`spherekit.singularities.stationarity`. The configuration and x together solve
+
+    loops closed,  J x = 0,  E x = 0,  |x| = 1,
+
+whose solutions are a manifold of g - 1 dimensions, the locus. Newton's method solves this
+system in the tangent space of the loops, with exact second derivatives of the closure.
+
+Axes of arrays: n configurations, V variables, m equations E x = 0, g degrees of freedom, k
+dimensions of the space of motions in which x is looked for (g, or fewer for a part).
 """
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
+from spherekit.numerics.array_rows import ArrayRows
+from spherekit.positions.linear_equations import REDUNDANT_EQUATION_RATIO
+from spherekit.positions.loop_closure import Closure, newton
+from spherekit.singularities.stationarity import StationarityConstraint
+from spherekit.singularities.tangent_space import (
+    SMALLEST_NORMAL,
+    OutputPart,
+    TangentSpace,
+    decompose,
+    tangent_space,
+)
+from spherekit.tolerances import CLOSURE_TOLERANCE
+
+MAX_LOCUS_NEWTON_STEPS = 8
+"""Newton steps onto the locus. Larger: more remote starts converge; smaller: failures end
+sooner."""
+LOCUS_STEP_TOLERANCE = 1e-10
+"""Newton's method ends after a step of variables (rad) or unit rates below this. Its error
+is then about the square of the step. Larger: less accurate points; smaller: more steps."""
+ON_LOCUS_TOLERANCE = CLOSURE_TOLERANCE
+"""Largest closure residual (rad) and largest component of E x of a point on the locus.
+Larger: points are less accurate; smaller: rounding rejects points."""
+LOCUS_TRUST_REGION = 0.3
+"""Largest change of a variable (rad) or unit rate in one Newton step. Longer steps are
+shortened. Larger: faster, but points of remote parts of the locus may be reached."""
+
+
+@dataclass(frozen=True)
+class SingularityMeasure:
+    """How near n configurations are to the locus, from E on a basis of motions.
+
+    Attributes
+    ----------
+    constraint
+        The condition E x = 0.
+    space, motion_space
+        Rates that close the loops of the mechanism, and those among which x is looked for.
+    constraint_on_basis
+        (n, m, k) E applied to the basis of `motion_space`.
+    smallest_singular_value
+        (n,) that of `constraint_on_basis`, zero on the locus.
+    motion
+        (n, V) unit rates that belong to this singular value: the x with least |E x|.
+    """
+
+    constraint: StationarityConstraint
+    space: TangentSpace
+    motion_space: TangentSpace
+    constraint_on_basis: Floats
+    smallest_singular_value: Floats
+    motion: Floats
+
+    @property
+    def changes_sign(self) -> bool:
+        """Whether `value` changes its sign across the locus.
+
+        Otherwise it touches zero there: E has more rows than there are motions, or the
+        sense of the basis is not fixed.
+        """
+        _, rows, columns = self.constraint_on_basis.shape
+        return self.motion_space.has_fixed_sense and rows == columns
+
+    @cached_property
+    def _square_matrix(self) -> Floats:
+        """(n, k, k) the matrix B = E N, or B^T B if the sign of det B has no meaning."""
+        matrix = self.constraint_on_basis
+        return matrix if self.changes_sign else np.swapaxes(matrix, 1, 2) @ matrix
+
+    @property
+    def value(self) -> Floats:
+        """(n,) a determinant that is zero on the locus: det B, or det(B^T B)."""
+        return np.linalg.det(self._square_matrix)
+
+    @property
+    def gradient(self) -> Floats:
+        """(n, g) the derivatives of `value` along the basis of the tangent space.
+
+        d det B = trace(adj(B) dB). The adjugate exists where B is singular, too.
+        """
+        degrees_of_freedom = self.space.dimension
+        basis = self.motion_space.basis[:, None]
+        # B changes because E does, and because the motions have to go on closing the loops.
+        derivatives = self.constraint.equation_derivatives(self.space)
+        derivatives = derivatives[:, :degrees_of_freedom] @ basis
+        corrections = self.motion_space.rate_corrections[:, :degrees_of_freedom]
+        equations = self.constraint.equations(self.space.linearisation)
+        derivatives += equations[:, None] @ corrections @ basis
+        if not self.changes_sign:
+            half = np.swapaxes(derivatives, 2, 3) @ self.constraint_on_basis[:, None]
+            derivatives = half + np.swapaxes(half, 2, 3)
+        # n: configuration, j: direction of change, a and b: rows and columns
+        return np.einsum("nab,njba->nj", adjugate(self._square_matrix), derivatives)
+
+
+@dataclass(frozen=True)
+class LocusPoints(ArrayRows):
+    """n points of a locus of g - 1 dimensions; NaN where Newton's method failed.
+
+    Attributes
+    ----------
+    values
+        (n, V) variables (rad).
+    motions
+        (n, V) unit rates x of the singular motion.
+    tangents
+        (n, V, g - 1) orthonormal changes of the variables along the locus.
+    motion_derivatives
+        (n, V, g - 1) derivatives of the singular motion along these tangents.
+    residual
+        (n,) the larger of the closure residual (rad) and the largest component of E x.
+    reciprocal_condition
+        (n,) of the equations of the locus: 0 where the locus crosses itself.
+    first_step, step_ratio
+        (n,) size of Newton's first step (rad), and of the second step relative to it.
+    equations
+        (n, m + 1, g + k) the linearised equations E x = 0 and |x| = 1.
+    basis
+        (n, V, g + k) the bases of the unknowns of `equations`: g columns of the tangent
+        space, then k columns of the motions.
+    """
+
+    values: Floats
+    motions: Floats
+    tangents: Floats
+    motion_derivatives: Floats
+    residual: Floats
+    reciprocal_condition: Floats
+    first_step: Floats
+    step_ratio: Floats
+    equations: Floats
+    basis: Floats
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def is_on_locus(self) -> Bools:
+        """(n,) whether Newton's method reached the locus; False in rows of NaN."""
+        return self.residual < ON_LOCUS_TOLERANCE
+
+
+@dataclass(frozen=True)
+class _LinearisedLocus:
+    """The system of a locus, linearised at n pairs of a configuration and a motion.
+
+    The unknowns of `equations` are coordinates of the change of the configuration in the
+    basis of `space` (g), then coordinates of the change of the motion in the basis of
+    `motion_space` (k).
+
+    Attributes
+    ----------
+    space, motion_space
+        Rates that close the loops of the mechanism, and those among which x is looked for.
+    unit_motions
+        (n, V) the motions, projected onto `motion_space` and normed.
+    constraint_residual
+        (n, m) E x.
+    closing_change
+        (n, m) the change of E x if the loops are closed by `space.closing_step`.
+    motion_corrections
+        (n, V, g + 1) the changes of x that keep J x = 0 along each of `space.directions`.
+    equations
+        (n, m + 1 + borders, g + k) the rows E x = 0, |x| = 1 and the borders.
+    """
+
+    space: TangentSpace
+    motion_space: TangentSpace
+    unit_motions: Floats
+    constraint_residual: Floats
+    closing_change: Floats
+    motion_corrections: Floats
+    equations: Floats
+
+
+@dataclass(frozen=True)
+class SingularityLocus:
+    """The singular configurations of one type.
+
+    Attributes
+    ----------
+    closure
+        Loop closure of the mechanism.
+    degrees_of_freedom
+        Their number g.
+    constraint
+        What stands still in the singular motion: the inputs or the output.
+    part
+        If given, the singular motion is one of this part of the mechanism alone. It closes
+        the loops of the part.
+    """
+
+    closure: Closure
+    degrees_of_freedom: int
+    constraint: StationarityConstraint
+    part: OutputPart | None = None
+
+    @property
+    def motion_dimension(self) -> int:
+        """The dimension k of the space of motions in which x is looked for."""
+        return self.degrees_of_freedom if self.part is None else len(self.part.driven)
+
+    def tangent_space(
+        self, values: Floats, reference_basis: Floats | None = None
+    ) -> TangentSpace:
+        """Return the tangent spaces at configurations (n, V).
+
+        `reference_basis` (n, V, g + k) aligns the basis, see `LocusPoints.basis`.
+        """
+        if reference_basis is not None:
+            reference_basis = reference_basis[..., : self.degrees_of_freedom]
+        linearisation = self.closure.at(values)
+        return tangent_space(linearisation, self.degrees_of_freedom, reference_basis)
+
+    def motion_space(
+        self, space: TangentSpace, reference_basis: Floats | None = None
+    ) -> TangentSpace:
+        """Return the motions in which singular ones are looked for.
+
+        They are those of `space`, or those of the part alone. `reference_basis`
+        (n, V, g + k) aligns the basis, see `LocusPoints.basis`.
+        """
+        if self.part is None:
+            return space
+        if reference_basis is not None:
+            reference_basis = reference_basis[..., self.degrees_of_freedom :]
+        return tangent_space(
+            space.linearisation, self.motion_dimension, reference_basis, self.part, space
+        )
+
+    def measure(self, space: TangentSpace) -> SingularityMeasure:
+        """Return how near the configurations of a tangent space are to the locus."""
+        motion_space = self.motion_space(space)
+        equations = self.constraint.equations(space.linearisation)
+        constraint_on_basis = equations @ motion_space.basis
+        svd = decompose(constraint_on_basis)
+        last = self.motion_dimension - 1
+        smallest = np.where(svd.is_finite, svd.values[:, last], np.nan)
+        motion = motion_space.to_rates(svd.right[:, last])
+        return SingularityMeasure(
+            self.constraint, space, motion_space, constraint_on_basis, smallest, motion
+        )
+
+    @np.errstate(invalid="ignore", divide="ignore", over="ignore")
+    def project(self, values: Floats) -> LocusPoints:
+        """Return the points of the locus that Newton's shortest steps reach.
+
+        Configurations (n, V) from which it does not converge are left out, so that there
+        may be fewer points.
+        """
+        motions = self.measure(self.tangent_space(values)).motion
+        no_borders = np.zeros((len(values), 0, values.shape[1]))
+        no_targets = np.zeros((len(values), 0))
+        points = self.correct(values, motions, no_borders, no_targets)
+        return points.rows(points.is_on_locus)
+
+    def correct(
+        self,
+        values: Floats,
+        motions: Floats,
+        borders: Floats,
+        targets: Floats,
+        reference_basis: Floats | None = None,
+        max_steps: int = MAX_LOCUS_NEWTON_STEPS,
+    ) -> LocusPoints:
+        """Return the points of the locus with borders @ values = targets.
+
+        Parameters
+        ----------
+        values, motions
+            (n, V) starting values of the variables (rad) and of the singular motions.
+        borders, targets
+            (n, b, V) and (n, b) linear equations that select a point of the locus. With
+            fewer than g - 1 of them, Newton's steps are the shortest ones.
+        reference_basis
+            (n, V, g + k) the bases of the result are aligned to these.
+        max_steps
+            Most Newton steps.
+
+        Returns
+        -------
+        n points; NaN where Newton's method failed.
+        """
+        variable_count = values.shape[1]
+
+        def newton_step(unknowns: Floats, rows: Indices) -> Floats:
+            reference = None if reference_basis is None else reference_basis[rows]
+            return self._newton_step(unknowns, borders[rows], targets[rows], reference)
+
+        unknowns, (first_step, step_ratio) = newton(
+            newton_step,
+            np.concatenate([values, motions], axis=1),
+            max_steps,
+            LOCUS_STEP_TOLERANCE,
+            LOCUS_TRUST_REGION,
+        )
+        values, motions = np.split(unknowns, [variable_count], axis=1)
+        linearised = self._linearise(values, motions, borders, reference_basis)
+        motions = linearised.unit_motions
+        residual = np.maximum(
+            linearised.space.linearisation.gap,
+            max_abs(linearised.constraint_residual, axis=1),
+        )
+        equations = linearised.equations[:, : self.constraint.equation_count + 1]
+        tangents, motion_derivatives, reciprocal_condition = self._tangents(
+            linearised, equations
+        )
+        has_failed = ~(residual < ON_LOCUS_TOLERANCE)
+        for array in (values, motions, tangents, motion_derivatives, residual):
+            array[has_failed] = np.nan
+        return LocusPoints(
+            values,
+            motions,
+            tangents,
+            motion_derivatives,
+            residual,
+            reciprocal_condition,
+            first_step,
+            step_ratio,
+            equations,
+            np.concatenate([linearised.space.basis, linearised.motion_space.basis], axis=2),
+        )
+
+    def _newton_step(
+        self,
+        unknowns: Floats,
+        borders: Floats,
+        targets: Floats,
+        reference_basis: Floats | None,
+    ) -> Floats:
+        """Return Newton's steps (n, 2 V) of the unknowns: variables, then motions.
+
+        Parameters
+        ----------
+        unknowns
+            (n, 2 V) variables (rad), then rates of the motion.
+        borders, targets, reference_basis
+            As in `correct`.
+        """
+        values, motions = np.split(unknowns, 2, axis=1)
+        linearised = self._linearise(values, motions, borders, reference_basis)
+        space = linearised.space
+        closed_values = values + space.closing_step
+        border_residual = targets - np.matvec(borders, closed_values)
+        constraint_residual = -linearised.constraint_residual - linearised.closing_change
+        norm_residual = np.zeros((len(values), 1))
+        right_side = np.concatenate(
+            [constraint_residual, norm_residual, border_residual], axis=1
+        )
+        equations = linearised.equations
+        finite = all_finite(equations, (1, 2))
+        coordinates = np.zeros((len(values), equations.shape[2]))
+        # The pseudo-inverse gives the shortest step if there are fewer borders than
+        # dimensions of the locus, and ignores equations that repeat others.
+        inverse = np.linalg.pinv(equations[finite], rcond=REDUNDANT_EQUATION_RATIO)
+        coordinates[finite] = np.matvec(inverse, right_side[finite])
+        value_coordinates, motion_coordinates = np.split(
+            coordinates, [self.degrees_of_freedom], axis=1
+        )
+        value_steps = space.closing_step + space.to_rates(value_coordinates)
+        motion_steps = linearised.unit_motions - motions
+        motion_steps = motion_steps + linearised.motion_space.to_rates(motion_coordinates)
+        along_basis = linearised.motion_corrections[..., :-1]
+        along_closing_step = linearised.motion_corrections[..., -1]
+        motion_steps += along_closing_step + np.matvec(along_basis, value_coordinates)
+        return np.concatenate([value_steps, motion_steps], axis=1)
+
+    def _linearise(
+        self,
+        values: Floats,
+        motions: Floats,
+        borders: Floats,
+        reference_basis: Floats | None,
+    ) -> _LinearisedLocus:
+        """Return the system of the locus, linearised at values and motions (n, V) each.
+
+        Parameters
+        ----------
+        values, motions
+            (n, V) variables (rad), and motions that need not close the loops exactly.
+        borders, reference_basis
+            As in `correct`.
+        """
+        space = self.tangent_space(values, reference_basis)
+        motion_space = self.motion_space(space, reference_basis)
+        coordinates = unit_rows(np.vecmat(motions, motion_space.basis))
+        unit_motions = motion_space.to_rates(coordinates)
+        constraint = self.constraint.equations(space.linearisation)
+        # n: configuration, g: direction of change, v and w: variables, m: equations E x
+        motion_corrections = np.einsum(
+            "ngvw,nw->nvg", motion_space.rate_corrections, unit_motions
+        )
+        constraint_derivatives = self.constraint.equation_derivatives(space)
+        slopes = np.einsum("ngmv,nv->nmg", constraint_derivatives, unit_motions)
+        slopes += constraint @ motion_corrections
+
+        g = self.degrees_of_freedom
+        constraint_rows = np.concatenate(
+            [slopes[:, :, :g], constraint @ motion_space.basis], axis=2
+        )
+        norm_row = np.pad(coordinates, ((0, 0), (g, 0)))[:, None]
+        zeros = np.zeros((len(values), borders.shape[1], self.motion_dimension))
+        border_rows = np.concatenate([borders @ space.basis, zeros], axis=2)
+        equations = np.concatenate([constraint_rows, norm_row, border_rows], axis=1)
+        return _LinearisedLocus(
+            space,
+            motion_space,
+            unit_motions,
+            np.matvec(constraint, unit_motions),
+            slopes[..., g],
+            motion_corrections,
+            equations,
+        )
+
+    def _tangents(
+        self, linearised: _LinearisedLocus, equations: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return tangents, derivatives of the motion along them, and a condition.
+
+        They come from the null space of `equations` (n, m + 1, g + k), the rows without
+        borders. For the results see `LocusPoints`.
+        """
+        g = self.degrees_of_freedom
+        rank = self.motion_dimension + 1
+        svd = decompose(equations)
+        null_space = np.swapaxes(svd.right[:, rank:], 1, 2)
+        value_part = null_space[:, :g]
+        motion_changes = linearised.motion_space.basis @ null_space[:, g:]
+        motion_changes += linearised.motion_corrections[..., :g] @ value_part
+        # A basis of the null space whose changes of the variables are orthonormal. A length
+        # of zero belongs to a null vector that changes the motion only: the locus is not
+        # regular there.
+        left, lengths, mixing = np.linalg.svd(value_part, full_matrices=False)
+        divisors = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
+        tangents = linearised.space.basis @ left
+        motion_derivatives = motion_changes @ np.swapaxes(mixing, 1, 2) / divisors
+        condition = svd.values[:, rank - 1] * lengths[:, -1]
+        condition = condition / np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
+        return tangents, motion_derivatives, np.where(svd.is_finite, condition, 0.0)
+
+
+def adjugate(matrices: Floats) -> Floats:
+    """Return the adjugates of square matrices (n, k, k), zero for those not finite.
+
+    adj(M) = det(M) M^-1 for regular matrices. From the singular value decomposition
+    M = U S V^T it is det(U) det(V) V adj(S) U^T, which needs no division.
+    """
+    svd = decompose(matrices)
+    count = svd.values.shape[1]
+    products_of_others = np.array(
+        [np.prod(np.delete(svd.values, k, axis=1), axis=1) for k in range(count)]
+    )
+    sense = np.linalg.det(svd.left) * np.linalg.det(svd.right)
+    return np.einsum("n,nki,kn,njk->nij", sense, svd.right, products_of_others, svd.left)

@@ -1,57 +1,49 @@
-"""Singularity of mechanisms with several inputs at given configurations.
+"""Types of singularity of mechanisms with several inputs, at the rows of a motion.
 
-Each input i, moved alone with the others locked, makes a mechanism with one freedom, in
-which the output link turns about u_i with rate w_i, and c_i w_i = d_i q_i' (Di Gregorio
-2015). The same is said without poles by the motions that close the loops: with N a basis
-of them, N_a its rows of the inputs and E N the output's rates, type II is det N_a = 0 and
-type I a loss of rank of E N. All of these stay finite on singularities.
-
-Singular configurations as the inputs and the output see them.
+If input i moves alone and the others are locked, the mechanism has one degree of freedom.
+The output link then turns about the pole axis u_i with the angular velocity w_i, and
+c_i w_i = d_i q_i' (Di Gregorio 2015). The types also follow without poles from the rates
+that close the loops: let N be a basis of them, N_a its rows of the inputs, and E N the
+rates of the output. Then type II is det N_a = 0, and type I is a loss of rank of E N. All
+of these quantities are finite at singularities.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from functools import cached_property, partial
+from functools import partial
 from itertools import combinations
-from typing import Any, Literal
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.geometry.vectors import all_finite, cross, nans
-from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.pole_plan import Pole, pole_of
-from spherekit.positions.input_revolutions import in_range, into_range
-from spherekit.positions.motion import Motion, make_motion
-from spherekit.positions.position_solver import PositionSolver
+from spherekit.positions.motion import Motion
 from spherekit.singularities.input_output_relation import FourLinks, relation_of
-from spherekit.singularities.slices import LocusPoints, SingularityLocus, adjugate
-from spherekit.singularities.stationarity import InputsLocked, OutputStationary
-from spherekit.singularities.tangent_space import (
-    OutputPart,
-    TangentSpace,
-    decomposed,
-    tangent_space,
-)
+from spherekit.singularities.locus import adjugate
+from spherekit.singularities.stationarity import OutputStationary
+from spherekit.singularities.tangent_space import TangentSpace, decompose, tangent_space
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 from spherekit.velocities.transmission import SINGULAR, Transmission
-from spherekit.velocities.transmission import hold as hold_of
+from spherekit.velocities.transmission import hold as input_authority
 
-ALONE = 10.0
-"""A single-freedom mechanism is singular below this multiple of the tolerance."""
-VANISHES = 1e-8
-"""A coefficient or triple product below this vanishes."""
+ALONE_SINGULAR_FACTOR = 10.0
+"""The mechanism in which one input moves alone counts as singular if one of its unit rates
+is below this factor times `SINGULAR`. Larger: more singularities are in group 1."""
+VANISHING_SIZE = 1e-8
+"""Coefficients, sines and triple products below this are reported as zero. Larger: more
+conditions are reported as fulfilled; smaller: rounding hides those that are."""
 
 
 class RowType(IntEnum):
     """Gosselin and Angeles's types; type III is I and II at once.
 
-    SELF_MOTION: a motion in which the inputs and the output rest, and none in which only
-    one of them does. Where the loops lose their rank, as sheets of configurations cross,
-    the row is of type II or a self-motion: type I is not asked for there. UNKNOWN: no
-    configuration.
+    SELF_MOTION: there is a motion in which the inputs and the output rest, and none in
+    which only one of them does. If the loops lose rank, because sheets of configurations
+    cross, the row is of type II or a self-motion: type I is not determined there. UNKNOWN:
+    the row has no configuration.
     """
 
     REGULAR = 0
@@ -64,21 +56,40 @@ class RowType(IntEnum):
     @property
     def label(self) -> str:
         """The type in tables: regular, I, II, III, self-motion, or nothing."""
-        return LABELS.get(self, self.name)
+        return ROW_TYPE_LABELS.get(self, self.name)
 
 
-LABELS = {
+ROW_TYPE_LABELS = {
     RowType.REGULAR: "regular",
     RowType.SELF_MOTION: "self-motion",
     RowType.UNKNOWN: "",
 }
+"""Labels in tables of the types that are not labelled by their name."""
+
+
+@dataclass(frozen=True)
+class RowClassification:
+    """Types of singularity of n rows, from the rates that close the loops.
+
+    The attributes are those of `OutputCoefficients` with the same names.
+    """
+
+    input_rate: Floats
+    output_rate: Floats
+    alone: Floats
+    type_two: Floats
+    hold: Floats
+    type_one: Floats
+    reciprocal_condition: Floats
+    type: SmallIntegers
+    group: SmallIntegers
 
 
 @dataclass(frozen=True)
 class OutputCoefficients:
-    """n rows of a motion with g inputs, with each moved alone, and all together.
+    """n rows of a motion with g inputs: coefficients of each input, and singularity types.
 
-    NaN where the motion failed.
+    Rows in which the motion failed are NaN.
 
     Attributes
     ----------
@@ -87,31 +98,34 @@ class OutputCoefficients:
         axes; NaN where that is infinite or undetermined.
     u
         (n, g, 3) unit vectors along the pole axes of the output, with the signs that
-        `spherekit.velocities.pole_evaluation` gives them; finite on singularities too.
+        `spherekit.velocities.pole_evaluation` gives them; finite at singularities too.
     c, d
-        (n, g) of c w_i = d q_i', from the pole axes, at most 1 in size.
+        (n, g) coefficients of c w_i = d q_i', from the pole axes, at most 1 in size.
     input_rate, output_rate
-        (n, g) of the unit motion in which input i moves alone: its rate, which vanishes
-        with c_i and has the sign of det N_a, and the size of the output's, which vanishes
-        with d_i. NaN where that motion is not unique.
+        (n, g) rates in the unit motion in which input i moves alone. The rate of the
+        input vanishes with c_i and has the sign of det N_a. The size of the output's
+        angular velocity vanishes with d_i. NaN if that motion is not unique.
     alone
-        (n, g, 3) unit vectors along the output's angular velocity in that motion, NaN where
-        it is at rest: the pole axes, up to their signs, also where the plan knows none.
+        (n, g, 3) unit vectors along the output's angular velocity in that motion, NaN
+        where it is at rest. They are the pole axes, up to their signs, also where the
+        plan of poles gives none.
     type_two
-        (n,) how surely the inputs hold the output, see `spherekit.velocities.transmission`:
-        0 where it can move with the inputs at rest, also where the loops lose their rank.
+        (n,) transmission measure, see `spherekit.velocities.transmission`: 0 if the output
+        can move with the inputs at rest, also where the loops lose rank.
     hold
-        (n,) how surely they hold all links, see `hold` there.
+        (n,) smallest singular value of the closure with locked inputs, see `hold` there.
     type_one
-        (n,) how surely the inputs rest where the output does: of all motions, seen as rates
-        of the inputs and of the output, the sine of the angle to those in which the output
-        rests; 0 where inputs can move though it does. Self-motions do not count.
+        (n,) sine of the angle between all motions, as rates of the inputs and of the
+        output, and those in which the output rests; 0 if inputs can move while the output
+        rests. Self-motions do not count.
     reciprocal_condition
         (n,) relative smallest singular value of the closure Jacobian.
-    type, group
-        (n,) `RowType`, and the group of Di Gregorio's discussion: 1 for singularities of at
-        least one of the single-freedom mechanisms, 2 for those that are of none, 0 for
-        regular configurations.
+    type
+        (n,) `RowType`.
+    group
+        (n,) group of Di Gregorio's discussion: 1 for singularities of at least one of the
+        mechanisms in which one input moves alone, 2 for singularities of none of these, 0
+        for regular configurations.
     """
 
     w: Floats
@@ -136,6 +150,24 @@ class OutputCoefficients:
             return np.linalg.det(self.u[:, threes.reshape(-1, 3)])
 
 
+@dataclass(frozen=True)
+class _InputCoefficients:
+    """n rows of one input that moves alone, with the meaning in `OutputCoefficients`.
+
+    Attributes
+    ----------
+    w, u
+        (n, 3) angular velocity of the output per unit rate, and its pole axis.
+    c, d
+        (n,) coefficients of the input-output relation.
+    """
+
+    w: Floats
+    c: Floats
+    d: Floats
+    u: Floats
+
+
 def coefficients(
     motion: Motion, output: OutputStationary, by_rank: bool = False
 ) -> OutputCoefficients:
@@ -150,132 +182,259 @@ def coefficients(
     by_rank
         That of `spherekit.planning.pole_planner.plan`.
     """
-    links = (output.link, output.relative_to)
-    held = _held(motion)
-    space = tangent_space(motion.linearisation, len(held))
-    alone = space.basis @ adjugate(space.basis[:, held])
-    related: list[tuple[Floats, ...]] = []
+    input_variables = _input_variables(motion)
+    space = tangent_space(motion.linearisation, len(input_variables))
+    # Column i of the adjugate of N_a gives a motion in which input i moves alone. Unlike
+    # the inverse, the adjugate is finite where det N_a = 0.
+    rates_alone = space.basis @ adjugate(space.basis[:, input_variables])
     with np.errstate(invalid="ignore", divide="ignore"):
-        alone /= np.linalg.norm(alone, axis=1, keepdims=True)
-        for k, pair in enumerate(motion.assembly.inputs):
-            r, i = motion.mechanism.ends[pair]
-            wanted = request(
-                motion.mechanism,
-                motion.mechanism.pairs[pair].name,
-                tuple(combinations(sorted({i, r, *links}), 2)),
-                [output.pole],
-                by_rank=by_rank,
-            )
-            # With the others locked links are called by one link of their body each.
-            body = wanted.plan.body
-            named = {body[link]: link for link in (*links[::-1], r, i)}
-            four = FourLinks(*(named[body[link]] for link in (i, r, *links)))
-            field = evaluate(motion, wanted)
-            w = field.w[output.link] - field.w[output.relative_to]
-            direction = partial(
-                _direction,
-                planned=field.direction,
-                driven=(pole_of(four.i, four.r), space.at.vectors[:, held[k]]),
-                rates=space.at.body_rates(alone[:, :, k]),
-            )
-            related.append((w, *_relation(four, direction)))
-        w, c, d, u = (np.stack(parts, axis=1) for parts in zip(*related, strict=True))
-        c[motion.failed] = d[motion.failed] = u[motion.failed] = np.nan
-        return OutputCoefficients(w, u, c, d, **by_motions(motion, space, output))
+        rates_alone /= np.linalg.norm(rates_alone, axis=1, keepdims=True)
+        by_input = [
+            _input_coefficients(motion, output, space, rates_alone, position, by_rank)
+            for position in range(len(input_variables))
+        ]
+        w = np.stack([item.w for item in by_input], axis=1)
+        c = np.stack([item.c for item in by_input], axis=1)
+        d = np.stack([item.d for item in by_input], axis=1)
+        u = np.stack([item.u for item in by_input], axis=1)
+        c[motion.failed] = np.nan
+        d[motion.failed] = np.nan
+        u[motion.failed] = np.nan
+        classification = classify_rows(motion, space, output)
+    return OutputCoefficients(
+        w=w,
+        u=u,
+        c=c,
+        d=d,
+        input_rate=classification.input_rate,
+        output_rate=classification.output_rate,
+        alone=classification.alone,
+        type_two=classification.type_two,
+        hold=classification.hold,
+        type_one=classification.type_one,
+        reciprocal_condition=classification.reciprocal_condition,
+        type=classification.type,
+        group=classification.group,
+    )
 
 
-def _relation(four: FourLinks, direction: Callable[[Pole], Floats]) -> tuple[Floats, ...]:
-    """Return c, d (n,) and u (n, 3) of form i, from the axes of poles.
+def _input_coefficients(
+    motion: Motion,
+    output: OutputStationary,
+    space: TangentSpace,
+    rates_alone: Floats,
+    position: int,
+    by_rank: bool,
+) -> _InputCoefficients:
+    """Return the input-output relation of one input that moves while the others are locked.
 
-    An output that is locked has none, c = 1 and d = 0.
+    Parameters
+    ----------
+    motion, output, by_rank
+        As in `coefficients`.
+    space
+        Rates that close the loops at the rows of the motion.
+    rates_alone
+        (n, V, g) unit rates of the motions in which one input moves alone.
+    position
+        Position of the input among the inputs of the mechanism.
     """
-    if four.o == four.s:
-        n = len(direction(pole_of(four.i, four.r)))
-        return np.ones(n), np.zeros(n), nans((n, 3))
-    made = relation_of("i", four, direction)
-    return made.c, made.d, made.poles.os
+    mechanism = motion.mechanism
+    pair = motion.assembly.inputs[position]
+    reference_link, input_link = mechanism.ends[pair]
+    output_links = (output.link, output.relative_to)
+    pole_request = request(
+        mechanism,
+        mechanism.pairs[pair].name,
+        tuple(combinations(sorted({input_link, reference_link, *output_links}), 2)),
+        [output.pole],
+        by_rank=by_rank,
+    )
+    # Links that are joined by locked inputs are one body. The relation calls each body by
+    # one of its links, preferably by a link of the input.
+    body = pole_request.plan.body
+    representative: dict[int, int] = {}
+    for link in (output.relative_to, output.link, reference_link, input_link):
+        representative[body[link]] = link
+    four_links = FourLinks(
+        i=representative[body[input_link]],
+        r=representative[body[reference_link]],
+        o=representative[body[output.link]],
+        s=representative[body[output.relative_to]],
+    )
+    field = evaluate(motion, pole_request)
+    variable = _input_variables(motion)[position]
+    pole_axis = partial(
+        _pole_axis,
+        planned_axes=field.direction,
+        input_pole=pole_of(four_links.i, four_links.r),
+        input_axis=space.linearisation.vectors[:, variable],
+        angular_velocities=space.linearisation.body_rates(rates_alone[:, :, position]),
+    )
+    w = field.w[output.link] - field.w[output.relative_to]
+    if four_links.o == four_links.s:
+        # The locked inputs join the output to its reference link: it cannot move.
+        n = len(pole_axis(pole_of(four_links.i, four_links.r)))
+        return _InputCoefficients(w, c=np.ones(n), d=np.zeros(n), u=nans((n, 3)))
+    relation = relation_of("i", four_links, pole_axis)
+    return _InputCoefficients(w, relation.c, relation.d, relation.poles.os)
 
 
-def _direction(
+def _pole_axis(
     pole: Pole,
-    planned: Mapping[Pole, Floats],
-    driven: tuple[Pole, Floats],
-    rates: Floats,
+    planned_axes: Mapping[Pole, Floats],
+    input_pole: Pole,
+    input_axis: Floats,
+    angular_velocities: Floats,
 ) -> Floats:
-    """Return the axis (n, 3) of a pole by the plan, or where that knows none by rates.
+    """Return the axis of a pole, from the plan of poles or else from angular velocities.
 
-    These are of links in the motion in which one input moves alone, finite at
-    singularities. An axis of links that rest in it is NaN, but for the input's own.
+    The plan may give no axis at singularities. Angular velocities in the motion in which
+    one input moves alone are finite there.
+
+    Parameters
+    ----------
+    pole
+        Numbers of two links.
+    planned_axes
+        (n, 3) axis of each pole by the plan, NaN where it gives none.
+    input_pole, input_axis
+        Pole of the input's two links, and its axis (n, 3), which is always known.
+    angular_velocities
+        (n, bodies, 3) in the motion in which this input moves alone.
+
+    Returns
+    -------
+    (n, 3) unit vectors in ground axes; NaN where the links rest and no plan gives the axis.
     """
-    between = driven[1] if pole == driven[0] else rates[:, pole[0]] - rates[:, pole[1]]
-    size = np.linalg.norm(between, axis=1, keepdims=True)
-    moved = between / np.where(size > SINGULAR, size, np.nan)
-    return np.where(np.isfinite(planned[pole]), planned[pole], moved)
+    if pole == input_pole:
+        relative = input_axis
+    else:
+        relative = angular_velocities[:, pole[0]] - angular_velocities[:, pole[1]]
+    size = np.linalg.norm(relative, axis=1, keepdims=True)
+    axis = relative / np.where(size > SINGULAR, size, np.nan)
+    return np.where(np.isfinite(planned_axes[pole]), planned_axes[pole], axis)
 
 
-def _held(motion: Motion) -> list[int]:
+def _input_variables(motion: Motion) -> list[int]:
+    """Return the number of the variable of each input."""
     return [motion.mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
 
 
-def by_motions(
+def classify_rows(
     motion: Motion, space: TangentSpace, output: OutputStationary
-) -> dict[str, Any]:
-    """Return those of `OutputCoefficients` that the motions that close the loops say."""
-    held, tree = _held(motion), space.tree
-    inputs = space.basis[:, held]
-    moving = output.equations(space.at) @ space.basis
-    transmission = Transmission(
-        tree, tuple(held), output.link, output.relative_to, output.pointing
-    )
-    vectors = space.at.vectors
-    two = transmission.at(vectors, transmission.pointed(space.at.placed))
-    determinant = np.linalg.det(inputs)
-    if not space.oriented:
-        determinant = np.abs(determinant)
-    alone = adjugate(inputs)
-    size = np.linalg.norm(alone, axis=1)
-    unique = size > SINGULAR * np.max(size, axis=1, keepdims=True)
-    turning = output.angular_velocity(space, space.basis @ alone)
-    speed = np.linalg.norm(turning, axis=2, keepdims=True)
-    turns = speed > SINGULAR * size[..., None]
-    size = np.where(unique, size, np.nan)
-    rates = determinant[:, None] / size, np.linalg.norm(moving @ alone, axis=1) / size
-    one, beside = _type_one(inputs, moving)
-    condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
-    crossed = condition < SINGULAR
-    kind = ((one < SINGULAR) & ~crossed) + 2 * (two < SINGULAR)
-    kind[(kind == RowType.REGULAR) & (crossed | beside)] = RowType.SELF_MOTION
-    kind[~np.isfinite(two)] = RowType.UNKNOWN
-    alone_singular = np.any(~(np.abs(rates) > ALONE * SINGULAR), axis=(0, 2))
-    group = np.isin(kind, np.arange(1, 4)) * (2 - alone_singular)
-    return {
-        "input_rate": rates[0],
-        "output_rate": rates[1],
-        "alone": turning / np.where(turns, speed, np.nan),
-        "type_two": two,
-        "hold": hold_of(tree, held, vectors)[0],
-        "type_one": np.where(np.isfinite(two), one, np.nan),
-        "reciprocal_condition": condition,
-        "type": kind.astype(np.int8),
-        "group": group.astype(np.int8),
-    }
+) -> RowClassification:
+    """Return the singularity types of rows, from the rates that close the loops.
 
-
-def _type_one(inputs: Floats, output: Floats) -> tuple[Floats, Bools]:
-    """Return `OutputCoefficients.type_one` (n,), and where there are self-motions (n,).
-
-    From rates of g inputs (n, g, g) and of the output (n, m, g) in g motions. Of these an
-    orthonormal basis is made, in which motions that move neither are lost.
+    Parameters
+    ----------
+    motion
+        n configurations of a mechanism with g inputs.
+    space
+        Rates that close the loops at these configurations.
+    output
+        The output, whose link is a body of the loops.
     """
-    both = np.concatenate([inputs, output], axis=1)
-    left, sizes, _, _ = decomposed(both)
-    moves = sizes > SINGULAR
-    basis = left[:, inputs.shape[1] :, : both.shape[2]] * moves[:, None]
-    turns = np.linalg.svd(basis, compute_uv=False)
-    turns = np.pad(turns, ((0, 0), (1, 0)), constant_values=1.0)
-    rank = np.sum(moves, axis=1)
-    which = np.minimum(rank, output.shape[1])
-    return turns[np.arange(len(turns)), which], rank < both.shape[2]
+    input_variables = _input_variables(motion)
+    tree = space.tree
+    input_rates = space.basis[:, input_variables]
+    output_rates = output.equations(space.linearisation) @ space.basis
+    vectors = space.linearisation.vectors
+
+    transmission = Transmission(
+        tree, tuple(input_variables), output.link, output.relative_to, output.pointing
+    )
+    pointed = transmission.pointed(space.linearisation.placed)
+    type_two = transmission.at(vectors, pointed)
+    determinant = np.linalg.det(input_rates)
+    if not space.has_fixed_sense:
+        # The sign of the basis is arbitrary, so the sign of the determinant has no meaning.
+        determinant = np.abs(determinant)
+
+    # Column i is the motion in which input i moves alone, times det N_a.
+    alone = adjugate(input_rates)
+    alone_size = np.linalg.norm(alone, axis=1)
+    is_unique = alone_size > SINGULAR * np.max(alone_size, axis=1, keepdims=True)
+    angular_velocity = output.angular_velocity(space, space.basis @ alone)
+    speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
+    is_turning = speed > SINGULAR * alone_size[..., None]
+    alone_size = np.where(is_unique, alone_size, np.nan)
+    input_rate = determinant[:, None] / alone_size
+    output_rate = np.linalg.norm(output_rates @ alone, axis=1) / alone_size
+
+    type_one, has_self_motion = _measure_type_one(input_rates, output_rates)
+    reciprocal_condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
+    loses_rank = reciprocal_condition < SINGULAR
+    # The values of RowType: I is 1, II is 2, III is their sum.
+    row_type = ((type_one < SINGULAR) & ~loses_rank) + 2 * (type_two < SINGULAR)
+    is_self_motion = (row_type == RowType.REGULAR) & (loses_rank | has_self_motion)
+    row_type[is_self_motion] = RowType.SELF_MOTION
+    row_type[~np.isfinite(type_two)] = RowType.UNKNOWN
+
+    alone_tolerance = ALONE_SINGULAR_FACTOR * SINGULAR
+    alone_rates = np.array([input_rate, output_rate])
+    is_singular_alone = np.any(~(np.abs(alone_rates) > alone_tolerance), axis=(0, 2))
+    is_of_type = np.isin(row_type, (RowType.I, RowType.II, RowType.III))
+    group = is_of_type * (2 - is_singular_alone)
+    return RowClassification(
+        input_rate=input_rate,
+        output_rate=output_rate,
+        alone=angular_velocity / np.where(is_turning, speed, np.nan),
+        type_two=type_two,
+        hold=input_authority(tree, input_variables, vectors)[0],
+        type_one=np.where(np.isfinite(type_two), type_one, np.nan),
+        reciprocal_condition=reciprocal_condition,
+        type=row_type.astype(np.int8),
+        group=group.astype(np.int8),
+    )
+
+
+def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats, Bools]:
+    """Return the measure of type I, and whether there are self-motions.
+
+    Parameters
+    ----------
+    input_rates, output_rates
+        (n, g, g) rates of the g inputs and (n, m, g) rates of the output, in g independent
+        motions.
+
+    Returns
+    -------
+    type_one
+        (n,) as in `OutputCoefficients`.
+    has_self_motion
+        (n,) whether a motion moves neither the inputs nor the output.
+    """
+    rates = np.concatenate([input_rates, output_rates], axis=1)
+    svd = decompose(rates)
+    is_moving = svd.values > SINGULAR
+    # Left singular vectors are an orthonormal basis of the rates of inputs and output that
+    # occur together. Directions that move neither are set to zero.
+    inputs, outputs, motions = input_rates.shape[1], output_rates.shape[1], rates.shape[2]
+    output_part = svd.left[:, inputs:, :motions] * is_moving[:, None]
+    # Singular values are the sines of the principal angles to the motions in which the
+    # output rests. The first column, 1, is the value if nothing moves.
+    sines = np.linalg.svd(output_part, compute_uv=False)
+    sines = np.pad(sines, ((0, 0), (1, 0)), constant_values=1.0)
+    rank = np.sum(is_moving, axis=1)
+    smallest = np.minimum(rank, outputs)
+    return sines[np.arange(len(sines)), smallest], rank < motions
+
+
+@dataclass(frozen=True)
+class _VanishingCandidates:
+    """Quantities that may vanish at a singularity.
+
+    Attributes
+    ----------
+    phrases
+        What is reported for each quantity if it vanishes.
+    sizes
+        (n, phrases) the quantities at n rows.
+    """
+
+    phrases: Sequence[str]
+    sizes: Floats
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
@@ -285,207 +444,150 @@ def what_vanishes(
     pointing: Floats | None = None,
     by_rank: bool = False,
 ) -> list[str]:
-    """Return which c_i and d_i vanish at each row (n), and whether the u_i coincide.
+    """Return for each row which coefficients vanish, or how the pole axes are arranged.
 
-    Or which three of them are coplanar, or which u_i is the direction `pointing` (n, 3)
-    that counts, in axes of the link that the output is relative to: it then rests though
-    its link turns. Where none of these says it, what else does; and which links take part
-    in a self-motion. For the symbols see `OutputCoefficients`.
+    The first of these that applies is reported: vanishing c_i and d_i, or pole axes u_i
+    that coincide, are coplanar in threes, or lie along the pointing direction; two axes
+    along one line; two axes coplanar with the pointing direction; the reason why none of
+    these is decided. For a self-motion the moving links are reported instead. For the
+    symbols see `OutputCoefficients`.
+
+    Parameters
+    ----------
+    motion, output, by_rank
+        As in `coefficients`; at least two inputs.
+    pointing
+        (n, 3) the output direction, in axes of the link that the output is relative to. It
+        rests if the output link turns about it.
+
+    Returns
+    -------
+    n texts.
     """
-    at = coefficients(motion, output, by_rank)
-    c, d, u = (  # some axes may be unknown there; the rates vanish with c and d
-        np.where(np.isfinite(one), one, other)
-        for one, other in ((at.c, at.input_rate), (at.d, at.output_rate), (at.u, at.alone))
-    )
-    pairs = motion.mechanism.names_of(motion.assembly.inputs)
-    one, other = np.triu_indices(len(pairs), 1)
-    crossed = cross(u[:, one], u[:, other])
-    parallel = np.linalg.norm(crossed, axis=2)
-    widest = np.max(parallel, axis=1, keepdims=True)
-    volumes = np.where(widest < VANISHES, np.nan, replace(at, u=u).triples)
-    both = [f"u_{a} and u_{b}" for a, b in combinations(pairs, 2)]
-    first = [
-        ("c_{}=0", pairs, c),
-        ("d_{}=0", pairs, d),
-        ("u of {} coincide", [", ".join(pairs)], widest),
-        ("u of {} coplanar", [*map(", ".join, combinations(pairs, 3))], volumes),
-    ]
-    tiers = [first, [("{} along one line", both, parallel)]]
+    result = coefficients(motion, output, by_rank)
+    # Some pole axes may be unknown at a singularity. The rates of the motions in which one
+    # input moves alone vanish with c and d, and their axes are the pole axes.
+    c = np.where(np.isfinite(result.c), result.c, result.input_rate)
+    d = np.where(np.isfinite(result.d), result.d, result.output_rate)
+    u = np.where(np.isfinite(result.u), result.u, result.alone)
+    inputs = motion.mechanism.names_of(motion.assembly.inputs)
+    tiers = _vanishing_candidates(inputs, c, d, replace(result, u=u))
     if pointing is not None:
         direction = np.matvec(motion.rotations[:, output.relative_to], pointing)
-        off = np.linalg.norm(cross(u, direction[:, None]), axis=2)
-        first.insert(2, ("u_{} along the direction", pairs, off))
-        flat = np.matvec(crossed, direction)
-        tiers.append([("{} coplanar with the direction", both, flat)])
-    words: list[list[str]] = [[] for _ in c]
+        tiers = _insert_direction(tiers, inputs, u, direction)
+
+    phrases_by_row: list[list[str]] = [[] for _ in c]
     for tier in tiers:
-        said = [text.format(name) for text, names, _ in tier for name in names]
-        small = np.abs(np.hstack([sizes for _, _, sizes in tier])) < VANISHES
-        for row, phrases in enumerate(words):
-            words[row] = phrases or [said[k] for k in np.flatnonzero(small[row])]
-    for row in np.flatnonzero(at.type == RowType.SELF_MOTION).tolist():
-        words[row] = [_what_moves(motion.rows(slice(row, row + 1)), output)]
-    for row, phrases in enumerate(words):
-        if not phrases:
+        is_vanishing = np.abs(tier.sizes) < VANISHING_SIZE
+        for row, phrases in enumerate(phrases_by_row):
+            if not phrases:
+                numbers = np.flatnonzero(is_vanishing[row])
+                phrases_by_row[row] = [tier.phrases[number] for number in numbers]
+    for row in np.flatnonzero(result.type == RowType.SELF_MOTION).tolist():
+        moving_links = _describe_self_motion(motion.rows(slice(row, row + 1)), output)
+        phrases_by_row[row] = [moving_links]
+    for row, phrases in enumerate(phrases_by_row):
+        if phrases:
+            continue
+        if result.reciprocal_condition[row] < VANISHING_SIZE:
+            phrases.append("the loops lose rank")
+        elif not all_finite(u[row]):
+            phrases.append("pole axes not known")
+        else:
             least = np.min(np.abs([c[row], d[row]]))
-            why = f"motions alone: no c, d below {least:.1e}"
-            if at.reciprocal_condition[row] < VANISHES:
-                why = "the loops lose rank"
-            elif not all_finite(u[row]):
-                why = "pole axes not known"
-            phrases.append(why)
-    return [" ".join(listed) for listed in words]
+            phrases.append(f"motions alone: no c, d below {least:.1e}")
+    return [" ".join(phrases) for phrases in phrases_by_row]
 
 
-def _what_moves(motion: Motion, output: OutputStationary) -> str:
-    """Return in words which links move while the inputs and the output of one row rest."""
-    at = motion.linearisation
-    held = np.eye(motion.values.shape[1])[_held(motion)]
-    equations = np.concatenate([at.jacobian[0], held, output.equations(at)[0]])
-    _, _, right = np.linalg.svd(equations)
-    speeds = np.linalg.norm(at.body_rates(right[-1:])[0], axis=1)
-    return f"{' '.join(np.array(motion.mechanism.links)[speeds > VANISHES])} alone move"
+def _vanishing_candidates(
+    inputs: Sequence[str], c: Floats, d: Floats, result: OutputCoefficients
+) -> list[_VanishingCandidates]:
+    """Return the quantities that may vanish, in the order in which they are reported.
 
-
-LocusName = Literal["I", "II", "self-motion"]
-OWN: Mapping[LocusName, tuple[RowType, ...]] = {
-    "I": (RowType.I, RowType.III),
-    "II": (RowType.II, RowType.III),
-    "self-motion": (RowType.SELF_MOTION,),
-}
-"""Types of the configurations on each locus."""
-
-
-@dataclass(frozen=True)
-class SingularPoints(ArrayRows):
-    """n singular configurations, as what stands still and what moves sees them.
-
-    Attributes
+    Parameters
     ----------
-    kind
-        The locus that they are on. II: the inputs stand still in the singular motion; I:
-        the output does; self-motion: both.
-    type
-        (n,) what each is for the output, a
-        `spherekit.singularities.several_inputs.RowType`.
-    values, motion
-        The variables and the unit rates of the singular motion, (n, V), of the pairs that
-        move the output.
     inputs
-        (n, g) values of the inputs (rad), less whole turns in their declared ranges or as
-        near to these as can be.
-    inside
-        (n,) whether all are within those ranges.
-    orientation, pointing
-        (n, 3, 3) from the output link's axes to those of its reference link, and the
-        output direction (n, 3) there, or None.
-    input_rate, output_rate
-        (n,) norms of the rates of the inputs and of the output in the singular motion.
-    residual
-        (n,) the larger of the loops' residual (rad) and that of the singularity.
+        Names of the g inputs.
+    c, d
+        (n, g) coefficients.
+    result
+        Its `u` are the pole axes.
     """
+    pairs_of_inputs = list(combinations(inputs, 2))
+    threes_of_inputs = list(combinations(inputs, 3))
+    sines = np.linalg.norm(_cross_products(result.u), axis=2)
+    largest_sine = np.max(sines, axis=1, keepdims=True)
+    # If all axes coincide, it is not reported in addition that they are coplanar.
+    volumes = np.where(largest_sine < VANISHING_SIZE, np.nan, result.triples)
+    coefficients_vanish = _VanishingCandidates(
+        [
+            *[f"c_{name}=0" for name in inputs],
+            *[f"d_{name}=0" for name in inputs],
+            f"u of {', '.join(inputs)} coincide",
+            *[f"u of {', '.join(three)} coplanar" for three in threes_of_inputs],
+        ],
+        np.hstack([c, d, largest_sine, volumes]),
+    )
+    axes_coincide = _VanishingCandidates(
+        [f"u_{a} and u_{b} along one line" for a, b in pairs_of_inputs], sines
+    )
+    return [coefficients_vanish, axes_coincide]
 
-    kind: LocusName
-    type: SmallIntegers
-    values: Floats
-    motion: Floats
-    inputs: Floats
-    inside: Bools
-    orientation: Floats
-    pointing: Floats | None
-    input_rate: Floats
-    output_rate: Floats
-    residual: Floats
+
+def _insert_direction(
+    tiers: Sequence[_VanishingCandidates],
+    inputs: Sequence[str],
+    u: Floats,
+    direction: Floats,
+) -> list[_VanishingCandidates]:
+    """Return the candidates with those that concern a pointing direction.
+
+    Parameters
+    ----------
+    tiers
+        The result of `_vanishing_candidates`.
+    inputs
+        Names of the g inputs.
+    u
+        (n, g, 3) pole axes.
+    direction
+        (n, 3) the pointing direction in ground axes.
+    """
+    first, second = tiers
+    after_coefficients = 2 * len(inputs)
+    sines = np.linalg.norm(cross(u, direction[:, None]), axis=2)
+    along_direction = [f"u_{name} along the direction" for name in inputs]
+    phrases = list(first.phrases)
+    phrases[after_coefficients:after_coefficients] = along_direction
+    sizes = np.hstack(
+        [first.sizes[:, :after_coefficients], sines, first.sizes[:, after_coefficients:]]
+    )
+    volumes = np.matvec(_cross_products(u), direction)
+    coplanar = _VanishingCandidates(
+        [
+            f"u_{a} and u_{b} coplanar with the direction"
+            for a, b in combinations(inputs, 2)
+        ],
+        volumes,
+    )
+    return [_VanishingCandidates(phrases, sizes), second, coplanar]
 
 
-@dataclass(frozen=True)
-class SingularityReport:
-    """The singular configurations of a type, and what of them is reported."""
+def _cross_products(axes: Floats) -> Floats:
+    """Return the cross products (n, pairs, 3) of any two of g axes (n, g, 3)."""
+    first, second = np.triu_indices(axes.shape[1], 1)
+    return cross(axes[:, first], axes[:, second])
 
-    solver: PositionSolver
-    output: OutputStationary
-    kind: LocusName
-    part: OutputPart | None = None
 
-    @staticmethod
-    def of(
-        solver: PositionSolver, output: OutputStationary, kind: LocusName
-    ) -> "SingularityReport":
-        """Return what is singular of an output: of the part alone that moves it.
-
-        Self-motions are those of the whole mechanism.
-        """
-        part = None
-        if kind != "self-motion":
-            part = OutputPart.of(
-                solver.mechanism, solver.assembly, output.link, output.relative_to
-            )
-        way = output.way if part is None else part.way
-        return SingularityReport(solver, replace(output, way=way), kind, part)
-
-    @cached_property
-    def locus(self) -> SingularityLocus:
-        """The configurations of the type."""
-        return self._locus(self.kind)
-
-    @cached_property
-    def other(self) -> SingularityLocus:
-        """Those of the other type."""
-        return self._locus("II" if self.kind == "I" else "I")
-
-    def _locus(self, kind: LocusName) -> SingularityLocus:
-        driven = self.solver.driven if self.part is None else self.part.driven
-        return SingularityLocus(
-            self.solver.closure,
-            len(self.solver.driven),
-            self.output if kind == "I" else InputsLocked(driven),
-            self.part,
-        )
-
-    def types(self, values: Floats) -> SmallIntegers:
-        """Return the types (n,) of configurations for the output."""
-        motion = make_motion(self.solver, values)
-        space = tangent_space(motion.linearisation, len(self.solver.driven))
-        return by_motions(motion, space, self.output)["type"]
-
-    def is_own(self, types: SmallIntegers) -> Bools:
-        """Return which types (n,) are those of the locus."""
-        return np.isin(types, OWN[self.kind])
-
-    @cached_property
-    def ranges(self) -> Floats:
-        """(2, g) the lowest and the highest declared values of the inputs (rad)."""
-        return np.transpose([item.range for item in self.solver.mechanism.inputs])
-
-    def inputs_of(self, values: Floats) -> Floats:
-        """Return the inputs (n, g) of configurations (n, V), as in `SingularPoints`."""
-        q = values[:, list(self.solver.driven)]
-        low, high = self.ranges
-        return into_range(q, low, high, self.solver.periods)
-
-    def points(self, nodes: LocusPoints) -> SingularPoints:
-        """Return what points of the locus look like."""
-        return self.seen(nodes.values, nodes.motions, nodes.residual)
-
-    def seen(self, values: Floats, motions: Floats, residual: Floats) -> SingularPoints:
-        """Return what configurations and singular motions (n, V) look like."""
-        at = self.solver.closure.at(values)
-        inputs = self.inputs_of(values)
-        orientation = self.output.orientation(at)
-        pointing = None
-        if self.output.pointing is not None:
-            pointing = orientation @ np.array(self.output.pointing)
-        moving = np.matvec(self.output.equations(at), motions)
-        return SingularPoints(
-            self.kind,
-            self.types(values),
-            values,
-            motions,
-            inputs,
-            np.all(in_range(inputs, *self.ranges), axis=1),
-            orientation,
-            pointing,
-            np.linalg.norm(motions[:, list(self.solver.driven)], axis=1),
-            np.linalg.norm(moving, axis=1),
-            residual,
-        )
+def _describe_self_motion(motion: Motion, output: OutputStationary) -> str:
+    """Return which links move while inputs and output rest, for a motion of one row."""
+    linearisation = motion.linearisation
+    input_rows = np.eye(motion.values.shape[1])[_input_variables(motion)]
+    equations = np.concatenate(
+        [linearisation.jacobian[0], input_rows, output.equations(linearisation)[0]]
+    )
+    # The last right singular vector solves the equations: the rates of the self-motion.
+    _, _, right = np.linalg.svd(equations)
+    speeds = np.linalg.norm(linearisation.body_rates(right[-1:])[0], axis=1)
+    moving_links = np.array(motion.mechanism.links)[speeds > VANISHING_SIZE]
+    return f"{' '.join(moving_links)} alone move"

@@ -11,18 +11,21 @@ from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.positions.configuration_curve import NEAR, Chords
 from spherekit.positions.curve_segment import CurvePoints
-from spherekit.singularities.slices import LocusPoints, SingularityLocus
+from spherekit.singularities.locus import LocusPoints, SingularityLocus
 from spherekit.status import Status
 
-GAUSS = np.polynomial.legendre.leggauss(8)
+GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Gauss-Legendre rule on (-1, 1) for arc lengths between two nodes."""
+VANISHING_FUNCTION = 1e-6
+"""A function smaller than this at two successive nodes is taken to vanish between them, and
+has no zero there. Larger: zeros where the function is small are missed; smaller: rounding
+of a function that vanishes everywhere gives zeros."""
+SAME_MOTION_COSINE = 1.0 - 1e-6
+"""Singular motions are the same up to their sign if the size of their cosine exceeds
+this."""
 
-
-NOTHING = 1e-6
-"""A function smaller than this at two nodes is taken to vanish between them."""
-
-
-Along = Callable[[LocusPoints], Floats]
-"""A function (n,) of points of a curve."""
+LocusFunction = Callable[[LocusPoints], Floats]
+"""A function of points of a curve, with one value (n,) for each point."""
 
 
 @dataclass(frozen=True)
@@ -32,18 +35,17 @@ class SingularCurve:
     Attributes
     ----------
     locus
-        What the curve consists of.
+        The locus on which the curve lies.
     nodes
-        The nodes in order, tangents running along; those of a closed curve end with the
-        first one, its variables grown by whole periods.
+        The nodes in order, with tangents in the direction of the curve. The last node of a
+        closed curve is the first one, with variables that have grown by whole periods.
     periods
-        (V,) growth of each variable that changes nothing.
+        (V,) growth of each variable (rad) that leaves the configuration unchanged.
     closed
-        Whether the curve closes.
+        Whether the curve is closed.
     ends
-        Why it goes no further at its start and at its end: OK if it is closed or the
-        greatest length was reached, AT_SINGULARITY where curves cross, OFF_PROFILE,
-        MODE_LOST.
+        Why the curve ends at its start and at its end: OK if it is closed or reached the
+        greatest length, AT_SINGULARITY where curves cross, OFF_PROFILE, or MODE_LOST.
     """
 
     locus: SingularityLocus
@@ -53,102 +55,138 @@ class SingularCurve:
     ends: tuple[Status, Status]
 
     @cached_property
-    def chord(self) -> Chords:
-        """The chords between the nodes."""
-        return Chords(_plain(self.nodes))
+    def chords(self) -> Chords:
+        """The chords between successive nodes."""
+        return Chords(to_curve_points(self.nodes))
 
     @cached_property
     def s(self) -> Floats:
-        """Arc lengths (n,) of the nodes (rad), of the Hermite polynomials through them."""
-        tangents = self.nodes.tangents[:, None, :, 0]
-        start = tangents[:-1]
-        chord = self.chord.directions[:, None]
-        places, weights = GAUSS
-        x = 0.5 * (places[:, None] + 1.0)
-        bent = start + tangents[1:] - 2.0 * chord
-        speed = start + x * (2.0 * (chord - start - bent) + 3.0 * x * bent)
-        lengths = np.linalg.norm(speed, axis=2) @ (0.5 * weights) * self.chord.chords
-        return np.append(0.0, np.cumsum(lengths))
+        """(n,) arc lengths (rad) of the nodes.
 
-    def on(self, which: Indices, parts: Floats) -> LocusPoints:
-        """Return the points whose projections divide chords `which` (n,) at parts (n,)."""
-        chord, nodes, ahead = self.chord, self.nodes, which + 1
-        direction = chord.directions[which]
-        length = chord.chords[which]
-        turning = nodes.motions[ahead] - nodes.motions[which]
-        motions = nodes.motions[which] + parts[:, None] * turning
-        targets = np.vecdot(direction, nodes.values[which]) + parts * length
+        They are the lengths of cubic Hermite polynomials through the nodes, in the space
+        of the variables.
+        """
+        tangents = self.nodes.tangents[:, None, :, 0]
+        start_tangents = tangents[:-1]
+        directions = self.chords.directions[:, None]
+        # The derivative of the cubic by x = 0 ... 1, in units of the length of the chord.
+        # Axes: chord, Gauss point, variable.
+        x = 0.5 * (GAUSS_POINTS[:, None] + 1.0)
+        curvature = start_tangents + tangents[1:] - 2.0 * directions
+        linear = 2.0 * (directions - start_tangents - curvature)
+        derivative = start_tangents + x * (linear + 3.0 * x * curvature)
+        relative_lengths = np.linalg.norm(derivative, axis=2) @ (0.5 * GAUSS_WEIGHTS)
+        return np.append(0.0, np.cumsum(relative_lengths * self.chords.chords))
+
+    def points_on_chords(self, chord_numbers: Indices, parts: Floats) -> LocusPoints:
+        """Return the points of the curve whose projections divide chords.
+
+        Parameters
+        ----------
+        chord_numbers
+            (n,) numbers of chords; chord k starts at node k.
+        parts
+            (n,) position of the projection on each chord, from 0 to 1.
+        """
+        nodes = self.nodes
+        directions = self.chords.directions[chord_numbers]
+        lengths = self.chords.chords[chord_numbers]
+        start_motions = nodes.motions[chord_numbers]
+        motion_changes = nodes.motions[chord_numbers + 1] - start_motions
+        projections = np.vecdot(directions, nodes.values[chord_numbers])
         points = self.locus.correct(
-            chord.predict(which, parts),
-            motions,
-            direction[:, None],
-            targets[:, None],
-            nodes.basis[which],
+            values=self.chords.predict(chord_numbers, parts),
+            motions=start_motions + parts[:, None] * motion_changes,
+            borders=directions[:, None],
+            targets=(projections + parts * lengths)[:, None],
+            reference_basis=nodes.basis[chord_numbers],
         )
-        return _turned(
-            points,
-            np.where(np.vecdot(points.tangents[:, :, 0], direction) < 0.0, -1.0, 1.0),
-        )
+        along_chord = np.vecdot(points.tangents[:, :, 0], directions)
+        return orient_tangents(points, np.where(along_chord < 0.0, -1.0, 1.0))
 
     def find(self, values: Floats, motions: Floats) -> Bools:
-        """Return which configurations (n, V) with their singular motions are on the curve.
+        """Return which configurations are on the curve.
 
         Whole periods of the variables and signs of the motions do not matter.
-        """
-        row, which, away, along = self.chord.beside(values, self.periods)
-        points = self.on(which, along / self.chord.chords[which])
-        miss = max_abs((self.nodes.values[which] + away) - points.values, axis=1)
-        same = np.abs(np.vecdot(points.motions, motions[row])) > 1.0 - 1e-6
-        return np.isin(np.arange(len(values)), row[(miss < NEAR) & same])
 
-    def zeros(self, function: Along) -> LocusPoints:
-        """Return the points at which a function of points changes its sign.
+        Parameters
+        ----------
+        values, motions
+            (n, V) variables (rad), and unit rates of the singular motions.
 
-        Those between the same two nodes are missed if they are two; a function that is
-        zero to rounding has no zeros.
+        Returns
+        -------
+        (n,) whether the configuration and its singular motion are on the curve.
         """
-        value = function(self.nodes)
-        # Bases go on from node to node; those of the last one may be of the first.
-        value[-1] = function(self.on(np.array([len(value) - 2]), np.ones(1)))[0]
-        clear = np.maximum(np.abs(value[:-1]), np.abs(value[1:])) > NOTHING
-        (which,) = np.nonzero(clear & ((value[:-1] >= 0.0) != (value[1:] >= 0.0)))
-        part, _ = find_bracketed_zeros(
-            lambda x, some: function(self.on(which[some], x)),
-            np.zeros(len(which)),
-            np.ones(len(which)),
-            value[which],
-            value[which + 1],
+        # Chords beside which a configuration lies, with its position relative to the start
+        # of the chord; one configuration may be beside several chords.
+        row, chord_numbers, offset, along_chord = self.chords.beside(values, self.periods)
+        parts = along_chord / self.chords.chords[chord_numbers]
+        points = self.points_on_chords(chord_numbers, parts)
+        shifted_values = self.nodes.values[chord_numbers] + offset
+        distance = max_abs(shifted_values - points.values, axis=1)
+        motion_cosine = np.abs(np.vecdot(points.motions, motions[row]))
+        is_on_curve = (distance < NEAR) & (motion_cosine > SAME_MOTION_COSINE)
+        return np.isin(np.arange(len(values)), row[is_on_curve])
+
+    def zeros(self, function: LocusFunction) -> LocusPoints:
+        """Return the points at which a function changes its sign along the curve.
+
+        Two zeros between the same nodes are missed. A function that is zero up to rounding
+        has no zeros.
+        """
+        node_values = function(self.nodes)
+        # The sign of the function may depend on the basis, which is continued from node to
+        # node. The last node of a closed curve has the basis of the first one.
+        last_chord = np.array([len(node_values) - 2])
+        node_values[-1] = function(self.points_on_chords(last_chord, np.ones(1)))[0]
+        starts = node_values[:-1]
+        stops = node_values[1:]
+        is_clear = np.maximum(np.abs(starts), np.abs(stops)) > VANISHING_FUNCTION
+        changes_sign = (starts >= 0.0) != (stops >= 0.0)
+        (chord_numbers,) = np.nonzero(is_clear & changes_sign)
+        parts, _ = find_bracketed_zeros(
+            lambda x, rows: function(self.points_on_chords(chord_numbers[rows], x)),
+            np.zeros(len(chord_numbers)),
+            np.ones(len(chord_numbers)),
+            node_values[chord_numbers],
+            node_values[chord_numbers + 1],
             tolerance=1e-14,
         )
-        return self.on(which, part)
+        return self.points_on_chords(chord_numbers, parts)
 
     def cusps(self) -> LocusPoints:
-        """Return where the locus has a cusp in the plane of what stands still.
+        """Return the cusps of the curve in the plane of the inputs or of the output.
 
-        There the singular motion runs along the curve: seen in the inputs (type II) or at
-        the output (type I) the curve turns back.
+        The singular motion has the direction of the curve there. The curve turns back in
+        the plane of the inputs (type II), or at the output (type I).
         """
-        if self.locus.motions < self.locus.freedoms:
+        if self.locus.motion_dimension < self.locus.degrees_of_freedom:
+            # A part has fewer motions than dimensions: there is no determinant.
             return self.nodes.rows(slice(0))
 
-        def side(points: LocusPoints) -> Floats:
-            ways = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
-            return np.linalg.det(
-                np.swapaxes(points.basis[:, :, self.locus.freedoms :], 1, 2) @ ways
-            )
+        def side_of_motion(points: LocusPoints) -> Floats:
+            """Return the determinant (n,) of singular motion and tangent, 0 at a cusp."""
+            rates = np.stack([points.motions, points.tangents[:, :, 0]], axis=2)
+            motion_basis = points.basis[:, :, self.locus.degrees_of_freedom :]
+            return np.linalg.det(np.swapaxes(motion_basis, 1, 2) @ rates)
 
-        return self.zeros(side)
+        return self.zeros(side_of_motion)
 
 
-def _plain(points: LocusPoints) -> CurvePoints:
-    """Return what chords are made of; bends are not known."""
+def to_curve_points(points: LocusPoints) -> CurvePoints:
+    """Return points of a curve as `CurvePoints`, whose second derivatives are unknown."""
     tangents = points.tangents[:, :, 0]
     return CurvePoints(
         points.values, tangents, np.full_like(tangents, np.nan), points.residual
     )
 
 
-def _turned(points: LocusPoints, sense: Floats | float) -> LocusPoints:
-    """Return points with their tangents turned round where the sense (n,) is -1."""
+def orient_tangents(points: LocusPoints, sense: Floats | float) -> LocusPoints:
+    """Return points with their tangents reversed where the sense (n,) is -1."""
     sense = np.reshape(sense, (-1, 1, 1))
-    return replace(points, tangents=sense * points.tangents, turns=sense * points.turns)
+    return replace(
+        points,
+        tangents=sense * points.tangents,
+        motion_derivatives=sense * points.motion_derivatives,
+    )

@@ -1,10 +1,10 @@
 """All curves of singular configurations of a mechanism with two inputs.
 
-Seeds are the singular configurations of slices with one input locked, found along whole
-configuration curves, or those that random starts lead to; each that lies on no curve yet
-is followed, wherever it leads, also out of the declared ranges. Type I of an orientation is
-generally met at points only, which are not curves; where the output has two freedoms it is
-met along curves.
+The search starts from singular configurations of slices with one input locked, or from
+those that random starts lead to. Every singular configuration that is not on a curve yet is
+followed, also beyond the declared ranges of the inputs. Type I of an orientation generally
+occurs at isolated points, which are not found as curves. If the output has two degrees of
+freedom, type I occurs along curves.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,34 +14,52 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.argument_validation import checked
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.completeness import Completeness, TimeLimit
 from spherekit.errors import SolveError
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.singularities.curve_starts import StartPoints
-from spherekit.singularities.curve_tracing import FREEDOMS, NEARLY_FLAT, trace_curves
-from spherekit.singularities.several_inputs import (
+from spherekit.singularities.curve_starts import LocusPointSearch
+from spherekit.singularities.curve_tracing import (
+    CURVE_FREEDOMS,
+    NEAR_CROSSING_CONDITION,
+    trace_curves,
+)
+from spherekit.singularities.locus import LocusPoints
+from spherekit.singularities.singular_curve import SingularCurve
+from spherekit.singularities.singularity_report import (
     LocusName,
     SingularityReport,
     SingularPoints,
 )
-from spherekit.singularities.singular_curve import SingularCurve
-from spherekit.singularities.slices import LockedInputSection, LocusPoints, solver_of
+from spherekit.singularities.slices import LockedInputSection, solver_of
 from spherekit.singularities.stationarity import output_of
 
-TOGETHER = 16
-"""Curves that are followed side by side, from different starts."""
+CURVES_AT_ONCE = 16
+"""Curves that are followed at the same time, from different starts. Larger: more curves are
+followed twice; smaller: slower."""
 
 
 @dataclass(frozen=True)
 class CurveSeen:
-    """A curve of singular configurations of one type: its points, and those of type III.
+    """A curve of singular configurations of one type.
 
-    `s` (n,) is the place of the points on it (rad), `both` where it is singular of the
-    other type too; the last point of one that is `closed` is its first. `why` says what is
-    singular, where that is known of the curve, `modes` in which mode of a mid-plane
-    architecture. `traced` is the curve between two changes of type, and what
-    it is reported in.
+    Attributes
+    ----------
+    points
+        n points of the curve. The last point of a closed curve is its first.
+    both
+        The points at which it is singular of the other type too.
+    s
+        (n,) arc lengths of the points (rad).
+    closed
+        Whether the curve is closed.
+    why
+        What is singular, if that is known of the whole curve, else empty.
+    modes
+        For a mid-plane symmetric architecture the assembly modes of the curve.
+    traced
+        What is reported, and the followed curve between two changes of type; None if the
+        curve was not followed.
     """
 
     points: SingularPoints
@@ -57,26 +75,39 @@ class CurveSeen:
         """Where it turns back in the plane of the inputs (type II) or at the output (I)."""
         if self.traced is None:
             return self.points.rows(slice(0))
-        view, curve = self.traced
-        return view.points(curve.cusps())
+        report, curve = self.traced
+        return report.points(curve.cusps())
 
     def dense(self, parts: int) -> SingularPoints:
-        """Return the curve, each way between two traced nodes divided into parts."""
+        """Return points of the curve, each chord between two nodes divided into parts."""
         if self.traced is None:
             return self.points
-        view, curve = self.traced
-        which, part = np.divmod(np.arange(parts * (len(curve.nodes) - 1)), parts)
-        made = curve.on(np.append(which, which[-1]), np.append(part / parts, 1.0))
-        return view.points(made)
+        report, curve = self.traced
+        chord_count = len(curve.nodes) - 1
+        chord_numbers, part_numbers = np.divmod(np.arange(parts * chord_count), parts)
+        # The end of the last chord is added.
+        chord_numbers = np.append(chord_numbers, chord_numbers[-1])
+        positions = np.append(part_numbers / parts, 1.0)
+        return report.points(curve.points_on_chords(chord_numbers, positions))
 
 
 @dataclass(frozen=True)
 class SingularCurves:
-    """The curves of one type, and what is known of those not found.
+    """The curves of one type of singularity of a mechanism.
 
-    Where every configuration is of the type (`everywhere`) there are no curves. `stray`
-    (n, V) are singular configurations that no curve could be followed from: the locus
-    crosses itself there, or fills a part of the configurations.
+    Attributes
+    ----------
+    kind
+        The type.
+    curves
+        The curves; none if every configuration is of the type.
+    claim
+        What is known of curves that were not found.
+    stray
+        (n, V) singular configurations from which no curve could be followed: the locus
+        crosses itself there, or fills a part of the configurations.
+    everywhere
+        Whether every configuration is of the type.
     """
 
     kind: LocusName
@@ -87,9 +118,13 @@ class SingularCurves:
 
 
 def moved_by_all(mechanism: Mechanism, output: str | None = None) -> bool:
-    """Return whether all pairs move an output: type II of it has all self-motions then."""
-    solver = solver_of(mechanism)
-    return SingularityReport.of(solver, output_of(mechanism, output), "II").part is None
+    """Return whether all pairs take part in the motion of an output.
+
+    If so, the singularities of type II of this output include all self-motions.
+    """
+    stationary_output = output_of(mechanism, output)
+    report = SingularityReport.for_output(solver_of(mechanism), stationary_output, "II")
+    return report.part is None
 
 
 @checked(SolveError)
@@ -124,67 +159,110 @@ def singular_curves(
     AnalysisError, PlanError
         If there are not two inputs with a freedom each, or no such output.
     """
-    source = StartPoints(
-        mechanism, FREEDOMS, kind, output, pointing, made, slices_of_each, budget
+    search = LocusPointSearch(
+        mechanism, CURVE_FREEDOMS, kind, output, pointing, made, slices_of_each, budget
     )
-    traced: list[SingularCurve] = []
+    curves: list[SingularCurve] = []
     stray = [np.zeros((0, len(mechanism.variable_owners)))]
-    for points in source.batches():
-        if source.cut is None:
-            points = points.rows(source.view.points(points).inside)
-        irregular = points.reciprocal_condition < NEARLY_FLAT
-        stray.append(points.values[irregular])
-        stray += _followed(source, points.rows(~irregular), traced)
+    for points in search.batches():
+        if search.section is None:
+            # Newton's method from random starts may leave the ranges.
+            points = points.rows(search.report.points(points).inside)
+        is_irregular = points.reciprocal_condition < NEAR_CROSSING_CONDITION
+        stray.append(points.values[is_irregular])
+        stray += _follow_new_curves(search, points.rows(~is_irregular), curves)
+    curve_parts: list[CurveSeen] = []
+    for curve in curves:
+        curve_parts += _parts_of_type(curve, search.report)
     return SingularCurves(
-        kind,
-        tuple(part for curve in traced for part in _parts(curve, source.view)),
-        source.claim("curve"),
-        np.concatenate(stray),
-        source.everywhere,
+        kind=kind,
+        curves=tuple(curve_parts),
+        claim=search.completeness("curve"),
+        stray=np.concatenate(stray),
+        everywhere=search.is_everywhere,
     )
 
 
-def _followed(
-    source: StartPoints, points: LocusPoints, traced: list[SingularCurve]
+def _follow_new_curves(
+    search: LocusPointSearch, points: LocusPoints, curves: list[SingularCurve]
 ) -> list[Floats]:
-    """Follow curves from points that lie on none traced yet; return those none leaves."""
-    left, stray = np.ones(len(points), dtype=bool), []
-    for curve in traced:
-        left[left] &= ~curve.find(points.values[left], points.motions[left])
-    locus = source.view.locus
-    budget = source.budget
-    kind = source.view.kind
-    while np.any(left) and budget.goes_on(f"curve {len(traced) + 1} of type {kind}"):
-        (rows,) = np.nonzero(left)
-        rows = rows[:: -(-len(rows) // TOGETHER)]
-        curves = trace_curves(locus, points.rows(rows), budget)
-        for row, new_curve in zip(rows.tolist(), curves, strict=True):
-            if not left[row]:
+    """Follow curves from the points that are on no known curve.
+
+    Parameters
+    ----------
+    search
+        The search, with the locus and the time limit.
+    points
+        Points of the locus.
+    curves
+        The curves that are known. New ones are appended.
+
+    Returns
+    -------
+    Variables (1, V) of each point from which no curve could be followed.
+    """
+    is_remaining = np.ones(len(points), dtype=bool)
+    for curve in curves:
+        _remove_points_on_curve(is_remaining, points, curve)
+    stray: list[Floats] = []
+    locus = search.report.locus
+    kind = search.report.kind
+    while np.any(is_remaining):
+        if not search.time_limit.goes_on(f"curve {len(curves) + 1} of type {kind}"):
+            break
+        (rows,) = np.nonzero(is_remaining)
+        # At most CURVES_AT_ONCE starts, spread evenly over the remaining points.
+        stride = -(-len(rows) // CURVES_AT_ONCE)
+        start_rows = rows[::stride]
+        new_curves = trace_curves(locus, points.rows(start_rows), search.time_limit)
+        for row, new_curve in zip(start_rows.tolist(), new_curves, strict=True):
+            if not is_remaining[row]:
+                # A curve from another start passes this point.
                 continue
-            left[row] = False
+            is_remaining[row] = False
             if new_curve is None:
                 stray.append(points.values[row : row + 1])
                 continue
-            source.met()
-            traced.append(new_curve)
-            left[left] &= ~new_curve.find(points.values[left], points.motions[left])
+            search.record_new_result()
+            curves.append(new_curve)
+            _remove_points_on_curve(is_remaining, points, new_curve)
     return stray
 
 
-def _parts(curve: SingularCurve, view: SingularityReport) -> Iterator[CurveSeen]:
-    """Yield the parts of a traced curve that are of the type looked for."""
+def _remove_points_on_curve(
+    is_remaining: Bools, points: LocusPoints, curve: SingularCurve
+) -> None:
+    """Set `is_remaining` (n,) to False for the remaining points that are on a curve."""
+    values = points.values[is_remaining]
+    motions = points.motions[is_remaining]
+    is_remaining[is_remaining] &= ~curve.find(values, motions)
 
-    def measured(nodes: LocusPoints) -> Floats:
-        return view.other.measure(view.other.space(nodes.values)).value
 
-    of_type = view.is_own(view.types(curve.nodes.values))
-    starts = np.flatnonzero(np.diff(of_type, prepend=False) & of_type)
-    stops = np.flatnonzero(np.diff(of_type, append=False) & of_type) + 1
+def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[CurveSeen]:
+    """Yield the parts of a followed curve whose nodes are of the reported type.
+
+    Nodes of another type can occur, such as self-motions on the locus of type II.
+    """
+    other_locus = report.locus_of_other_type
+
+    def measure_other_type(points: LocusPoints) -> Floats:
+        """Return a function (n,) that vanishes at singularities of the other type."""
+        return other_locus.measure(other_locus.tangent_space(points.values)).value
+
+    is_of_type = report.has_type(report.types(curve.nodes.values))
+    starts = np.flatnonzero(np.diff(is_of_type, prepend=False) & is_of_type)
+    stops = np.flatnonzero(np.diff(is_of_type, append=False) & is_of_type) + 1
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        if stop - start > 1:
-            nodes = curve.nodes.rows(slice(start, stop))
-            closed = curve.closed and len(nodes) == len(of_type)
-            part = replace(curve, nodes=nodes, closed=closed)
-            points = view.points(nodes)
-            both = view.points(part.zeros(measured))
-            yield CurveSeen(points, both, part.s, closed, traced=(view, part))
+        if stop - start == 1:
+            # A single node is no curve.
+            continue
+        nodes = curve.nodes.rows(slice(start, stop))
+        is_closed = curve.closed and len(nodes) == len(is_of_type)
+        part = replace(curve, nodes=nodes, closed=is_closed)
+        yield CurveSeen(
+            points=report.points(nodes),
+            both=report.points(part.zeros(measure_other_type)),
+            s=part.s,
+            closed=is_closed,
+            traced=(report, part),
+        )

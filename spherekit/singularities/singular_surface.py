@@ -1,17 +1,12 @@
-"""Surfaces of singular configurations of a mechanism with three inputs, as triangles.
+"""Surfaces of singular configurations of a mechanism with three inputs, as triangle meshes.
 
-An advancing front: every open edge of the mesh gets a triangle, with a vertex of the
-front that lies near its ideal place or with a new one, which Newton's method brings onto
-the locus to rounding. Seeds are singular configurations of slices with two inputs locked.
-
-Triangles between singular configurations: split more finely, and cut at a range.
+The mesh is grown by `spherekit.singularities.surface_front`. Here it is refined at points
+of the locus, and clipped at the ranges of the inputs.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain, islice, pairwise
 from typing import Self
 
 import numpy as np
@@ -23,13 +18,42 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.connectivity import label_components
 from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.input_revolutions import in_range, less_periods
-from spherekit.singularities.curve_starts import StartPoints
-from spherekit.singularities.several_inputs import (
+from spherekit.singularities.curve_starts import LocusPointSearch
+from spherekit.singularities.locus import LocusPoints
+from spherekit.singularities.singularity_report import (
     LocusName,
     SingularityReport,
     SingularPoints,
 )
-from spherekit.singularities.slices import LockedInputSection, LocusPoints
+from spherekit.singularities.slices import LockedInputSection
+from spherekit.singularities.surface_front import SurfaceFront
+
+NO_VERTEX = -1
+"""Stands for the vertex of an edge on which no new vertex is placed."""
+HALVING_TIME_RATIO = 0.25
+"""Time that one vertex takes when edges are halved, relative to a vertex of the first mesh.
+Larger: less of the time limit is spent on the first mesh."""
+EQUAL_INPUT_TOLERANCE_RAD = 1e-9
+"""If an input differs by less at the ends of an edge, the edge runs along an end of the
+range of that input. Larger: other edges are taken for such ones."""
+
+
+@dataclass(frozen=True)
+class _EdgePoints:
+    """Linearly interpolated points on k edges of a mesh.
+
+    Attributes
+    ----------
+    values, motions
+        (k, V) variables (rad), and rates of the singular motion.
+    edge_vectors
+        (k, V) difference of the variables from the first to the second end (rad), less
+        whole periods.
+    """
+
+    values: Floats
+    motions: Floats
+    edge_vectors: Floats
 
 
 @dataclass(frozen=True)
@@ -38,19 +62,21 @@ class SingularSurface:
 
     Attributes
     ----------
-    view, nodes
-        The singularities of a type, and the vertices (n): each is singular to
-        `points.residual`.
+    view
+        The type of singularity, and what is reported of its configurations.
+    nodes
+        The n vertices. Each is singular to `points.residual`.
     triangles
-        (m, 3) numbers of vertices. Edges of triangles may join values of angles that are
-        whole turns apart.
+        (m, 3) numbers of vertices. Variables at the ends of an edge may differ by whole
+        revolutions in addition to the length of the edge.
     side
-        Length (rad, in the variables) of the edges aimed at, after halving.
+        Length of the edges aimed at (rad, in the space of the variables), after halving.
     claim
         What is known of surfaces that were not found.
     irregular
-        How many singular configurations met within the ranges lie where the locus is not a
-        regular surface: it crosses itself there, or fills a part of the configurations.
+        Number of singular configurations within the ranges, met by the search, at which
+        the locus is not a regular surface: it crosses itself there, or fills a part of
+        the configurations.
     everywhere
         Whether every configuration is of the type, so that there is no surface.
     """
@@ -65,18 +91,19 @@ class SingularSurface:
 
     @property
     def kind(self) -> LocusName:
-        """The type."""
+        """The type of singularity."""
         return self.view.kind
 
     @cached_property
     def points(self) -> SingularPoints:
-        """The vertices, as the inputs and the output see them."""
+        """The vertices with their inputs, poses and types."""
         return self.view.points(self.nodes)
 
     @property
     def component(self) -> Indices:
-        """(n,) number of the connected part that each vertex is in."""
-        return label_components(len(self.nodes), list_edges(self.triangles)[0])
+        """(n,) number of the connected part that each vertex belongs to."""
+        edges, _ = list_edges(self.triangles)
+        return label_components(len(self.nodes), edges)
 
     @property
     def guarantee(self) -> str:
@@ -91,146 +118,204 @@ class SingularSurface:
         """(k, 2) edges with one triangle.
 
         There the surface leaves the ranges, comes near to a crossing of surfaces, or was
-        not closed.
+        not completed.
         """
         edges, sides = list_edges(self.triangles)
-        return edges[np.bincount(sides.ravel(), minlength=len(edges)) == 1]
+        triangle_counts = np.bincount(sides.ravel(), minlength=len(edges))
+        return edges[triangle_counts == 1]
 
     def split(self) -> Self:
         """Return the mesh with every edge halved, at a point of the locus.
 
-        An edge whose middle Newton's method does not find is kept.
+        An edge for whose middle Newton's method fails is not halved.
         """
         edges, _ = list_edges(self.triangles)
-        borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
-        made = self._found(*self._between(edges, 0.5), borders)
-        every = np.ones(len(self.nodes), dtype=bool)
-        mesh = self._divided(np.arange(len(edges)), made, every)
+        middles = self._interpolate(edges, 0.5)
+        tangent_borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
+        new_points = self._correct(middles, tangent_borders)
+        all_vertices = np.ones(len(self.nodes), dtype=bool)
+        mesh = self._subdivide(np.arange(len(edges)), new_points, all_vertices)
         return replace(mesh, side=0.5 * self.side)
 
     def reported(self) -> Self:
-        """Return what is of the type, with inputs in their ranges, cut at their ends."""
-        mesh, none = self, np.zeros(0, dtype=np.intp)
-        for number, (low, high) in enumerate(self.view.ranges.T):
-            for end, way in ((low, 1.0), (high, -1.0)):
-                mesh = mesh._cut(number, end, way)
-        wanted = self.view.is_own(self.view.types(mesh.nodes.values))
-        return mesh._divided(none, mesh.nodes.rows(none), wanted)
+        """Return the part with inputs in their ranges whose vertices are of the type.
 
-    def _cut(self, number: int, end: float, way: float) -> Self:
-        """Return the part where an input is on one side (1, -1) of an end of its range."""
-        beyond = way * (self.view.inputs_of(self.nodes.values)[:, number] - end)
+        The mesh is clipped at both ends of the range of each input.
+        """
+        mesh = self
+        for input_position, (low, high) in enumerate(self.view.ranges.T):
+            mesh = mesh._clip(input_position, low, 1.0)
+            mesh = mesh._clip(input_position, high, -1.0)
+        is_of_type = self.view.has_type(self.view.types(mesh.nodes.values))
+        no_edges = np.zeros(0, dtype=np.intp)
+        return mesh._subdivide(no_edges, mesh.nodes.rows(no_edges), is_of_type)
+
+    def _clip(self, input_position: int, limit: float, side: float) -> Self:
+        """Return the part of the mesh on one side of an end of the range of an input.
+
+        Edges across the end are cut at a point of the locus with the input at the end.
+
+        Parameters
+        ----------
+        input_position
+            Position of the input among the inputs.
+        limit
+            The end of the range (rad).
+        side
+            1.0 if inputs above the limit remain, -1.0 if those below remain.
+        """
+        inputs = self.view.inputs_in_range(self.nodes.values)
+        margin = side * (inputs[:, input_position] - limit)
+        is_inside = in_range(margin, 0.0, np.inf)
         edges, _ = list_edges(self.triangles)
-        inside = in_range(beyond, 0.0, np.inf)
-        (which,) = np.nonzero(inside[edges[:, 0]] != inside[edges[:, 1]])
+        (crossing_edges,) = np.nonzero(is_inside[edges[:, 0]] != is_inside[edges[:, 1]])
+        ends = edges[crossing_edges]
+        first_distance, second_distance = np.abs(margin[ends]).T
+        part = first_distance / (first_distance + second_distance)
+        guess = self._interpolate(ends, part[:, None])
+
+        # Two equations select the point of the locus: the input has its limit, and the
+        # point does not move along the direction in which the input is constant.
         driven = self.view.solver.driven
-        crossing, column = edges[which], driven[number]
-        one, other = np.abs(beyond[crossing]).T
-        guess, motions, away = self._between(crossing, (one / (one + other))[:, None])
-        every = np.eye(guess.shape[1])
-        tangents = self.nodes.tangents[crossing[:, 0]]
-        beside = np.vecmat(
-            tangents[:, column, ::-1] * [-1.0, 1.0], np.swapaxes(tangents, 1, 2)
+        variable = driven[input_position]
+        unit_vectors = np.eye(guess.values.shape[1])
+        tangents = self.nodes.tangents[ends[:, 0]]
+        input_gradient = tangents[:, variable]
+        level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
+        second_borders = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
+        # An edge along the end of the range of another input must remain there.
+        for other_variable in driven:
+            edge_change = np.abs(guess.edge_vectors[:, other_variable])
+            is_level = edge_change < EQUAL_INPUT_TOLERANCE_RAD
+            second_borders[is_level] = unit_vectors[other_variable]
+        first_borders = np.broadcast_to(unit_vectors[variable], guess.values.shape)
+        borders = np.stack([first_borders, second_borders], axis=1)
+        guess.values[:, variable] += less_periods(
+            limit - guess.values[:, variable], self.periods[variable]
         )
-        for held in driven:
-            beside[np.abs(away[:, held]) < LEVEL] = every[held]
-        borders = np.stack([np.broadcast_to(every[column], guess.shape), beside], axis=1)
-        guess[:, column] += less_periods(end - guess[:, column], self.periods[column])
-        return self._divided(which, self._found(guess, motions, away, borders), inside)
+        return self._subdivide(crossing_edges, self._correct(guess, borders), is_inside)
 
     @property
     def periods(self) -> Floats:
-        """(V,) growth of each variable that changes nothing."""
+        """(V,) growth of each variable (rad) that leaves the configuration unchanged."""
         return variable_periods(self.view.locus.closure)
 
-    def _between(
-        self, edges: Indices, part: Floats | float
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return values and motions (k, V) at a part (k, 1) along edges, and the ways."""
-        one, other = self.nodes.values[edges.T]
-        motion, turned = self.nodes.motions[edges.T]
-        away = less_periods(other - one, self.periods)
-        turned *= np.sign(np.vecdot(motion, turned))[:, None]
-        return one + part * away, motion + part * (turned - motion), away
+    def _interpolate(self, edges: Indices, part: Floats | float) -> _EdgePoints:
+        """Return points on edges, by linear interpolation.
 
-    def _found(
-        self, guess: Floats, motions: Floats, away: Floats, borders: Floats
-    ) -> LocusPoints:
-        """Return the locus near guesses, NaN where it is not between the ends of a way."""
-        targets = np.matvec(borders, guess)
-        made = self.view.locus.correct(guess, motions, borders, targets)
-        moved = np.linalg.norm(made.values - guess, axis=1)
-        made.residual[~(moved < 0.5 * np.linalg.norm(away, axis=1))] = np.nan
-        return made
+        Parameters
+        ----------
+        edges
+            (k, 2) vertices of the edges.
+        part
+            (k, 1) or a number: position on each edge, from 0 to 1.
+        """
+        first, second = self.nodes.values[edges.T]
+        first_motion, second_motion = self.nodes.motions[edges.T]
+        edge_vectors = less_periods(second - first, self.periods)
+        # Singular motions have no sign; the second one gets that of the first.
+        second_motion *= np.sign(np.vecdot(first_motion, second_motion))[:, None]
+        values = first + part * edge_vectors
+        motions = first_motion + part * (second_motion - first_motion)
+        return _EdgePoints(values, motions, edge_vectors)
 
-    def _divided(self, which: Indices, made: LocusPoints, inside: Bools) -> Self:
-        """Return what is inside, with the good ones of points on some edges.
+    def _correct(self, guess: _EdgePoints, borders: Floats) -> LocusPoints:
+        """Return the points of the locus near points on edges.
 
-        Vertices of no triangle go.
+        A point that is farther from its guess than half the edge belongs to another part of
+        the locus. Its residual is set to NaN, so that it counts as failed.
+
+        Parameters
+        ----------
+        guess
+            Points on k edges.
+        borders
+            (k, 2, V) linear equations, with the values at the guesses, that select points
+            of the surface.
+        """
+        targets = np.matvec(borders, guess.values)
+        points = self.view.locus.correct(guess.values, guess.motions, borders, targets)
+        distance = np.linalg.norm(points.values - guess.values, axis=1)
+        edge_length = np.linalg.norm(guess.edge_vectors, axis=1)
+        points.residual[~(distance < 0.5 * edge_length)] = np.nan
+        return points
+
+    def _subdivide(
+        self, edge_numbers: Indices, edge_points: LocusPoints, is_inside: Bools
+    ) -> Self:
+        """Return the mesh with points on edges as new vertices, without outside vertices.
+
+        Vertices that belong to no triangle are removed.
+
+        Parameters
+        ----------
+        edge_numbers
+            (k,) edges, as numbered by `list_edges`, on which points lie.
+        edge_points
+            The k points. Those that are not on the locus are ignored.
+        is_inside
+            (n,) vertices that remain.
         """
         edges, sides = list_edges(self.triangles)
-        (good,) = np.nonzero(made.good)
-        number = np.full(len(edges), -1)
-        number[which[good]] = len(self.nodes) + np.arange(len(good))
-        rows = (
-            part.tolist()
-            for part in (self.triangles, number[sides], inside[self.triangles])
-        )
-        triangles = [part for row in zip(*rows, strict=True) for part in _parts(*row)]
-        used, numbers = np.unique(
+        (good,) = np.nonzero(edge_points.is_on_locus)
+        vertex_of_edge = np.full(len(edges), NO_VERTEX)
+        vertex_of_edge[edge_numbers[good]] = len(self.nodes) + np.arange(len(good))
+
+        triangles: list[tuple[int, ...]] = []
+        for corners, side_vertices, corner_inside in zip(
+            self.triangles.tolist(),
+            vertex_of_edge[sides].tolist(),
+            is_inside[self.triangles].tolist(),
+            strict=True,
+        ):
+            triangles += _subdivide_triangle(corners, side_vertices, corner_inside)
+        used_vertices, new_numbers = np.unique(
             np.array(triangles, dtype=np.intp).reshape(-1, 3), return_inverse=True
         )
-        nodes = LocusPoints.joined([self.nodes, made.rows(good)]).rows(used)
-        return replace(self, nodes=nodes, triangles=numbers.reshape(-1, 3))
+        vertices = LocusPoints.joined([self.nodes, edge_points.rows(good)])
+        return replace(
+            self,
+            nodes=vertices.rows(used_vertices),
+            triangles=new_numbers.reshape(-1, 3),
+        )
 
 
-def _parts(
-    corners: list[int], middles: list[int], inside: list[bool]
+def _subdivide_triangle(
+    corners: list[int], side_vertices: list[int], is_inside: list[bool]
 ) -> list[tuple[int, ...]]:
-    """Return the triangles of what of one is inside, with points on its sides.
+    """Return the triangles that cover the inside part of a triangle.
 
-    A side without a point has -1; where the inside ends on it there is no triangle.
+    Parameters
+    ----------
+    corners
+        The three corners 1, 2, 3 of the triangle.
+    side_vertices
+        New vertices on the sides 12, 23 and 31; `NO_VERTEX` for a side without one.
+    is_inside
+        Whether each corner is inside.
+
+    Returns
+    -------
+    Vertices of each triangle, none if a side that the border of the inside crosses has no
+    new vertex.
     """
-    ring: list[int] = []
-    for k, (corner, middle) in enumerate(zip(corners, middles, strict=True)):
-        ring += [corner] * inside[k]
-        ring += [middle] * (middle >= 0)
-        if middle < 0 and inside[k] != inside[k - 2]:
+    polygon: list[int] = []
+    for k in range(3):
+        if is_inside[k]:
+            polygon.append(corners[k])
+        if side_vertices[k] != NO_VERTEX:
+            polygon.append(side_vertices[k])
+        elif is_inside[k] != is_inside[(k + 1) % 3]:
             return []
-    if len(ring) == 6:
-        a, ab, b, bc, c, ca = ring
+    if len(polygon) == 6:
+        a, ab, b, bc, c, ca = polygon
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    first = next((k for k, vertex in enumerate(ring) if vertex in middles), 0)
-    top, *others = ring[first:] + ring[:first] or [-1]
-    return [(top, *side) for side in pairwise(others)]
-
-
-HEIGHT = 0.75**0.5
-"""Height of an equilateral triangle of side 1."""
-MERGED = 0.75
-"""A vertex of the front this near to the ideal place, in sides, is taken for it."""
-CROWDED = 0.5
-"""A new vertex keeps this distance from others, in sides."""
-STRETCHED = 1.5
-"""Longest edge, in sides."""
-LOWEST = 0.2
-"""Least height of a triangle, in sides."""
-TURNED = 0.8
-"""Least cosine between tangent planes, and between singular motions, at an edge's ends."""
-BEYOND = 0.25
-"""So far beyond the ranges (in sides) a vertex still counts as within them."""
-HALVING = 0.25
-"""Time that a vertex takes which halving adds, in that of one that is laid."""
-LEVEL = 1e-9
-"""An edge at whose ends an input is the same (rad) lies along the end of its range."""
-AHEAD = 32
-"""Edges for which new vertices are corrected at once."""
-MOST_VERTICES = 20_000
-"""Vertices at which a mesh ends, before halving."""
-FLAT = 1e-4
-"""A point whose equations have this reciprocal condition is where surfaces cross."""
-
-Edge = tuple[int, int]
+    if not polygon:
+        return []
+    # A fan from the first new vertex, or from the first corner if there is no new vertex.
+    start = next((k for k, vertex in enumerate(polygon) if vertex in side_vertices), 0)
+    apex, *rim = polygon[start:] + polygon[:start]
+    return [(apex, rim[k], rim[k + 1]) for k in range(len(rim) - 1)]
 
 
 def singular_surface(
@@ -261,225 +346,26 @@ def singular_surface(
         If there are not three inputs with a freedom each, no such output, or type I of a
         direction is asked for: three inputs never leave it so along a surface only.
     """
-    source = StartPoints(mechanism, 3, kind, output, pointing, made, slices_of_each, budget)
-    budget = source.budget
+    search = LocusPointSearch(
+        mechanism, 3, kind, output, pointing, made, slices_of_each, budget
+    )
+    time_limit = search.time_limit
     if halved:
-        source.budget = budget.part(1.0 / (1.0 + HALVING * 4**halved))
-    front = _Front(source, side)
-    irregular = front.grow_all()
+        # Each halving multiplies the number of vertices by four.
+        halving_time = HALVING_TIME_RATIO * 4**halved
+        search.time_limit = time_limit.part(1.0 / (1.0 + halving_time))
+    front = SurfaceFront(search, side)
+    irregular = front.mesh_all_surfaces()
     mesh = SingularSurface(
-        source.view,
-        front.nodes,
-        np.array(front.triangles, dtype=np.intp).reshape(-1, 3),
-        side,
-        source.claim("surface"),
-        irregular,
-        source.everywhere,
+        view=search.report,
+        nodes=front.vertices,
+        triangles=np.array(front.triangles, dtype=np.intp).reshape(-1, 3),
+        side=side,
+        claim=search.completeness("surface"),
+        irregular=irregular,
+        everywhere=search.is_everywhere,
     )
     for _ in range(halved):
-        budget.tell(f"halving the edges of {len(mesh.triangles)} triangles")
+        time_limit.tell(f"halving the edges of {len(mesh.triangles)} triangles")
         mesh = mesh.split()
     return mesh.reported()
-
-
-class _Front:
-    """A growing mesh. `open` has the edges with one triangle, and its third vertex.
-
-    `ways` are the edges in the sense in which triangles have them, `queue` those that may
-    get a second one, `ready` new vertices for open edges, None where the locus is not
-    found. Places in the tangent plane at a vertex are complex numbers.
-
-    It grows from edges with an end inside of the ranges, by one triangle beyond these.
-    """
-
-    def __init__(self, source: StartPoints, side: float) -> None:
-        self.source = source
-        self.view = source.view
-        self.side = side
-        self.periods = variable_periods(self.view.locus.closure)
-        self.nodes = self.view.locus.onto(np.zeros((0, len(self.periods))))
-        self.triangles: list[tuple[int, int, int]] = []
-        self.inside: list[bool] = []
-        self.open: dict[Edge, int] = {}
-        self.ready: dict[Edge, LocusPoints | None] = {}
-        self.ways: set[Edge] = set()
-        self.queue: deque[Edge] = deque()
-
-    def near(self, values: Floats, motion: Floats, radius: float) -> Indices:
-        """Return the vertices within a radius on the same sheet of the surface."""
-        away = less_periods(self.nodes.values - values, self.periods)
-        same = np.abs(self.nodes.motions @ motion) > TURNED
-        return np.flatnonzero((np.linalg.norm(away, axis=1) < radius) & same)
-
-    def grow_all(self) -> int:
-        """Mesh the surfaces through all seeds; return how many of these are irregular."""
-        irregular = 0
-        for points in self.source.batches():
-            inside = self.view.points(points).inside
-            irregular += int(np.sum(inside & (points.reciprocal_condition < FLAT)))
-            for row in np.flatnonzero(inside):
-                if self.grow(points.rows(slice(row, row + 1))):
-                    self.source.met()
-            if self.source.budget.note:
-                break
-        return irregular
-
-    def _goes_on(self) -> bool:
-        """Return whether there is room and time for one vertex more."""
-        budget, count = self.source.budget, len(self.nodes)
-        if count < MOST_VERTICES:
-            return budget.goes_on(f"vertex {count} of a mesh")
-        budget.note = f"stopped at {count} vertices"
-        return False
-
-    def grow(self, seed: LocusPoints) -> bool:
-        """Mesh the surface through a seed, unless a mesh covers it; return whether."""
-        crossed = seed.reciprocal_condition[0] < FLAT
-        covered = len(self.near(seed.values[0], seed.motions[0], self.side))
-        if crossed or covered or not self._goes_on():
-            return False
-        first = self._add(seed)
-        beside = self._beside([first] * 2, [self.side, self.side * (0.5 + 1j * HEIGHT)])
-        corners = [*map(self._add, filter(None, beside))]
-        if len(corners) == 2:
-            self._join(first, *corners)
-        while self.queue and self._goes_on():
-            edge = self.queue.popleft()
-            if self._grows(edge):
-                self._advance(edge)
-        return True
-
-    def _grows(self, edge: Edge) -> bool:
-        """Return whether an edge gets a triangle."""
-        return edge in self.open and any(self.inside[vertex] for vertex in edge)
-
-    def _add(self, point: LocusPoints) -> int:
-        self.nodes = LocusPoints.joined([self.nodes, point])
-        # The surface curves back over the end of a range between vertices beyond it.
-        (low, high), room = self.view.ranges, BEYOND * self.side
-        inside = in_range(self.view.inputs_of(point.values), low - room, high + room)
-        self.inside.append(bool(np.all(inside)))
-        return len(self.nodes) - 1
-
-    def _join(self, a: int, b: int, c: int) -> None:
-        """Add a triangle, turned like that on the other side of its edge from a to b."""
-        if (a, b) in self.ways:
-            a, b = b, a
-        self.triangles.append((a, b, c))
-        for one, other, opposite in ((a, b, c), (b, c, a), (c, a, b)):
-            self.ways.add((one, other))
-            edge = (min(one, other), max(one, other))
-            if self.open.pop(edge, None) is None:
-                self.open[edge] = opposite
-                self.queue.append(edge)
-
-    def _beside(
-        self, bases: list[int], ways: Sequence[complex]
-    ) -> list[LocusPoints | None]:
-        """Return the locus where ways in the tangent planes at vertices lead."""
-        starts = self.nodes.rows(np.array(bases))
-        parts = np.stack([np.real(ways), np.imag(ways)], axis=1)
-        guess = starts.values + np.matvec(starts.tangents, parts)
-        turned = starts.motions + np.matvec(starts.turns, parts)
-        borders = np.swapaxes(starts.tangents, 1, 2)
-        targets = np.matvec(borders, guess)
-        points = self.view.locus.correct(guess, turned, borders, targets)
-        regular = points.good & ~(points.reciprocal_condition < FLAT)
-        across = np.where(regular[:, None, None], borders @ points.tangents, 0.0)
-        aligned = np.linalg.svd(across, compute_uv=False)[:, -1]
-        moved = np.linalg.norm(points.values - guess, axis=1)
-        same = np.abs(np.vecdot(points.motions, starts.motions))
-        fits = regular & (aligned >= TURNED) & (same >= TURNED) & (moved <= 0.5 * self.side)
-        return [
-            points.rows(slice(row, row + 1)) if fit else None
-            for row, fit in enumerate(fits.tolist())
-        ]
-
-    def _flat(self, base: int, rows: Indices | list[int]) -> list[complex]:
-        """Return vertices in the tangent plane at another one."""
-        away = self.nodes.values[rows] - self.nodes.values[base]
-        seen = less_periods(away, self.periods) @ self.nodes.tangents[base]
-        return [*map(complex, *seen.T)]
-
-    def _ideal(self, edge: Edge) -> complex:
-        """Return where a vertex makes the triangle on an edge's open side equilateral."""
-        along, third = self._flat(edge[0], [edge[1], self.open[edge]])
-        height = HEIGHT * self.side * along / abs(along)
-        sense = -1j if _turn(0.0, along, third) > 0.0 else 1j
-        return 0.5 * along + height * sense
-
-    def _made(self, edge: Edge) -> LocusPoints | None:
-        """Return the new vertex for an edge, made with those for the next in the queue.
-
-        They depend on nothing but their edges and the triangles on these.
-        """
-        if edge not in self.ready:
-            ahead = (
-                one for one in self.queue if self._grows(one) and one not in self.ready
-            )
-            edges = [edge, *islice(ahead, AHEAD - 1)]
-            made = self._beside([one[0] for one in edges], [*map(self._ideal, edges)])
-            self.ready |= dict(zip(edges, made, strict=True))
-        return self.ready.pop(edge)
-
-    def _advance(self, edge: Edge) -> None:
-        """Put a triangle on the open side of an edge, if one can be."""
-        a, b = edge
-        ideal = self._ideal(edge)
-        middle = self.nodes.values[a] + self.nodes.tangents[a] @ [ideal.real, ideal.imag]
-        around = self.near(middle, self.nodes.motions[a], 2.5 * self.side)
-        place = dict(zip(around.tolist(), self._flat(a, around), strict=True))
-        place |= {a: 0.0, b: self._flat(a, [b])[0], -1: ideal}
-        walls = [wall for wall in self.open if place.keys() >= {*wall}]
-        ends = {*chain(*walls)} - {a, b}
-        ranked = sorted((abs(place[k] - ideal) / self.side, k) for k in ends)
-        near, far = (
-            [k for away, k in ranked if away < room] for room in (MERGED, STRETCHED)
-        )
-        for vertex in (*near, -1, *far):
-            made = self._made(edge) if vertex < 0 else None
-            if vertex < 0:
-                if made is None:
-                    continue
-                if len(self.near(made.values[0], made.motions[0], CROWDED * self.side)):
-                    continue
-            if self._fits(edge, vertex, place, walls):
-                self._join(a, b, vertex if made is None else self._add(made))
-                return
-
-    def _fits(
-        self, edge: Edge, vertex: int, place: dict[int, complex], walls: list[Edge]
-    ) -> bool:
-        """Return whether the triangle overlaps nothing, in the tangent plane."""
-        a, b, top = place[edge[0]], place[edge[1]], place[vertex]
-        outwards = np.sign(_turn(a, b, place[-1]))
-        if outwards * _turn(a, b, top) < LOWEST * self.side * abs(b - a):
-            return False
-        for end in edge:
-            side = (min(end, vertex), max(end, vertex))
-            if side not in self.open and {side, side[::-1]} & self.ways:
-                return False
-            if abs(top - place[end]) > STRETCHED * self.side:
-                return False
-            for one, other in walls:
-                apart = {end, vertex}.isdisjoint((one, other))
-                if apart and _cross(place[end], top, place[one], place[other]):
-                    return False
-        ends = {*chain(*walls)} - {*edge, vertex}
-        return not any(_within(place[k], a, b, top) for k in ends)
-
-
-def _turn(a: complex, b: complex, c: complex) -> float:
-    """Return the product of the sides from a to b and to c, positive to the left."""
-    return ((b - a).conjugate() * (c - a)).imag
-
-
-def _cross(a: complex, b: complex, c: complex, d: complex) -> bool:
-    """Return whether two segments of a plane cross."""
-    return (_turn(a, b, c) * _turn(a, b, d) < 0.0) and _turn(c, d, a) * _turn(c, d, b) < 0.0
-
-
-def _within(point: complex, a: complex, b: complex, c: complex) -> bool:
-    """Return whether a point lies in a triangle of a plane."""
-    signs = [_turn(a, b, point), _turn(b, c, point), _turn(c, a, point)]
-    return min(signs) > 0.0 or max(signs) < 0.0

@@ -1,9 +1,8 @@
-"""The motions that close the loops, and what stands still in singular ones.
+"""Conditions that the inputs, or an output, stand still: E x = 0 in the rates x.
 
-Where the closure Jacobian J has full rank, the configurations of a mechanism with g
-freedoms are a manifold of g dimensions, and the rates that close the loops, J x = 0, are
-its tangent space. Both are regular where inputs or the output are singular: where the
-inputs stand still (type II) in a motion, or the output (type I).
+At a singularity of type II a motion x of the mechanism exists in which the inputs stand
+still. At a singularity of type I the output stands still although inputs move. Either
+condition is a set of m linear equations E x = 0 in the rates x (V,) of the pair variables.
 """
 
 from collections.abc import Sequence
@@ -25,94 +24,143 @@ from spherekit.wording import nearest
 
 @dataclass(frozen=True)
 class InputsLocked:
-    """The inputs' variables stand still."""
+    """The condition that the variables of all inputs stand still.
+
+    Attributes
+    ----------
+    variables
+        Numbers of the inputs' variables.
+    """
 
     variables: tuple[int, ...]
 
     @property
-    def count(self) -> int:
-        """The number of inputs."""
+    def equation_count(self) -> int:
+        """The number m of equations, which is the number of inputs."""
         return len(self.variables)
 
-    def equations(self, at: Linearisation) -> Floats:
-        """Return E (n, m, V)."""
-        chosen = np.eye(at.values.shape[1])[list(self.variables)]
-        return np.tile(chosen, (len(at), 1, 1))
+    def equations(self, linearisation: Linearisation) -> Floats:
+        """Return E (n, m, V) at n configurations."""
+        input_rows = np.eye(linearisation.values.shape[1])[list(self.variables)]
+        return np.tile(input_rows, (len(linearisation), 1, 1))
 
-    def changes(self, space: TangentSpace) -> Floats:
-        """Return the derivatives (n, g + 1, m, V) of E along the directions."""
-        n, variables, many = space.directions.shape
-        return np.zeros((n, many, self.count, variables))
+    def equation_derivatives(self, space: TangentSpace) -> Floats:
+        """Return the derivatives (n, g + 1, m, V) of E along `space.directions`: zero."""
+        n, variables, directions = space.directions.shape
+        return np.zeros((n, directions, self.equation_count, variables))
 
 
 @dataclass(frozen=True)
 class OutputStationary:
-    """A link does not turn, or a direction in it does not move, relative to another link.
+    """The condition that a link does not turn relative to another link.
 
-    `link`, `relative_to` are numbers of bodies of the loops. `pointing` is a unit vector
-    in the link's axes, or None where its whole orientation is the output. `way` (V,) is
-    the sense in which each variable turns the link, along any way of pairs to it: by
-    default along the tree of the loops.
+    With a pointing direction the link may turn about this direction, which then stands
+    still relative to the other link.
+
+    Attributes
+    ----------
+    link, relative_to
+        Numbers of the output link and of its reference link, as bodies of the loops.
+    pointing
+        Unit vector in the axes of the output link, or None if the orientation of the link
+        is the output.
+    variable_senses
+        (V,) +1 or -1 for each variable on a path of pairs from the reference link to the
+        output link, in the sense in which the path passes it; otherwise 0. By default
+        (None) the path along the tree of the loops.
     """
 
     link: int
     relative_to: int
     pointing: tuple[float, float, float] | None = None
-    way: tuple[float, ...] | None = None
+    variable_senses: tuple[float, ...] | None = None
 
     @property
     def pole(self) -> Pole:
-        """The two links, smaller number first."""
+        """The numbers of the two links, the smaller one first."""
         return pole_of(self.link, self.relative_to)
 
     @property
-    def count(self) -> int:
-        """The freedoms that the output has: 3 of an orientation, 2 of a direction."""
+    def equation_count(self) -> int:
+        """The number m of equations: 3 for an orientation, 2 for a direction."""
         return 3 if self.pointing is None else 2
 
-    def changes(self, space: TangentSpace) -> Floats:
-        """Return the derivatives (n, g + 1, m, V) of E along the directions."""
-        at = space.at
-        watched, turning = self._watched_at(at)
-        of_link = at.tree.paths[self.link][:, None] * at.vectors
-        w = np.einsum("nvg,nvk->ngk", space.directions, of_link)
-        moved = cross(w[:, :, None], watched[:, None])
-        turned = self._between(at)[:, None] * space.turned
-        change = moved @ np.swapaxes(turning, 1, 2)[:, None]
-        return change + watched[:, None] @ np.swapaxes(turned, 2, 3)
+    def equations(self, linearisation: Linearisation) -> Floats:
+        """Return E (n, m, V): components of the output's angular velocity per unit rates.
 
-    def equations(self, at: Linearisation) -> Floats:
-        """Return E (n, m, V)."""
-        watched, turning = self._watched_at(at)
-        return watched @ np.swapaxes(turning, 1, 2)
-
-    def _between(self, at: Linearisation) -> Floats:
-        """Return how variables turn the output: (V,) 1, -1, or 0 for no part in it."""
-        if self.way is not None:
-            return np.array(self.way)
-        return at.tree.paths[self.link] - at.tree.paths[self.relative_to]
-
-    def _watched_at(self, at: Linearisation) -> tuple[Floats, Floats]:
-        """Return directions (n, m, 3) about which the link may not turn, and what turns it.
-
-        The latter (n, V, 3), the former all axes, or those across the direction.
+        Rows are the components along the directions of `_constrained_directions`.
         """
-        axes = np.eye(3)
-        if self.pointing is not None:
-            direction = np.array(self.pointing)
-            side = perpendicular(direction)
-            axes = np.stack([side, cross(direction, side)], axis=1)
-        watched = np.swapaxes(at.placed[:, self.link] @ axes, 1, 2)
-        return watched, self._between(at)[:, None] * at.vectors
+        directions = self._constrained_directions(linearisation)
+        angular_velocities = self._angular_velocities(linearisation)
+        return directions @ np.swapaxes(angular_velocities, 1, 2)
 
-    def orientation(self, at: Linearisation) -> Floats:
-        """Return (n, 3, 3), from the link's axes to those of the reference link."""
-        return np.swapaxes(at.placed[:, self.relative_to], 1, 2) @ at.placed[:, self.link]
+    def equation_derivatives(self, space: TangentSpace) -> Floats:
+        """Return the derivatives (n, g + 1, m, V) of E along `space.directions`.
+
+        E is a product of the constrained directions, which turn with the output link, and
+        of the angular velocities per unit rates. The derivative has two terms accordingly.
+        """
+        linearisation = space.linearisation
+        directions = self._constrained_directions(linearisation)
+        angular_velocities = self._angular_velocities(linearisation)
+        link_vectors = linearisation.tree.paths[self.link][:, None] * linearisation.vectors
+        # n: configuration, v: variable, g: direction of change, k: component
+        link_velocity = np.einsum("nvg,nvk->ngk", space.directions, link_vectors)
+        direction_changes = cross(link_velocity[:, :, None], directions[:, None])
+        velocity_changes = (
+            self._path_senses(linearisation)[:, None] * space.vector_derivatives
+        )
+        from_directions = direction_changes @ np.swapaxes(angular_velocities, 1, 2)[:, None]
+        return from_directions + directions[:, None] @ np.swapaxes(velocity_changes, 2, 3)
+
+    def _path_senses(self, linearisation: Linearisation) -> Floats:
+        """Return (V,) +1, -1 or 0: how each variable turns the output link."""
+        if self.variable_senses is not None:
+            return np.array(self.variable_senses)
+        paths = linearisation.tree.paths
+        return paths[self.link] - paths[self.relative_to]
+
+    def _angular_velocities(self, linearisation: Linearisation) -> Floats:
+        """Return the output's relative angular velocity (n, V, 3) per rate of a variable.
+
+        In the axes of body 0.
+        """
+        return self._path_senses(linearisation)[:, None] * linearisation.vectors
+
+    def _constrained_directions(self, linearisation: Linearisation) -> Floats:
+        """Return (n, m, 3) unit vectors about which the output may not turn.
+
+        They are fixed in the output link and given in the axes of body 0: the axes of the
+        link, or two directions at right angles to the pointing direction.
+        """
+        link_directions = np.eye(3)
+        if self.pointing is not None:
+            pointing = np.array(self.pointing)
+            side = perpendicular(pointing)
+            link_directions = np.stack([side, cross(pointing, side)], axis=1)
+        return np.swapaxes(linearisation.placed[:, self.link] @ link_directions, 1, 2)
+
+    def orientation(self, linearisation: Linearisation) -> Floats:
+        """Return the rotation (n, 3, 3) from the output link's to its reference's axes."""
+        placed = linearisation.placed
+        return np.swapaxes(placed[:, self.relative_to], 1, 2) @ placed[:, self.link]
 
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:
-        """Return (n, k, 3) in the axes of body 0, of k rates (n, V, k)."""
-        turning = self._between(space.at)[:, None] * space.at.vectors
-        return np.einsum("nvk,nvd->nkd", rates, turning)
+        """Return the output's relative angular velocity for k sets of rates.
+
+        Parameters
+        ----------
+        space
+            The configurations.
+        rates
+            (n, V, k) rates of the variables.
+
+        Returns
+        -------
+        (n, k, 3) in the axes of body 0.
+        """
+        angular_velocities = self._angular_velocities(space.linearisation)
+        return np.einsum("nvk,nvd->nkd", rates, angular_velocities)
 
 
 StationarityConstraint = InputsLocked | OutputStationary
@@ -144,18 +192,25 @@ def output_of(
     AnalysisError
         If there is no such direction.
     """
-    several = output is None and len(mechanism.outputs) > 1
-    chosen = mechanism.outputs[0] if several else chosen_output(mechanism, output)
+    if output is None and len(mechanism.outputs) > 1:
+        declared = mechanism.outputs[0]
+    else:
+        declared = chosen_output(mechanism, output)
     number = mechanism.link_number
-    direction = chosen.direction if len(mechanism.inputs) == 2 else None
+    direction = declared.direction if len(mechanism.inputs) == 2 else None
     if pointing is not None:
-        direction = _direction(mechanism, chosen.link, pointing)
-    return OutputStationary(number[chosen.link], number[chosen.relative_to], direction)
+        direction = _unit_direction(mechanism, declared.link, pointing)
+    return OutputStationary(number[declared.link], number[declared.relative_to], direction)
 
 
-def _direction(
+def _unit_direction(
     mechanism: Mechanism, link: str, pointing: str | Sequence[float]
 ) -> tuple[float, float, float]:
+    """Return a direction as a unit vector in the axes of a link.
+
+    `pointing` is the name of an R pair on the link, or a vector (3,) of any length. An
+    `AnalysisError` is raised if it is neither.
+    """
     if isinstance(pointing, str):
         axes = link_axes(mechanism)[link]
         if pointing not in axes:
@@ -166,12 +221,12 @@ def _direction(
         vector = axes[pointing]
     else:
         vector = np.asarray(pointing, dtype=float)
-        size = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
-        if not 0.0 < size < np.inf:
+        length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
+        if not 0.0 < length < np.inf:
             raise AnalysisError(
                 f"{mechanism.name}: a pointing direction is a vector of three numbers, not "
                 f"all zero, in the axes of link {link}; {pointing!r} is none"
             )
-        vector = vector / size
+        vector = vector / length
     x, y, z = vector.tolist()
     return x, y, z

@@ -1,8 +1,10 @@
-"""The tangent space of the configuration manifold, and its derivative.
+"""The rates that close the loops at given configurations, and their derivatives.
 
-Where the closure Jacobian J has full rank, the configurations of a mechanism with g
-freedoms are a manifold of g dimensions, and the rates that close the loops, J x = 0, are
-its tangent space. Both are regular where inputs or the output are singular.
+J is the closure Jacobian and x are rates of the V pair variables. The loops stay closed if
+J x = 0. Where J has full rank, the configurations of a mechanism with g degrees of freedom
+are a manifold of g dimensions, and the rates with J x = 0 are its tangent space. They are
+regular at singularities of inputs and outputs too, because J does not distinguish inputs
+from other variables.
 """
 
 from dataclasses import dataclass
@@ -19,177 +21,264 @@ from spherekit.positions.linear_equations import REDUNDANT_EQUATION_RATIO
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_tree import LoopTree
 
-TINY = float(np.finfo(float).tiny)
+SMALLEST_NORMAL = float(np.finfo(float).tiny)
+"""Smallest normal float64. It replaces a divisor of zero, so that no division fails."""
 
 
 @dataclass(frozen=True)
 class OutputPart:
-    """The pairs by which an output moves: what else moves is no singularity of it.
+    """The pairs of a mechanism that take part in the motion of one output.
+
+    Motions of the other pairs are no singularities of this output.
 
     Attributes
     ----------
     tree
-        The loops that they close, rooted in the link that the output is seen from.
-    variables, driven
-        Their variables, and those of them that are inputs, numbered as in the mechanism.
-    way
-        (V,) the sense in which the way to the output passes each variable of the
-        mechanism, 0 for most.
+        The loops that these pairs close, rooted in the link from which the output is seen.
+    variables
+        Variables of these pairs, numbered as in the whole mechanism.
+    driven
+        The variables among them that are inputs.
+    variable_senses
+        (V,) for each variable of the whole mechanism: +1 or -1 if its pair is on the tree
+        path from the reference link to the output link, in the sense in which the path
+        passes the pair; otherwise 0.
     """
 
     tree: LoopTree
     variables: tuple[int, ...]
     driven: tuple[int, ...]
-    way: tuple[float, ...]
+    variable_senses: tuple[float, ...]
 
-    @staticmethod
-    def of(
-        mechanism: Mechanism, assembly: Assembly, link: int, relative_to: int
-    ) -> "OutputPart | None":
-        """Return the part that moves a link relative to another, None for all pairs."""
-        pairs = moving_pairs(mechanism, assembly, (link, relative_to))
-        if len(pairs) == len(mechanism.pairs):
-            return None
-        ends = [mechanism.ends[pair] for pair in pairs]
-        bodies = list(dict.fromkeys([relative_to, link, *(x for two in ends for x in two)]))
-        owners = mechanism.variable_owners
-        variables = tuple(v for v, owner in enumerate(owners) if owner in pairs)
-        tree = LoopTree(
-            len(bodies),
-            tuple((bodies.index(a), bodies.index(b)) for a, b in ends),
-            tuple(pairs.index(owners[v]) for v in variables),
-        )
-        way = np.zeros(len(owners))
-        way[list(variables)] = tree.paths[1]
-        driven = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
-        return OutputPart(
-            tree, variables, tuple(v for v in driven if v in variables), tuple(way.tolist())
-        )
+
+def find_output_part(
+    mechanism: Mechanism, assembly: Assembly, link: int, relative_to: int
+) -> OutputPart | None:
+    """Return the part of a mechanism that moves a link relative to another link.
+
+    Parameters
+    ----------
+    mechanism, assembly
+        The mechanism, and its groups in solving order.
+    link, relative_to
+        Numbers of the output link and of its reference link.
+
+    Returns
+    -------
+    The part, or None if all pairs take part.
+    """
+    pairs = moving_pairs(mechanism, assembly, (link, relative_to))
+    if len(pairs) == len(mechanism.pairs):
+        return None
+    pair_links = [mechanism.ends[pair] for pair in pairs]
+
+    # Bodies of the part are numbered anew: 0 is the reference link, 1 the output link.
+    numbered_links = [relative_to, link]
+    for ends in pair_links:
+        numbered_links += ends
+    bodies = list(dict.fromkeys(numbered_links))
+    owners = mechanism.variable_owners
+    variables = tuple(variable for variable, owner in enumerate(owners) if owner in pairs)
+    tree = LoopTree(
+        len(bodies),
+        tuple((bodies.index(first), bodies.index(second)) for first, second in pair_links),
+        tuple(pairs.index(owners[variable]) for variable in variables),
+    )
+    variable_senses = np.zeros(len(owners))
+    variable_senses[list(variables)] = tree.paths[1]
+    input_variables = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
+    driven = tuple(variable for variable in input_variables if variable in variables)
+    return OutputPart(tree, variables, driven, tuple(variable_senses.tolist()))
 
 
 @dataclass(frozen=True)
 class TangentSpace:
-    """Motions that close loops, at n configurations of a mechanism with V variables.
+    """Rates that close the loops, at n configurations of a mechanism with V variables.
+
+    The loops are those of the whole mechanism or of an `OutputPart` alone. The space has k
+    dimensions; g is the number of degrees of freedom of the whole mechanism.
 
     Attributes
     ----------
-    at
-        The configurations, with orientations, vectors and residual.
-    tree, kept
-        The loops, and their variables: of the mechanism, or of a part of it alone.
+    linearisation
+        Orientations, velocity vectors and closure residual at the configurations.
+    tree, variables
+        The loops, and the numbers of the variables that take part in them.
     basis
-        (n, V, k) orthonormal rates that close the loops, zero for other variables. With as
-        many equations as rank the sense is such that det [J; basis^T] > 0, or that of the
-        basis aligned to.
-    inverse
+        (n, V, k) orthonormal rates that close the loops, zero for other variables. If J
+        has as many rows as its rank, the last column has the sense with
+        det [J; basis^T] > 0. If a reference basis was given, the basis is aligned to that.
+    jacobian_inverse
         (n, variables, 3 loops) pseudo-inverse of J.
     reciprocal_condition
-        (n,) smallest singular value of J over its greatest, 1 without loops; 0 where the
-        motion of the mechanism itself is singular.
-    oriented
-        Whether the sense of the basis is fixed everywhere by J alone.
-    whole
-        Of a part the motions of the whole mechanism, along which configurations change.
+        (n,) smallest singular value of J over its greatest one, 1 without loops. At 0 the
+        closure equations lose rank.
+    has_fixed_sense
+        Whether J alone determines the sense of the basis.
+    mechanism_space
+        For a part: the tangent space of the whole mechanism, along which configurations
+        change. None for a whole mechanism.
     """
 
-    at: Linearisation
+    linearisation: Linearisation
     tree: LoopTree
-    kept: Indices
+    variables: Indices
     basis: Floats
-    inverse: Floats
+    jacobian_inverse: Floats
     reciprocal_condition: Floats
-    oriented: bool
-    whole: "TangentSpace | None" = None
+    has_fixed_sense: bool
+    mechanism_space: "TangentSpace | None" = None
 
     @property
-    def freedoms(self) -> int:
-        """The number k of freedoms."""
+    def dimension(self) -> int:
+        """The number k of independent rates that close the loops."""
         return int(self.basis.shape[2])
 
     @cached_property
-    def closing(self) -> Floats:
-        """(n, V) Newton's shortest step towards closed loops."""
-        return -np.einsum("nve,ne->nv", self.inverse, self.at.residual)
+    def closing_step(self) -> Floats:
+        """(n, V) the shortest Newton step that closes loops which are slightly open (rad).
+
+        It is defined for a whole mechanism only.
+        """
+        residual = self.linearisation.residual
+        return -np.einsum("nve,ne->nv", self.jacobian_inverse, residual)
 
     @cached_property
     def directions(self) -> Floats:
-        """The columns of the basis and the closing step, (n, V, g + 1)."""
-        return np.concatenate([self.basis, self.closing[:, :, None]], axis=2)
+        """(n, V, g + 1) the columns of the basis, then the closing step."""
+        return np.concatenate([self.basis, self.closing_step[:, :, None]], axis=2)
 
     @cached_property
-    def turned(self) -> Floats:
-        """(n, g + 1, V, 3) derivatives of the vectors along each of the directions.
+    def vector_derivatives(self) -> Floats:
+        """(n, g + 1, V, 3) derivatives of the velocity vectors along the directions.
 
-        That of contacts along the closing step is of those which close a loop only nearly.
+        The vector of a variable is the angular velocity per unit rate of it. For contacts
+        that close a loop, the derivative along the closing step is an approximation.
         """
-        every = (self.at.body_rates(ways) for ways in np.moveaxis(self.directions, 2, 0))
-        return np.stack([self.at.turned(w) for w in every], axis=1)
+        derivatives = [
+            self.linearisation.turned(self.linearisation.body_rates(rates))
+            for rates in np.moveaxis(self.directions, 2, 0)
+        ]
+        return np.stack(derivatives, axis=1)
 
     @cached_property
-    def bends(self) -> Floats:
-        """(n, g + 1, V, V): how rates change that go on closing the loops.
+    def rate_corrections(self) -> Floats:
+        """(n, g + 1, V, V) the changes of rates that keep J x = 0 as configurations change.
 
-        Along direction j of the whole rates x have to change by bends[j] x at least.
+        If the configuration changes along direction j of the whole mechanism, rates x have
+        to change by at least rate_corrections[:, j] @ x, to first order: -J^+ J' x.
         """
-        turned = (self.whole or self).turned
-        n, many, count, _ = turned.shape
-        bent = self.tree.jacobian(turned[:, :, self.kept].reshape(-1, len(self.kept), 3))
-        bends = np.zeros((n, many, count, count))
-        bends[:, :, self.kept[:, None], self.kept] = -self.inverse[:, None] @ bent.reshape(
-            n, many, *bent.shape[1:]
+        mechanism_space = self.mechanism_space or self
+        derivatives = mechanism_space.vector_derivatives
+        n, directions, variables, _ = derivatives.shape
+        part_derivatives = derivatives[:, :, self.variables]
+        jacobian_change = self.tree.jacobian(
+            part_derivatives.reshape(-1, len(self.variables), 3)
         )
-        return bends
+        jacobian_change = jacobian_change.reshape(n, directions, *jacobian_change.shape[1:])
+        corrections = np.zeros((n, directions, variables, variables))
+        corrections[:, :, self.variables[:, None], self.variables] = (
+            -self.jacobian_inverse[:, None] @ jacobian_change
+        )
+        return corrections
 
-    def along(self, ways: Floats) -> Floats:
-        """Return the changes (n, V) that basis coordinates (n, k) stand for."""
-        return np.einsum("nvk,nk->nv", self.basis, ways)
+    def to_rates(self, coordinates: Floats) -> Floats:
+        """Return the rates (n, V) that have the given coordinates (n, k) in the basis."""
+        return np.einsum("nvk,nk->nv", self.basis, coordinates)
 
 
-def decomposed(matrices: Floats) -> tuple[Floats, Floats, Floats, Bools]:
-    """Return the singular value decompositions of matrices (n, j, k), and which are finite.
+@dataclass(frozen=True)
+class SingularValueDecomposition:
+    """Full singular value decompositions M = left diag(values) right of n matrices.
 
-    Those that are not count as zero.
+    Attributes
+    ----------
+    left, values, right
+        (n, j, j) orthogonal, (n, min(j, k)) in descending order, (n, k, k) orthogonal.
+    is_finite
+        (n,) whether all entries of the matrix are finite. Other matrices are replaced by
+        zero, because LAPACK fails at NaN.
     """
-    finite = all_finite(matrices, (1, 2))
-    return *np.linalg.svd(np.where(finite[:, None, None], matrices, 0.0)), finite
+
+    left: Floats
+    values: Floats
+    right: Floats
+    is_finite: Bools
+
+
+def decompose(matrices: Floats) -> SingularValueDecomposition:
+    """Return the singular value decompositions of matrices (n, j, k)."""
+    is_finite = all_finite(matrices, (1, 2))
+    left, values, right = np.linalg.svd(np.where(is_finite[:, None, None], matrices, 0.0))
+    return SingularValueDecomposition(left, values, right, is_finite)
 
 
 def tangent_space(
-    at: Linearisation,
-    freedoms: int,
-    like: Floats | None = None,
+    linearisation: Linearisation,
+    dimension: int,
+    reference_basis: Floats | None = None,
     part: OutputPart | None = None,
-    whole: TangentSpace | None = None,
+    mechanism_space: TangentSpace | None = None,
 ) -> TangentSpace:
-    """Return the motions that close the loops at configurations; NaN where those are.
+    """Return the rates that close the loops at configurations.
 
-    Of the whole mechanism, or of a `part` of it. `like` (n, V, freedoms) are bases that
-    those found are turned to as nearly as possible.
+    Parameters
+    ----------
+    linearisation
+        The n configurations. Rows that are not finite give NaN.
+    dimension
+        Number k of independent rates that close the loops, as known from the mobility.
+    reference_basis
+        (n, V, k) the basis is rotated within the tangent space to be as near as possible
+        to this one, so that bases of neighbouring configurations are comparable.
+    part, mechanism_space
+        To compute with the loops of a part only: the part, and the tangent space of the
+        whole mechanism at the same configurations.
     """
-    every = range(at.values.shape[1])
-    tree, variables = (at.tree, every) if part is None else (part.tree, part.variables)
-    kept = np.array(variables, dtype=np.intp)
-    jacobian = tree.jacobian(at.vectors[:, kept])
-    n, rows, count = jacobian.shape
-    rank = count - freedoms
-    left, sizes, right, finite = decomposed(jacobian)
-    inner = np.swapaxes(right[:, rank:], 1, 2).copy()
-    if like is not None:
-        one, _, other = np.linalg.svd(np.swapaxes(inner, 1, 2) @ like[:, kept])
-        inner = inner @ (one @ other)
-    elif rows == rank and freedoms:
-        sense = np.linalg.det(left) * np.linalg.det(right)
-        inner[:, :, -1] *= np.where(sense < 0.0, -1.0, 1.0)[:, None]
-    floor = np.maximum(REDUNDANT_EQUATION_RATIO * sizes[:, :1], TINY)
-    sizable = np.where(sizes[:, :rank] > floor, sizes[:, :rank], np.inf)
-    scaled = np.swapaxes(right[:, :rank], 1, 2) / sizable[:, None]
-    inverse = scaled @ np.swapaxes(left[:, :, :rank], 1, 2)
-    inner[~finite] = inverse[~finite] = np.nan
-    basis = np.zeros((n, len(every), freedoms))
-    basis[:, kept] = inner
-    condition = np.ones(n)
+    variable_count = linearisation.values.shape[1]
+    if part is None:
+        tree = linearisation.tree
+        variables = np.arange(variable_count, dtype=np.intp)
+    else:
+        tree = part.tree
+        variables = np.array(part.variables, dtype=np.intp)
+    jacobian = tree.jacobian(linearisation.vectors[:, variables])
+    n, rows, columns = jacobian.shape
+    rank = columns - dimension
+    svd = decompose(jacobian)
+    part_basis = np.swapaxes(svd.right[:, rank:], 1, 2).copy()
+    if reference_basis is not None:
+        # Orthogonal Procrustes problem: the rotation of the basis nearest to the reference.
+        overlap = np.swapaxes(part_basis, 1, 2) @ reference_basis[:, variables]
+        overlap_left, _, overlap_right = np.linalg.svd(overlap)
+        part_basis = part_basis @ (overlap_left @ overlap_right)
+    elif rows == rank and dimension:
+        # The sign of the determinant of [J; basis^T], whose other factors are positive.
+        sense = np.linalg.det(svd.left) * np.linalg.det(svd.right)
+        part_basis[:, :, -1] *= np.where(sense < 0.0, -1.0, 1.0)[:, None]
+
+    # Equations that repeat others up to rounding are left out of the pseudo-inverse.
+    threshold = np.maximum(REDUNDANT_EQUATION_RATIO * svd.values[:, :1], SMALLEST_NORMAL)
+    divisors = np.where(svd.values[:, :rank] > threshold, svd.values[:, :rank], np.inf)
+    scaled = np.swapaxes(svd.right[:, :rank], 1, 2) / divisors[:, None]
+    inverse = scaled @ np.swapaxes(svd.left[:, :, :rank], 1, 2)
+    part_basis[~svd.is_finite] = np.nan
+    inverse[~svd.is_finite] = np.nan
+
+    basis = np.zeros((n, variable_count, dimension))
+    basis[:, variables] = part_basis
+    reciprocal_condition = np.ones(n)
     if rank:
-        condition = sizes[:, rank - 1] / np.maximum(sizes[:, 0], TINY)
+        reciprocal_condition = svd.values[:, rank - 1] / np.maximum(
+            svd.values[:, 0], SMALLEST_NORMAL
+        )
     return TangentSpace(
-        at, tree, kept, basis, inverse, condition, rows == rank and like is None, whole
+        linearisation,
+        tree,
+        variables,
+        basis,
+        inverse,
+        reciprocal_condition,
+        has_fixed_sense=rows == rank and reference_basis is None,
+        mechanism_space=mechanism_space,
     )

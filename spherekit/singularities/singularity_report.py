@@ -1,0 +1,191 @@
+"""Singular configurations of mechanisms with several inputs, with their poses and types."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, SmallIntegers
+from spherekit.numerics.array_rows import ArrayRows
+from spherekit.positions.input_revolutions import in_range, into_range
+from spherekit.positions.motion import make_motion
+from spherekit.positions.position_solver import PositionSolver
+from spherekit.singularities.locus import LocusPoints, SingularityLocus
+from spherekit.singularities.several_inputs import RowType, classify_rows
+from spherekit.singularities.stationarity import InputsLocked, OutputStationary
+from spherekit.singularities.tangent_space import (
+    OutputPart,
+    find_output_part,
+    tangent_space,
+)
+
+LocusName = Literal["I", "II", "self-motion"]
+"""What stands still in the singular motion: the output, the inputs, or both."""
+ROW_TYPES_OF_LOCUS: Mapping[LocusName, tuple[RowType, ...]] = {
+    "I": (RowType.I, RowType.III),
+    "II": (RowType.II, RowType.III),
+    "self-motion": (RowType.SELF_MOTION,),
+}
+"""Types of the configurations on each locus."""
+
+
+@dataclass(frozen=True)
+class SingularPoints(ArrayRows):
+    """n singular configurations of a mechanism with g inputs and V variables.
+
+    Attributes
+    ----------
+    kind
+        The locus that they are on. II: the inputs stand still in the singular motion; I:
+        the output does; self-motion: both.
+    type
+        (n,) `spherekit.singularities.several_inputs.RowType` of each for the output.
+    values
+        (n, V) variables (rad).
+    motion
+        (n, V) unit rates of the singular motion, of the pairs that move the output.
+    inputs
+        (n, g) values of the inputs (rad). They differ from the variables by whole
+        revolutions, so that they are in their declared ranges or as near to these as
+        possible.
+    inside
+        (n,) whether all inputs are within their declared ranges.
+    orientation
+        (n, 3, 3) rotations from the output link's to its reference link's axes.
+    pointing
+        (n, 3) output direction in the reference link's axes, or None.
+    input_rate, output_rate
+        (n,) norms of the rates of the inputs and of the output in the singular motion.
+    residual
+        (n,) the larger of the closure residual (rad) and the residual of E x = 0.
+    """
+
+    kind: LocusName
+    type: SmallIntegers
+    values: Floats
+    motion: Floats
+    inputs: Floats
+    inside: Bools
+    orientation: Floats
+    pointing: Floats | None
+    input_rate: Floats
+    output_rate: Floats
+    residual: Floats
+
+
+@dataclass(frozen=True)
+class SingularityReport:
+    """One type of singularity of an output, and what is reported of its configurations.
+
+    Attributes
+    ----------
+    solver
+        Position solver of the mechanism.
+    output
+        The output that is stationary in type I.
+    kind
+        The type.
+    part
+        The part of the mechanism that moves the output, or None if all pairs take part.
+    """
+
+    solver: PositionSolver
+    output: OutputStationary
+    kind: LocusName
+    part: OutputPart | None = None
+
+    @staticmethod
+    def for_output(
+        solver: PositionSolver, output: OutputStationary, kind: LocusName
+    ) -> "SingularityReport":
+        """Return the singularities of the part of a mechanism that moves an output.
+
+        Self-motions are those of the whole mechanism instead.
+        """
+        part = None
+        if kind != "self-motion":
+            part = find_output_part(
+                solver.mechanism, solver.assembly, output.link, output.relative_to
+            )
+        if part is not None:
+            output = replace(output, variable_senses=part.variable_senses)
+        return SingularityReport(solver, output, kind, part)
+
+    @cached_property
+    def locus(self) -> SingularityLocus:
+        """The singular configurations of the type."""
+        return self._locus(self.kind)
+
+    @cached_property
+    def locus_of_other_type(self) -> SingularityLocus:
+        """Those of type II if the type is I, otherwise those of type I."""
+        return self._locus("II" if self.kind == "I" else "I")
+
+    def _locus(self, kind: LocusName) -> SingularityLocus:
+        """Return the configurations of a type; for self-motions those of type II."""
+        driven = self.solver.driven if self.part is None else self.part.driven
+        constraint = self.output if kind == "I" else InputsLocked(driven)
+        degrees_of_freedom = len(self.solver.driven)
+        return SingularityLocus(
+            self.solver.closure, degrees_of_freedom, constraint, self.part
+        )
+
+    def types(self, values: Floats) -> SmallIntegers:
+        """Return the `RowType` (n,) of configurations (n, V) for the output."""
+        motion = make_motion(self.solver, values)
+        space = tangent_space(motion.linearisation, len(self.solver.driven))
+        return classify_rows(motion, space, self.output).type
+
+    def has_type(self, types: SmallIntegers) -> Bools:
+        """Return which of some `RowType` (n,) belong to this type of singularity."""
+        return np.isin(types, ROW_TYPES_OF_LOCUS[self.kind])
+
+    @cached_property
+    def ranges(self) -> Floats:
+        """(2, g) the lowest and the highest declared values of the inputs (rad)."""
+        return np.transpose([item.range for item in self.solver.mechanism.inputs])
+
+    def inputs_in_range(self, values: Floats) -> Floats:
+        """Return the inputs (n, g) of configurations (n, V), as in `SingularPoints`."""
+        q = values[:, list(self.solver.driven)]
+        low, high = self.ranges
+        return into_range(q, low, high, self.solver.periods)
+
+    def points(self, locus_points: LocusPoints) -> SingularPoints:
+        """Return points of the locus with their inputs, poses and types."""
+        return self.describe(
+            locus_points.values, locus_points.motions, locus_points.residual
+        )
+
+    def describe(self, values: Floats, motions: Floats, residual: Floats) -> SingularPoints:
+        """Return singular configurations with their inputs, poses and types.
+
+        Parameters
+        ----------
+        values, motions
+            (n, V) variables (rad), and unit rates of the singular motions.
+        residual
+            (n,) by how much the loops and E x = 0 are violated.
+        """
+        linearisation = self.solver.closure.at(values)
+        inputs = self.inputs_in_range(values)
+        orientation = self.output.orientation(linearisation)
+        pointing = None
+        if self.output.pointing is not None:
+            pointing = orientation @ np.array(self.output.pointing)
+        output_rates = np.matvec(self.output.equations(linearisation), motions)
+        return SingularPoints(
+            kind=self.kind,
+            type=self.types(values),
+            values=values,
+            motion=motions,
+            inputs=inputs,
+            inside=np.all(in_range(inputs, *self.ranges), axis=1),
+            orientation=orientation,
+            pointing=pointing,
+            input_rate=np.linalg.norm(motions[:, list(self.solver.driven)], axis=1),
+            output_rate=np.linalg.norm(output_rates, axis=1),
+            residual=residual,
+        )

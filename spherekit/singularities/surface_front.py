@@ -1,0 +1,403 @@
+"""An advancing front that covers surfaces of singular configurations with triangles.
+
+Every open edge of the mesh, an edge with one triangle, gets a second triangle. Its apex is
+a vertex of the front near the ideal position, or a new vertex that Newton's method brings
+onto the locus. The mesh starts from singular configurations that `LocusPointSearch` yields.
+It extends by one triangle beyond the ranges of the inputs.
+
+Overlaps are tested in the tangent plane of the surface at a vertex. Points of this plane
+are complex numbers, in the two coordinates along `LocusPoints.tangents`.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from spherekit.arrays import Floats, Indices
+from spherekit.positions.gear_phases import variable_periods
+from spherekit.positions.input_revolutions import in_range, less_periods
+from spherekit.singularities.curve_starts import LocusPointSearch
+from spherekit.singularities.locus import LocusPoints
+
+EQUILATERAL_HEIGHT = 0.75**0.5
+"""Height of an equilateral triangle of side 1."""
+MERGING_DISTANCE = 0.75
+"""A vertex of the front within this distance (sides) of the ideal apex is used instead of a
+new vertex. Larger: fewer and less regular triangles."""
+MIN_VERTEX_DISTANCE = 0.5
+"""Least distance (sides) of a new vertex from all others. Smaller: narrower triangles."""
+MAX_EDGE_LENGTH = 1.5
+"""Longest edge (sides). Larger: remaining gaps are closed by longer triangles."""
+MIN_TRIANGLE_HEIGHT = 0.2
+"""Least height (sides) of a triangle. Smaller: flat triangles appear, whose overlaps are
+decided by rounding."""
+SAME_SHEET_COSINE = 0.8
+"""Least cosine of the angles between tangent planes, and between singular motions, of
+vertices on the same sheet of the surface. Larger: smaller edges are needed where it bends;
+smaller: sheets that pass each other are connected."""
+RANGE_MARGIN = 0.25
+"""Distance (sides) beyond the ranges within which a vertex still counts as inside. The
+surface may curve back across the end of a range between vertices beyond it."""
+VERTICES_COMPUTED_TOGETHER = 32
+"""New vertices of successive edges that Newton's method computes at once, for speed."""
+MAX_FRONT_VERTICES = 20_000
+"""Number of vertices at which a mesh ends, before halving."""
+CROSSING_RECIPROCAL_CONDITION = 1e-4
+"""Below this reciprocal condition of its equations, surfaces cross at a point. Larger: the
+mesh ends farther away from crossings; smaller: it may change from surface to surface."""
+NEW_VERTEX = -1
+"""Stands for the new vertex at the ideal apex of a triangle."""
+
+Edge = tuple[int, int]
+"""Two vertices of the mesh, the lower number first unless an order is stated."""
+
+
+class SurfaceFront:
+    """A mesh of triangles that grows at its open edges.
+
+    Attributes
+    ----------
+    search, report
+        Source of singular configurations, and what is reported of these.
+    side
+        Length of the edges aimed at (rad, in the space of the variables).
+    periods
+        (V,) growth of each variable (rad) that leaves the configuration unchanged.
+    vertices
+        The points of the locus.
+    triangles
+        Vertices of each triangle. All triangles of a surface have the same orientation.
+    is_inside
+        For each vertex whether all inputs are within their ranges, with a margin.
+    open_edges
+        Edges with one triangle, each with the third vertex of that triangle.
+    directed_edges
+        The edges of all triangles in their order of vertices.
+    waiting_edges
+        Open edges in the order in which they may get a second triangle.
+    computed_vertices
+        New vertices for open edges, computed in advance; None where the locus was not
+        reached.
+    """
+
+    def __init__(self, search: LocusPointSearch, side: float) -> None:
+        self.search = search
+        self.report = search.report
+        self.side = side
+        self.periods = variable_periods(self.report.locus.closure)
+        self.vertices = self.report.locus.project(np.zeros((0, len(self.periods))))
+        self.triangles: list[tuple[int, int, int]] = []
+        self.is_inside: list[bool] = []
+        self.open_edges: dict[Edge, int] = {}
+        self.computed_vertices: dict[Edge, LocusPoints | None] = {}
+        self.directed_edges: set[Edge] = set()
+        self.waiting_edges: deque[Edge] = deque()
+
+    def find_vertices_near(self, values: Floats, motion: Floats, radius: float) -> Indices:
+        """Return the vertices near a configuration on the same sheet of the surface.
+
+        Parameters
+        ----------
+        values, motion
+            (V,) variables (rad) and unit rates of the singular motion.
+        radius
+            Largest distance (rad, in the space of the variables).
+        """
+        differences = less_periods(self.vertices.values - values, self.periods)
+        is_same_sheet = np.abs(self.vertices.motions @ motion) > SAME_SHEET_COSINE
+        is_near = np.linalg.norm(differences, axis=1) < radius
+        return np.flatnonzero(is_near & is_same_sheet)
+
+    def mesh_all_surfaces(self) -> int:
+        """Mesh the surfaces through all points of the search.
+
+        Returns
+        -------
+        How many of these points, within the ranges, are crossings of surfaces.
+        """
+        crossings = 0
+        for points in self.search.batches():
+            is_inside = self.report.points(points).inside
+            is_crossing = points.reciprocal_condition < CROSSING_RECIPROCAL_CONDITION
+            crossings += int(np.sum(is_inside & is_crossing))
+            for row in np.flatnonzero(is_inside):
+                if self.mesh_surface(points.rows(slice(row, row + 1))):
+                    self.search.record_new_result()
+            if self.search.time_limit.note:
+                break
+        return crossings
+
+    def _may_add_vertex(self) -> bool:
+        """Return whether the limits of vertices and of time allow another vertex."""
+        time_limit = self.search.time_limit
+        count = len(self.vertices)
+        if count < MAX_FRONT_VERTICES:
+            return time_limit.goes_on(f"vertex {count} of a mesh")
+        time_limit.note = f"stopped at {count} vertices"
+        return False
+
+    def mesh_surface(self, seed: LocusPoints) -> bool:
+        """Mesh the surface through one point of the locus.
+
+        Nothing is done if the point is a crossing of surfaces or if the mesh covers it.
+
+        Returns
+        -------
+        Whether the mesh was extended.
+        """
+        is_crossing = seed.reciprocal_condition[0] < CROSSING_RECIPROCAL_CONDITION
+        covering = self.find_vertices_near(seed.values[0], seed.motions[0], self.side)
+        if is_crossing or len(covering) or not self._may_add_vertex():
+            return False
+        first = self._add_vertex(seed)
+        equilateral = [self.side, self.side * (0.5 + 1j * EQUILATERAL_HEIGHT)]
+        neighbours = self._compute_vertices([first, first], equilateral)
+        corners = [self._add_vertex(point) for point in neighbours if point is not None]
+        if len(corners) == 2:
+            self._add_triangle(first, *corners)
+        while self.waiting_edges and self._may_add_vertex():
+            edge = self.waiting_edges.popleft()
+            if self._needs_triangle(edge):
+                self._attach_triangle(edge)
+        return True
+
+    def _needs_triangle(self, edge: Edge) -> bool:
+        """Return whether an edge is open and has an end within the ranges."""
+        has_end_inside = any(self.is_inside[vertex] for vertex in edge)
+        return edge in self.open_edges and has_end_inside
+
+    def _add_vertex(self, point: LocusPoints) -> int:
+        """Add one point of the locus as a vertex; return its number."""
+        self.vertices = LocusPoints.joined([self.vertices, point])
+        low, high = self.report.ranges
+        margin = RANGE_MARGIN * self.side
+        inputs = self.report.inputs_in_range(point.values)
+        is_inside = in_range(inputs, low - margin, high + margin)
+        self.is_inside.append(bool(np.all(is_inside)))
+        return len(self.vertices) - 1
+
+    def _add_triangle(self, a: int, b: int, c: int) -> None:
+        """Add a triangle, oriented like the triangle on the other side of its edge a, b."""
+        if (a, b) in self.directed_edges:
+            a, b = b, a
+        self.triangles.append((a, b, c))
+        for start, end, opposite in ((a, b, c), (b, c, a), (c, a, b)):
+            self.directed_edges.add((start, end))
+            edge = _sorted_edge(start, end)
+            if edge in self.open_edges:
+                del self.open_edges[edge]
+            else:
+                self.open_edges[edge] = opposite
+                self.waiting_edges.append(edge)
+
+    def _compute_vertices(
+        self, bases: Sequence[int], offsets: Sequence[complex]
+    ) -> list[LocusPoints | None]:
+        """Return the points of the locus above positions in tangent planes.
+
+        Parameters
+        ----------
+        bases
+            Vertices at whose tangent planes the positions are given.
+        offsets
+            A position in the tangent plane of each base.
+
+        Returns
+        -------
+        One point for each base. None if Newton's method fails, or if the point is a
+        crossing of surfaces, on another sheet, or far from the tangent plane.
+        """
+        starts = self.vertices.rows(np.array(bases))
+        coordinates = np.stack([np.real(offsets), np.imag(offsets)], axis=1)
+        guess = starts.values + np.matvec(starts.tangents, coordinates)
+        motion_guess = starts.motions + np.matvec(starts.motion_derivatives, coordinates)
+        borders = np.swapaxes(starts.tangents, 1, 2)
+        targets = np.matvec(borders, guess)
+        points = self.report.locus.correct(guess, motion_guess, borders, targets)
+        is_crossing = points.reciprocal_condition < CROSSING_RECIPROCAL_CONDITION
+        is_regular = points.is_on_locus & ~is_crossing
+        # Singular values of the products of two orthonormal bases are the cosines of the
+        # angles between the tangent planes.
+        overlap = np.where(is_regular[:, None, None], borders @ points.tangents, 0.0)
+        plane_cosine = np.linalg.svd(overlap, compute_uv=False)[:, -1]
+        motion_cosine = np.abs(np.vecdot(points.motions, starts.motions))
+        distance = np.linalg.norm(points.values - guess, axis=1)
+        is_accepted = (
+            is_regular
+            & (plane_cosine >= SAME_SHEET_COSINE)
+            & (motion_cosine >= SAME_SHEET_COSINE)
+            & (distance <= 0.5 * self.side)
+        )
+        return [
+            points.rows(slice(row, row + 1)) if accepted else None
+            for row, accepted in enumerate(is_accepted.tolist())
+        ]
+
+    def _project(self, base: int, vertices: Indices | list[int]) -> list[complex]:
+        """Return the positions of vertices in the tangent plane at another vertex."""
+        differences = self.vertices.values[vertices] - self.vertices.values[base]
+        coordinates = less_periods(differences, self.periods) @ self.vertices.tangents[base]
+        return [complex(x, y) for x, y in coordinates]
+
+    def _ideal_apex(self, edge: Edge) -> complex:
+        """Return the apex that makes the triangle on the open side of an edge equilateral.
+
+        It is a position in the tangent plane at the first vertex of the edge.
+        """
+        opposite = self.open_edges[edge]
+        end, opposite_position = self._project(edge[0], [edge[1], opposite])
+        height = EQUILATERAL_HEIGHT * self.side * end / abs(end)
+        is_opposite_left = _twice_area(0.0, end, opposite_position) > 0.0
+        # The new triangle is on the other side: a factor of -i turns to the right.
+        return 0.5 * end + height * (-1j if is_opposite_left else 1j)
+
+    def _new_vertex(self, edge: Edge) -> LocusPoints | None:
+        """Return the new vertex for an open edge, None if there is none.
+
+        Vertices for the next waiting edges are computed at the same time. They depend only
+        on their edges and on the triangles at these, which do not change.
+        """
+        if edge not in self.computed_vertices:
+            edges = [edge]
+            for waiting_edge in self.waiting_edges:
+                if len(edges) == VERTICES_COMPUTED_TOGETHER:
+                    break
+                is_computed = waiting_edge in self.computed_vertices
+                if self._needs_triangle(waiting_edge) and not is_computed:
+                    edges.append(waiting_edge)
+            first_ends = [first for first, _ in edges]
+            apexes = [self._ideal_apex(open_edge) for open_edge in edges]
+            vertices = self._compute_vertices(first_ends, apexes)
+            self.computed_vertices |= dict(zip(edges, vertices, strict=True))
+        return self.computed_vertices.pop(edge)
+
+    def _attach_triangle(self, edge: Edge) -> None:
+        """Put a triangle on the open side of an edge, if there is room for one.
+
+        Candidates for its apex are, in this order: vertices of the front very near to the
+        ideal apex, a new vertex, and vertices of the front at a greater distance.
+        """
+        a, b = edge
+        ideal = self._ideal_apex(edge)
+        ideal_offset = self.vertices.tangents[a] @ [ideal.real, ideal.imag]
+        neighbours = self.find_vertices_near(
+            self.vertices.values[a] + ideal_offset,
+            self.vertices.motions[a],
+            2.5 * self.side,
+        )
+        positions = dict(
+            zip(neighbours.tolist(), self._project(a, neighbours), strict=True)
+        )
+        positions[a] = 0.0
+        positions[b] = self._project(a, [b])[0]
+        positions[NEW_VERTEX] = ideal
+        nearby_open_edges = [
+            open_edge
+            for open_edge in self.open_edges
+            if open_edge[0] in positions and open_edge[1] in positions
+        ]
+        front_vertices = _ends_of(nearby_open_edges) - {a, b}
+        distances = sorted(
+            (abs(positions[vertex] - ideal) / self.side, vertex)
+            for vertex in front_vertices
+        )
+        merging = [k for distance, k in distances if distance < MERGING_DISTANCE]
+        reachable = [k for distance, k in distances if distance < MAX_EDGE_LENGTH]
+        for apex in (*merging, NEW_VERTEX, *reachable):
+            new_point = None
+            if apex == NEW_VERTEX:
+                new_point = self._new_vertex(edge)
+                if new_point is None or self._is_crowded(new_point):
+                    continue
+            if self._triangle_fits(edge, apex, positions, nearby_open_edges):
+                if new_point is not None:
+                    apex = self._add_vertex(new_point)
+                self._add_triangle(a, b, apex)
+                return
+
+    def _is_crowded(self, point: LocusPoints) -> bool:
+        """Return whether a point is too near to a vertex to become one."""
+        radius = MIN_VERTEX_DISTANCE * self.side
+        neighbours = self.find_vertices_near(point.values[0], point.motions[0], radius)
+        return len(neighbours) > 0
+
+    def _triangle_fits(
+        self,
+        edge: Edge,
+        apex: int,
+        positions: dict[int, complex],
+        nearby_open_edges: list[Edge],
+    ) -> bool:
+        """Return whether a triangle on an edge has a good shape and overlaps no other.
+
+        Parameters
+        ----------
+        edge
+            The open edge.
+        apex
+            Third vertex, or `NEW_VERTEX`.
+        positions
+            Positions of the vertices around, and of `NEW_VERTEX`, in the tangent plane at
+            the first vertex of the edge.
+        nearby_open_edges
+            Open edges whose vertices have positions.
+        """
+        a = positions[edge[0]]
+        b = positions[edge[1]]
+        apex_position = positions[apex]
+        # The area is positive if the apex is on the same side as the ideal one.
+        outward_sense = np.sign(_twice_area(a, b, positions[NEW_VERTEX]))
+        twice_area = outward_sense * _twice_area(a, b, apex_position)
+        if twice_area < MIN_TRIANGLE_HEIGHT * self.side * abs(b - a):
+            return False
+        for end in edge:
+            side = _sorted_edge(end, apex)
+            is_closed = side not in self.open_edges and (
+                side in self.directed_edges or side[::-1] in self.directed_edges
+            )
+            if is_closed:
+                # This edge has two triangles already.
+                return False
+            if abs(apex_position - positions[end]) > MAX_EDGE_LENGTH * self.side:
+                return False
+            for first, second in nearby_open_edges:
+                has_common_vertex = {end, apex} & {first, second}
+                if not has_common_vertex and _segments_cross(
+                    positions[end], apex_position, positions[first], positions[second]
+                ):
+                    return False
+        other_vertices = _ends_of(nearby_open_edges) - {*edge, apex}
+        return not any(
+            _is_in_triangle(positions[vertex], a, b, apex_position)
+            for vertex in other_vertices
+        )
+
+
+def _sorted_edge(first: int, second: int) -> Edge:
+    """Return an edge with the lower vertex number first."""
+    return min(first, second), max(first, second)
+
+
+def _ends_of(edges: Sequence[Edge]) -> set[int]:
+    """Return all vertices of some edges."""
+    return {vertex for edge in edges for vertex in edge}
+
+
+def _twice_area(a: complex, b: complex, c: complex) -> float:
+    """Return twice the area of a triangle, positive if c is to the left of a to b."""
+    return ((b - a).conjugate() * (c - a)).imag
+
+
+def _segments_cross(a: complex, b: complex, c: complex, d: complex) -> bool:
+    """Return whether the segments from a to b and from c to d cross."""
+    are_c_d_on_both_sides = _twice_area(a, b, c) * _twice_area(a, b, d) < 0.0
+    if not are_c_d_on_both_sides:
+        return False
+    return _twice_area(c, d, a) * _twice_area(c, d, b) < 0.0
+
+
+def _is_in_triangle(point: complex, a: complex, b: complex, c: complex) -> bool:
+    """Return whether a point is inside a triangle of any orientation."""
+    areas = [_twice_area(a, b, point), _twice_area(b, c, point), _twice_area(c, a, point)]
+    return min(areas) > 0.0 or max(areas) < 0.0
