@@ -20,8 +20,8 @@ class Turned:
         self.curve, self.turn = curve, turn
         self.length, self.closed = curve.length, curve.closed
 
-    def at(self, s):
-        place = self.curve.at(s)
+    def evaluate(self, s):
+        place = self.curve.evaluate(s)
         return replace(place, frame=self.turn @ place.frame)
 
 
@@ -54,7 +54,7 @@ def random_curve(random, kind):
 def touching_at(random, first, second):
     """Return the second curve turned so that it touches the first, and where they do."""
     places = [random.uniform(0.0, curve.length) for curve in (first, second)]
-    one, other = first.at(places[:1]).frame[0], second.at(places[1:]).frame[0]
+    one, other = first.evaluate(places[:1]).frame[0], second.evaluate(places[1:]).frame[0]
     return Turned(second, one @ other.T), places
 
 
@@ -70,10 +70,12 @@ def test_profiles_that_touch_are_found_to(count, seed):
         curves = first, second = [random_curve(random, kind) for kind in kinds]
         facing = second if number % 2 else second.reversed()
         turned, places = touching_at(random, first, facing)
-        one, other = (c.at([s]).curvature[0] for c, s in zip(curves, places, strict=True))
+        one, other = (
+            c.evaluate([s]).curvature[0] for c, s in zip(curves, places, strict=True)
+        )
         if number % 2 == 0 or one > other + 1e-3:
             s, miss = nearest_frames(first, turned)
-            gap = first.at(s[:1]).frame - turned.at(s[1:]).frame
+            gap = first.evaluate(s[:1]).frame - turned.evaluate(s[1:]).frame
             assert np.linalg.norm(gap) < 2.0 * miss + 1e-13 and miss < 1e-12, kinds
 
 
@@ -85,7 +87,7 @@ def test_profiles_that_miss_each_other_by_a_little_are_nearest_there():
         second = circle([np.sin(centre), 0.0, np.cos(centre)], 0.3).reversed()
         s, miss = nearest_frames(first, second)
         assert miss == pytest.approx(gap, rel=1e-3)
-        assert first.at(s[:1]).frame[0, 1, 2] == pytest.approx(0.0, abs=1e-6)
+        assert first.evaluate(s[:1]).frame[0, 1, 2] == pytest.approx(0.0, abs=1e-6)
         assert (miss < PROFILE_GAP_RAD) == (gap < PROFILE_GAP_RAD)
 
 

@@ -125,7 +125,7 @@ def test_a_curve_ends_exactly_where_curvatures_are_equal():
     assert curve.ends == (sk.Status.CURVATURE, sk.Status.CURVATURE)
     cam_profile, roller = (curve.closure.joints[2].first, curve.closure.joints[2].second)
     ends = curve.nodes.values[[0, -1]]
-    gap = cam_profile.at(ends[:, 2]).curvature - roller.at(ends[:, 3]).curvature
+    gap = cam_profile.evaluate(ends[:, 2]).curvature - roller.evaluate(ends[:, 3]).curvature
     assert np.max(np.abs(gap)) < 2e-9
 
 

@@ -49,7 +49,7 @@ def curves(kind, backwards=False):
 
 
 def columns(curve, s):
-    there = curve.at(s)
+    there = curve.evaluate(s)
     rows = [there.frame[:, :, 0].T, there.frame[:, :, 2].T]
     return np.concatenate([*rows, there.curvature[None], there.curvature_rate[None]])
 
@@ -80,7 +80,7 @@ def test_the_second_derivative_of_the_curvature(kind):
     made, _ = curves(kind)
     for curve in (made(0.0), made(0.0).reversed()):
         s = np.linspace(0.05, 0.93, 37) * curve.length
-        more, less = (curve.at(s + h).curvature_rate for h in (STEP, -STEP))
+        more, less = (curve.evaluate(s + h).curvature_rate for h in (STEP, -STEP))
         second = curve.curvature_second(s)
         wanted = (more - less) / (2.0 * STEP)
         assert second == pytest.approx(wanted, rel=1e-6, abs=1e-4)

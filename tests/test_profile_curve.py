@@ -52,14 +52,14 @@ def test_points_of_a_series_are_at_its_colatitudes():
     first /= np.linalg.norm(first)
     around = np.outer(np.cos(u), first) + np.outer(np.sin(u), np.cross(CENTRE, first))
     wanted = np.cos(colatitude)[:, None] * CENTRE + np.sin(colatitude)[:, None] * around
-    places = made.at(made.table.at(u)).frame[:, :, 2]
+    places = made.evaluate(made.table.evaluate(u)).frame[:, :, 2]
     np.testing.assert_allclose(places, wanted, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("radius", [1e-3, 0.4, np.pi / 2, 2.9])
 def test_circle_has_its_closed_form(radius):
     made = profile_curve.circle(CENTRE, radius)
-    got = made.at(np.linspace(-1.0, 2.0, 50) * made.length)
+    got = made.evaluate(np.linspace(-1.0, 2.0, 50) * made.length)
     p, n = got.frame[:, :, 2], got.frame[:, :, 1]
     np.testing.assert_allclose(made.length, 2 * np.pi * np.sin(radius), rtol=1e-15)
     np.testing.assert_allclose(arc(p, CENTRE[None]), radius, rtol=0, atol=1e-15)
@@ -76,9 +76,13 @@ def test_circles_equal_their_fourier_series_and_share_its_start():
             profile_curve.fourier(centre, [0.7]),
         )
         s = np.linspace(-3.0, 9.0, 31)
-        np.testing.assert_allclose(plain.at(s).frame, series.at(s).frame, atol=1e-14)
-        np.testing.assert_allclose(series.at(s).curvature, 1 / np.tan(0.7), rtol=1e-14)
-        start = plain.at([0.0]).frame[0, :, 2] - np.cos(0.7) * centre
+        np.testing.assert_allclose(
+            plain.evaluate(s).frame, series.evaluate(s).frame, atol=1e-14
+        )
+        np.testing.assert_allclose(
+            series.evaluate(s).curvature, 1 / np.tan(0.7), rtol=1e-14
+        )
+        start = plain.evaluate([0.0]).frame[0, :, 2] - np.cos(0.7) * centre
         axis = np.eye(3)[1 if abs(centre[0]) > 0.9 else 0]
         assert start @ axis > 0 and abs(np.cross(centre, axis) @ start) < 1e-15
 
@@ -89,14 +93,14 @@ def test_frames_obey_their_equations_in_arc_length(curve):
     parts = np.union1d(np.linspace(0.0, 1.0, 401) * curve.length, curve.edges)
     half = 0.5 * np.diff(parts)
     s = parts[:-1, None] + half[:, None] * (1 + x)
-    got = curve.at(s.ravel())
+    got = curve.evaluate(s.ravel())
     assert np.max(np.abs(transpose(got.frame) @ got.frame - np.eye(3))) < 9e-16
     np.testing.assert_allclose(np.linalg.det(got.frame), 1.0, rtol=2e-15)
     t, n, p = (got.frame[:, :, i] for i in range(3))
     k = got.curvature[:, None]
     rates = np.concatenate([k * n - p, -k * t, t, got.curvature_rate[:, None]], axis=1)
     change = half[:, None] * np.einsum("j,ijc->ic", w, rates.reshape(-1, 10, 10))
-    there = curve.at(parts)
+    there = curve.evaluate(parts)
     values = [*(there.frame[:, :, i] for i in range(3)), there.curvature[:, None]]
     if curve.closed:
         values = [np.concatenate([v[:-1], v[:1]]) for v in values]
@@ -105,13 +109,13 @@ def test_frames_obey_their_equations_in_arc_length(curve):
 
 
 def test_reversing_and_not_a_number(curve):
-    got = curve.at([np.nan, 0.1, np.inf])
+    got = curve.evaluate([np.nan, 0.1, np.inf])
     assert got.inside.tolist() == [False, True, False]
     assert np.isnan(got.frame[[0, 2]]).all() and np.isnan(got.curvature[[0, 2]]).all()
     assert np.isfinite(got.frame[1]).all()
     s = np.linspace(0.0, 1.0, 40) * curve.length
-    here = curve.reversed().at(s)
-    there = curve.at(-s if curve.closed else curve.length - s)
+    here = curve.reversed().evaluate(s)
+    there = curve.evaluate(-s if curve.closed else curve.length - s)
     np.testing.assert_array_equal(here.frame, there.frame * [-1.0, -1.0, 1.0])
     np.testing.assert_array_equal(here.curvature, -there.curvature)
     np.testing.assert_array_equal(here.curvature_rate, there.curvature_rate)
@@ -119,17 +123,17 @@ def test_reversing_and_not_a_number(curve):
 
 def test_closed_curves_repeat_and_open_ones_stop(curve):
     s = np.linspace(0.0, 1.0, 33) * curve.length
-    once, again = curve.at(s), curve.at(s + curve.length)
+    once, again = curve.evaluate(s), curve.evaluate(s + curve.length)
     assert np.all(once.inside)
     if curve.closed:
-        assert np.all(again.inside) and np.all(curve.at(s - 3 * curve.length).inside)
+        assert np.all(again.inside) and np.all(curve.evaluate(s - 3 * curve.length).inside)
         scale = np.max(np.abs(once.curvature_rate)) + np.max(np.abs(once.curvature)) + 1
         np.testing.assert_allclose(again.frame, once.frame, atol=1e-14 * scale)
         np.testing.assert_allclose(again.curvature, once.curvature, atol=1e-13 * scale)
     else:
         assert not np.any(again.inside[1:])
         np.testing.assert_array_equal(again.frame[5], once.frame[-1])
-        early = curve.at([-0.1])
+        early = curve.evaluate([-0.1])
         assert not early.inside[0]
         np.testing.assert_array_equal(early.frame[0], once.frame[0])
 
@@ -137,13 +141,16 @@ def test_closed_curves_repeat_and_open_ones_stop(curve):
 def test_curves_through_points_meet_them_and_converge_to_the_curve_they_are_from():
     made, errors = cam(), []
     for count in (40, 80, 160):
-        points = made.at(made.length * np.arange(count) / count).frame[:, :, 2]
+        points = made.evaluate(made.length * np.arange(count) / count).frame[:, :, 2]
         spline = profile_curve.through(points)
-        edges = spline.table.at_edge(spline.path.knots)
-        got = spline.at(edges[:-1]).frame[:, :, 2]
+        edges = spline.table.evaluate_at_edges(spline.path.knots)
+        got = spline.evaluate(edges[:-1]).frame[:, :, 2]
         np.testing.assert_allclose(got, points, rtol=0, atol=2e-14)
         s = np.linspace(0.0, 1.0, 500)
-        k = spline.at(s * spline.length).curvature - made.at(s * made.length).curvature
+        k = (
+            spline.evaluate(s * spline.length).curvature
+            - made.evaluate(s * made.length).curvature
+        )
         errors.append(np.max(np.abs(k)))
     assert np.log2(errors[1] / errors[2]) > 3.6, errors
 
@@ -182,7 +189,7 @@ def test_arc_lengths_invert_to_rounding(curve):
         return
     s = np.random.default_rng(7).uniform(0.0, table.length, 3000)
     u = table.invert(s)
-    assert np.max(np.abs(table.at(u) - s)) < 4e-15 * max(1.0, table.length)
+    assert np.max(np.abs(table.evaluate(u) - s)) < 4e-15 * max(1.0, table.length)
     nodes, weights = leggauss(60)
     for place, where in zip(s[:20], u[:20], strict=True):
         cuts = np.append(table.edges[table.edges < where], where)

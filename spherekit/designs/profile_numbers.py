@@ -224,7 +224,7 @@ def _nearest(
     turned = np.zeros(3)
     for track, curve, sign in zip(tracks, curves, (1.0, -1.0), strict=True):
         start = np.array([track.start])
-        there = track.curve.at(start)
+        there = track.curve.evaluate(start)
         tangent, normal, point = there.frame[0].T
         columns.append(sign * (normal + there.curvature[0] * point))
         if curve is not None:
@@ -247,7 +247,7 @@ def columns_of(
     finite = np.flatnonzero(all_finite(values, 1))
     for k, track in enumerate(tracks):
         arcs = values[finite, track.variable] + track.start
-        there = track.curve.at(arcs)
+        there = track.curve.evaluate(arcs)
         column = nans((9, len(finite)))
         column[:3], column[3:6] = there.frame[:, :, 0].T, there.frame[:, :, 2].T
         column[6], column[7] = there.curvature, there.curvature_rate

@@ -14,33 +14,53 @@ from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 from spherekit.tolerances import EPS
 
-SLOWEST = 1e-5
-"""A curve whose speed falls below this part of its mean speed has a cusp."""
+MIN_SPEED_RATIO = 1e-5
+"""Speed of a path, relative to its mean speed, below which it has a cusp.
 
+Larger: smooth curves with slow parts are refused. Smaller: cusps between the checked
+parameters are missed.
+"""
 
-_ORDER = 16
+SERIES_ORDER = 16
+"""Legendre coefficients of the speed on a panel. Larger: fewer, costlier panels."""
 
+MAX_HALVINGS = 40
+"""Halvings of a panel at most. Smaller: speeds with kinks get a larger error."""
 
-_DEEPEST = 40
+SERIES_TOLERANCE = 1e-15
+"""Largest of the last two coefficients of a panel, relative to the whole length.
 
+Larger: fewer panels and a larger error. Smaller: panels are halved for rounding errors.
+"""
 
-_TAIL = 1e-15
+INVERSE_TOLERANCE = 4.0 * EPS
+"""Error of the parameter by the arc length, relative to the largest parameter.
 
+Larger: fewer cells and a larger error. Smaller: cells are halved for rounding errors.
+"""
 
-_EXACT = 4.0 * EPS
-"""Error of u by the arc length, relative to its largest."""
+INVERSE_ROUNDING_TOLERANCE = 1e-12
+"""The same error, as far as it is accepted if halving the cells does not reduce it.
 
-
-_ROUNDING = 1e-12
-"""What that may be where lengths lose digits."""
+Some arc lengths lose digits. Smaller: such curves get as many cells as allowed.
+"""
 
 
 @dataclass(frozen=True)
 class ArcLength:
-    """Arc length against the parameter u, as Legendre series of the speed on panels.
+    """The arc length s of a curve as a function of its parameter u.
 
-    `edges` (panels + 1,) in u and `starts` (panels + 1,) in s bound the panels;
-    `speeds` (order, panels) are the coefficients of ds/dx, x = -1 to 1 on each.
+    The speed is a Legendre series on each panel of parameters, in the panel's own position
+    x from -1 to 1. The series are integrated exactly.
+
+    Attributes
+    ----------
+    edges
+        (panels + 1,) parameters u at the edges of the panels, rising.
+    starts
+        (panels + 1,) arc lengths at the edges.
+    speeds
+        (order, panels) Legendre coefficients of ds/dx on each panel.
     """
 
     edges: Floats
@@ -49,112 +69,150 @@ class ArcLength:
 
     @property
     def length(self) -> float:
-        """The whole arc length (rad)."""
+        """The whole arc length."""
         return float(self.starts[-1])
 
-    def at_edge(self, u: Floats) -> Floats:
-        """Return the arc lengths of parameters that are edges."""
+    def evaluate(self, u: Floats) -> Floats:
+        """Return the arc lengths (n,) at parameters u (n,)."""
+        panel = np.searchsorted(self.edges[1:-1], u, side="right")
+        low = self.edges[panel]
+        high = self.edges[panel + 1]
+        position = (2.0 * u - low - high) / (high - low)
+        return self.starts[panel] + self._evaluate_in_panels(panel, position)
+
+    def evaluate_at_edges(self, u: Floats) -> Floats:
+        """Return the arc lengths (n,) at parameters u (n,) that are edges, exactly."""
         return self.starts[np.searchsorted(self.edges, u)]
 
     def invert(self, s: Floats) -> Floats:
-        """Return u (n,) at arc lengths s (n,)."""
-        return s * self._pace + self._inverse.evaluate_pointwise(s)[0]
+        """Return the parameters u (n,) at arc lengths s (n,)."""
+        return s * self._mean_slope + self._inverse_deviation.evaluate_pointwise(s)[0]
 
     @property
-    def _pace(self) -> float:
-        """The mean rate of u by the arc length."""
+    def _mean_slope(self) -> float:
+        """The mean derivative du/ds."""
         return float(self.edges[-1] - self.edges[0]) / self.length
 
     @cached_property
-    def _inverse(self) -> PiecewiseChebyshev:
-        """What u is more than by its mean rate, by the arc length."""
+    def _inverse_deviation(self) -> PiecewiseChebyshev:
+        """Interpolant of the parameter minus its linear part, as a function of s."""
 
-        def more(s: Floats) -> Floats:
+        def deviation(s: Floats) -> Floats:
+            # Solve the equation s(x) = s on the panel that contains each arc length.
             panel = np.searchsorted(self.starts[1:-1], s, side="right")
             target = s - self.starts[panel]
 
-            def gap(x: Floats, rows: Indices) -> Floats:
-                return self.within(panel[rows], x) - target[rows]
+            def residual(x: Floats, rows: Indices) -> Floats:
+                return self._evaluate_in_panels(panel[rows], x) - target[rows]
 
-            one, left = np.ones_like(s), np.diff(self.starts)[panel] - target
-            x, _ = find_bracketed_zeros(gap, -one, one, -target, left, EPS)
+            panel_end = np.ones_like(s)
+            residual_at_end = np.diff(self.starts)[panel] - target
+            x, _ = find_bracketed_zeros(
+                residual, -panel_end, panel_end, -target, residual_at_end, EPS
+            )
             u = self.edges[panel] + 0.5 * np.diff(self.edges)[panel] * (1.0 + x)
-            return (u - s * self._pace)[:, None]
+            return (u - s * self._mean_slope)[:, None]
 
-        size, cells = self.edges[-1:], self.starts
         return PiecewiseChebyshev.fit(
-            more, 0.0, self.length, _EXACT, size, cells, rounding_tolerance=_ROUNDING
+            deviation,
+            0.0,
+            self.length,
+            INVERSE_TOLERANCE,
+            scales=self.edges[-1:],
+            first_cells=self.starts,
+            rounding_tolerance=INVERSE_ROUNDING_TOLERANCE,
         )
 
-    def at(self, u: Floats) -> Floats:
-        """Return the arc lengths (n,) of parameters u (n,)."""
-        panel = np.searchsorted(self.edges[1:-1], u, side="right")
-        low, high = self.edges[panel], self.edges[panel + 1]
-        return self.starts[panel] + self.within(
-            panel, (2.0 * u - low - high) / (high - low)
-        )
-
-    def within(self, panel: Indices, x: Floats) -> Floats:
-        """Return the arc length (n,) from a panel's start to x."""
-        return np.asarray(legval(x, self._covered[:, panel], tensor=False))
+    def _evaluate_in_panels(self, panel: Indices, x: Floats) -> Floats:
+        """Return arc lengths (n,) from the starts of panels (n,) to positions x (n,)."""
+        return np.asarray(legval(x, self._integrals[:, panel], tensor=False))
 
     @cached_property
-    def _covered(self) -> Floats:
-        """(order + 1, panels) the series of the arc length from the panel's start."""
+    def _integrals(self) -> Floats:
+        """(order + 1, panels) series of the arc length from the start of each panel."""
         return np.asarray(legint(self.speeds, lbnd=-1))
 
 
-def measure(path: FourierPath | SplinePath, edges: Floats) -> ArcLength:
-    """Return the table of arc length over panels, halved until the series has ended.
+def measure_arc_length(path: FourierPath | SplinePath, edges: Floats) -> ArcLength:
+    """Return the arc length of a path as a function of its parameter.
 
-    The curve has to be smooth between `edges`.
+    Parameters
+    ----------
+    path
+        A path that is smooth between the edges.
+    edges
+        (panels + 1,) parameters of the first panels.
+
+    Raises
+    ------
+    ValueError
+        If the path has a cusp.
     """
-    table = integrated(path.speed, edges)
-    u = np.sort(np.append(table.edges, 0.5 * (table.edges[1:] + table.edges[:-1])))
-    slow = path.speed(u) < SLOWEST * table.length / (edges[-1] - edges[0])
-    if np.any(slow):
+    arc_length = integrate_rate(path.speed, edges)
+    middles = 0.5 * (arc_length.edges[1:] + arc_length.edges[:-1])
+    u = np.sort(np.append(arc_length.edges, middles))
+    mean_speed_limit = MIN_SPEED_RATIO * arc_length.length / (edges[-1] - edges[0])
+    is_slow = path.speed(u) < mean_speed_limit
+    if np.any(is_slow):
         raise ValueError(
-            f"the curve has a cusp near {path.place(u[np.argmax(slow)])}: its speed "
-            "vanishes there; a profile has to be smooth"
+            f"the curve has a cusp near {path.describe_position(u[np.argmax(is_slow)])}: "
+            "its speed vanishes there; a profile has to be smooth"
         )
-    return table
+    return arc_length
 
 
-def integrated(
+def integrate_rate(
     rate: Callable[[Floats], Floats], edges: Floats, rounding: Floats | None = None
 ) -> ArcLength:
-    """Return the table of the integral of a rate over panels that are halved.
+    """Return the integral of a function, such as a speed, as a function of its parameter.
 
-    Gauss-Legendre nodes give each series. `rounding` (panels,) is the relative error of
-    the rate where it is known less well than to machine precision: no panel is halved to
-    resolve that.
+    Each panel is sampled at Gauss-Legendre nodes, which give a Legendre series. Panels are
+    halved until the last coefficients of their series are negligible.
+
+    Parameters
+    ----------
+    rate
+        Function of parameters of any shape. It is analytic between the edges.
+    edges
+        (panels + 1,) parameters of the first panels.
+    rounding
+        (panels,) relative error of the function, if it exceeds the machine precision.
+        Panels are not halved to resolve this error.
     """
-    low, high = edges[:-1], edges[1:]
-    ready: list[tuple[Floats, Floats]] = []
-    total = 0.0
-    noise = np.zeros(len(low)) if rounding is None else rounding
-    nodes, weights = leggauss(_ORDER)
-    rows = legvander(nodes, _ORDER - 1) * weights[:, None]
-    rows *= np.arange(_ORDER) + 0.5
-    for depth in range(_DEEPEST + 1):
+    low = edges[:-1]
+    high = edges[1:]
+    relative_error = np.zeros(len(low)) if rounding is None else rounding
+    nodes, weights = leggauss(SERIES_ORDER)
+    to_coefficients = legvander(nodes, SERIES_ORDER - 1) * weights[:, None]
+    to_coefficients *= np.arange(SERIES_ORDER) + 0.5
+
+    final_starts: list[Floats] = []
+    final_series: list[Floats] = []
+    scale = 0.0  # the whole length, if the rate is a smooth speed
+    for halvings in range(MAX_HALVINGS + 1):
         half = 0.5 * (high - low)[:, None]
-        series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ rows)
+        series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ to_coefficients)
         largest = max_abs(series, axis=1)
-        if depth == 0:
-            total = 2.0 * float(np.sum(largest))
-        tail = max_abs(series[:, -2:], axis=1) / _ORDER
-        smooth = (tail <= _TAIL * total) | (tail <= noise * largest)
-        smooth |= depth == _DEEPEST
-        ready.append((low[smooth], series[smooth]))
-        rest = ~smooth
-        middle = low[rest] + 0.5 * (high[rest] - low[rest])
-        low = np.concatenate([low[rest], middle])
-        high = np.concatenate([middle, high[rest]])
-        noise = np.tile(noise[rest], 2)
+        if halvings == 0:
+            scale = 2.0 * float(np.sum(largest))
+        last_coefficients = max_abs(series[:, -2:], axis=1) / SERIES_ORDER
+        is_final = (last_coefficients <= SERIES_TOLERANCE * scale) | (
+            last_coefficients <= relative_error * largest
+        )
+        is_final |= halvings == MAX_HALVINGS
+        final_starts.append(low[is_final])
+        final_series.append(series[is_final])
+
+        is_halved = ~is_final
+        middle = low[is_halved] + 0.5 * (high[is_halved] - low[is_halved])
+        low = np.concatenate([low[is_halved], middle])
+        high = np.concatenate([middle, high[is_halved]])
+        relative_error = np.tile(relative_error[is_halved], 2)
         if not len(low):
             break
-    starts, speeds = map(np.concatenate, zip(*ready, strict=True))
+    starts = np.concatenate(final_starts)
     order = np.argsort(starts)
-    speeds = np.ascontiguousarray(speeds[order].T)
-    arcs = np.append(0.0, np.cumsum(2.0 * speeds[0]))
-    return ArcLength(np.append(starts[order], edges[-1]), arcs, speeds)
+    speeds = np.ascontiguousarray(np.concatenate(final_series)[order].T)
+    # The integral of a Legendre series over its panel is twice the first coefficient.
+    arc_lengths = np.append(0.0, np.cumsum(2.0 * speeds[0]))
+    return ArcLength(np.append(starts[order], edges[-1]), arc_lengths, speeds)

@@ -90,8 +90,8 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
     most similar frames is the only one.
     """
     first, second = (_sample_evenly(curve) for curve in curves)
-    first_frames = curves[0].at(first.arc_lengths).frame.reshape(-1, 9)
-    second_frames = curves[1].at(second.arc_lengths).frame.reshape(-1, 9)
+    first_frames = curves[0].evaluate(first.arc_lengths).frame.reshape(-1, 9)
+    second_frames = curves[1].evaluate(second.arc_lengths).frame.reshape(-1, 9)
     # The trace of R_1 R_2^T is the sum of the products of all elements. It is
     # 1 + 2 cos(angle).
     cosine = 0.5 * (first_frames @ second_frames.T - 1.0)
@@ -115,7 +115,7 @@ def _sample_evenly(curve: Curve) -> CurveSamples:
     coarse = np.linspace(0.0, curve.length, COARSE_SAMPLES)
     # The frame rotates about two perpendicular axes: by 1 as the point moves, and by the
     # geodesic curvature as the tangent turns.
-    rotation_rate = np.hypot(1.0, curve.at(coarse).curvature)
+    rotation_rate = np.hypot(1.0, curve.evaluate(coarse).curvature)
     mean_rates = 0.5 * (rotation_rate[1:] + rotation_rate[:-1])
     rotation = coarse[1] * np.append(0.0, np.cumsum(mean_rates))
     steps = int(min(np.ceil(rotation[-1] / FRAME_STEP_RAD), MAX_CURVE_SAMPLES))
@@ -147,7 +147,8 @@ def _frame_differences(
         equal, which is enough for quadratic convergence to a contact.
     """
     first, second = (
-        curve.at(lengths) for curve, lengths in zip(curves, arc_lengths.T, strict=True)
+        curve.evaluate(lengths)
+        for curve, lengths in zip(curves, arc_lengths.T, strict=True)
     )
     vectors = rotation_vector(first.frame @ transpose(second.frame))
     # The angular velocity of a frame (t, n, p) by its arc length is n + k p.

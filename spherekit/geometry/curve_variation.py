@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats
-from spherekit.geometry.arc_length import ArcLength, integrated, measure
+from spherekit.geometry.arc_length import ArcLength, integrate_rate, measure_arc_length
 from spherekit.geometry.parametric_curve import FourierPath, Path, SplinePath, axes_about
 from spherekit.geometry.profile_curve import azimuth_panels, spline_fits
 from spherekit.geometry.vectors import cross, dot
@@ -142,7 +142,7 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         spline = quintic_panels(knots, moving_points, closed)
         moving_path = SplinePath(spline, path.knots, closed)
         arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
-        at_fixed_parameter = arc_length_rate.at_edge(path.knots)
+        at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
         step_rates = np.diff(
             at_fixed_parameter + path.speed(path.knots) * extract_derivative(knots)
         )
@@ -154,7 +154,7 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
 
 def _integrate_speed_rate(path: Path, edges: Floats) -> ArcLength:
     """Return the derivative of the arc length over the panels between edges (m,)."""
-    return integrated(
+    return integrate_rate(
         lambda u: extract_derivative(path.speed(add_complex_step(u, 0.0))), edges
     )
 
@@ -194,10 +194,11 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         # The parameter changes so that the arc length remains at its target.
         u = table.invert(arc_length)
         speed = np.real(path.speed(add_complex_step(u, 0.0)))
-        u_rate = (target_rate - variation.arc_length_rate.at(u)) / speed
-        frame, curvature, curvature_rate = (
-            extract_derivative(values) for values in path.frame(add_complex_step(u, u_rate))
-        )
+        u_rate = (target_rate - variation.arc_length_rate.evaluate(u)) / speed
+        frames = path.frames(add_complex_step(u, u_rate))
+        frame = extract_derivative(frames.frame)
+        curvature = extract_derivative(frames.curvature)
+        curvature_rate = extract_derivative(frames.curvature_rate)
         return np.concatenate(
             [
                 direction * frame[:, :, 0].T,
@@ -241,7 +242,7 @@ def differentiate_fourier(
     arc_length_rate = _integrate_speed_rate(moving_path, edges)
     variation = PathVariation(
         moving_path,
-        measure(path, edges),
+        measure_arc_length(path, edges),
         arc_length_rate,
         arc_length_rate.length,
         closed=True,

@@ -1,16 +1,19 @@
-"""The closed form of a dyad: the axis at two given arcs from two others.
+"""The middle axis of a dyad, in closed form from its two outer axes.
 
-The middle axis b of a dyad between the axes a and c at arcs A and C is
+The middle axis b is at the arc A from the outer axis a and at the arc C from the outer axis
+c. It is a sum of three vectors that are perpendicular to each other:
 
     b = (cos A + cos C) (a + c) / |a + c|^2 + (cos A - cos C) (a - c) / |a - c|^2
         + t (a x c) / |a x c|^2,
-    t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)),
+    t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)).
 
-three terms at right angles to each other (derived here; it is the formula of two
-intersecting cones, with both factors in half angles so that small arcs lose no digits).
-The numbers are of any kind that has operators: floats, real or complex arrays, terms of
-the engine. Rotations of bodies whose arcs are short follow from angles instead, see
-`spherekit.geometry.rotation`.
+The two signs of the triple product t are the two assembly modes of the dyad. The formula is
+that of two intersecting cones. All factors are written in half angles, so small arcs lose
+no digits.
+
+The numbers may be of any type with operators: floats, real or complex arrays, symbolic
+expressions. The orientations of bodies with short arcs follow from the angles of a
+spherical triangle instead, see `spherekit.geometry.triangle`.
 """
 
 from dataclasses import dataclass
@@ -21,14 +24,18 @@ import numpy as np
 
 @dataclass(frozen=True)
 class HalfAngle:
-    """An arc by the sine and the cosine of its half."""
+    """An arc, as the sine and the cosine of half the arc.
+
+    Both are numbers, arrays or symbolic expressions. Arcs are added and subtracted by the
+    addition theorems.
+    """
 
     sine: Any
     cosine: Any
 
     @staticmethod
-    def of(arc: float) -> "HalfAngle":
-        """Return an arc given in rad."""
+    def from_arc(arc: float) -> "HalfAngle":
+        """Return an arc that is given in rad."""
         return HalfAngle(float(np.sin(0.5 * arc)), float(np.cos(0.5 * arc)))
 
     def __add__(self, other: "HalfAngle") -> "HalfAngle":
@@ -41,37 +48,70 @@ class HalfAngle:
         return self + HalfAngle(-1.0 * other.sine, other.cosine)
 
 
-def triple_square(near: HalfAngle, far: HalfAngle, more: Any, less: Any) -> Any:
-    """Return t^2 from |a + c|^2 and |a - c|^2: negative where the arcs do not reach."""
-    return _over(near - far, more, less) * (-1.0 * _over(near + far, more, less))
+def triple_square(
+    near: HalfAngle, far: HalfAngle, sum_square: Any, difference_square: Any
+) -> Any:
+    """Return t^2, the square of the triple product b . (a x c).
+
+    It is negative if the arcs are too short or too long for the outer axes.
+
+    Parameters
+    ----------
+    near, far
+        Arcs A and C from the outer axes a and c to the middle axis.
+    sum_square, difference_square
+        |a + c|^2 and |a - c|^2.
+    """
+    first_factor = _cosine_minus_dot(near - far, sum_square, difference_square)
+    second_factor = -1.0 * _cosine_minus_dot(near + far, sum_square, difference_square)
+    return first_factor * second_factor
 
 
 def middle_axis(
-    near: HalfAngle, far: HalfAngle, more: Any, less: Any, root: Any
+    near: HalfAngle, far: HalfAngle, sum_square: Any, difference_square: Any, root: Any
 ) -> tuple[Any, Any, Any]:
-    """Return how much of a + c, of a - c and of a x c the middle axis is.
+    """Return the factors of a + c, a - c and a x c in the middle axis b.
 
-    From |a + c|^2, |a - c|^2 and the root t of `triple_square`, of either sign.
+    Parameters
+    ----------
+    near, far
+        Arcs A and C from the outer axes a and c to the middle axis.
+    sum_square, difference_square
+        |a + c|^2 and |a - c|^2.
+    root
+        The triple product t, a root of `triple_square`. Its sign chooses the assembly mode.
     """
     total = near + far
-    rest = near - far
+    difference = near - far
+    # cos A + cos C = 2 cos((A + C) / 2) cos((A - C) / 2), and similar for the difference.
+    # |a x c|^2 = |a + c|^2 |a - c|^2 / 4.
     return (
-        2.0 * (total.cosine * rest.cosine) / more,
-        -2.0 * (total.sine * rest.sine) / less,
-        4.0 * root / (more * less),
+        2.0 * (total.cosine * difference.cosine) / sum_square,
+        -2.0 * (total.sine * difference.sine) / difference_square,
+        4.0 * root / (sum_square * difference_square),
     )
 
 
-def _over(arc: HalfAngle, more: Any, less: Any) -> Any:
-    """Return the cosine of an arc less a . c.
+def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -> Any:
+    """Return cos(arc) - a . c without cancellation.
 
-    It is |a - c|^2 / 2 - 2 sin^2 of half the arc, and 2 cos^2 of it - |a + c|^2 / 2. The
-    first keeps its digits where a and c nearly coincide, the second where they are nearly
-    opposite. Of an arc that varies both are taken, each with the other's square as weight;
-    the squares add up to 4.
+    Parameters
+    ----------
+    arc
+        An arc, of numbers or of expressions.
+    sum_square, difference_square
+        |a + c|^2 and |a - c|^2.
+
+    Notes
+    -----
+    The first formula |a - c|^2 / 2 - 2 sin^2(arc / 2) keeps its digits if a and c nearly
+    coincide. The second formula 2 cos^2(arc / 2) - |a + c|^2 / 2 does if they are nearly
+    opposite. If the arc is a number, it decides between the two. If it varies, their
+    weighted mean is used. The weights are the squares |a + c|^2 and |a - c|^2, whose sum
+    is 4.
     """
-    first = 0.5 * less - 2.0 * (arc.sine * arc.sine)
-    second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * more
+    first = 0.5 * difference_square - 2.0 * (arc.sine * arc.sine)
+    second = 2.0 * (arc.cosine * arc.cosine) - 0.5 * sum_square
     if isinstance(arc.sine, float):
         return first if abs(arc.sine) < abs(arc.cosine) else second
-    return 0.25 * (first * more + second * less)
+    return 0.25 * (first * sum_square + second * difference_square)

@@ -1,4 +1,10 @@
-"""Curves on the unit sphere in a parameter of their own: a Fourier colatitude, a spline."""
+"""Curves on the unit sphere by a parameter u of their own: circle, Fourier series, spline.
+
+Each path computes its speed |dp/du| and its frame from formulas. A frame (3, 3) has the
+columns t, n = p x t and p, where p is the point and t the unit tangent. The arc length s of
+a path is in `spherekit.geometry.arc_length`, curves by arc length are in
+`spherekit.geometry.profile_curve`.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,15 +17,50 @@ from spherekit.arrays import Floats
 from spherekit.geometry.triangle import frame_from
 from spherekit.geometry.vectors import cross, dot
 
-UNIT_TOLERANCE = 1e-6
-"""Centres and points may differ from unit length by this much; they are normalised."""
+UNIT_LENGTH_TOLERANCE = 1e-6
+"""Largest deviation of a centre or a point from unit length; the vectors are normalised.
+
+Larger: wrong vectors are accepted. Smaller: vectors in files need more digits.
+"""
+
+MAX_FIRST_COMPONENT = 0.9
+"""Largest x component of a centre whose azimuth is counted from the x axis.
+
+For a larger one the azimuth is counted from the y axis. The number is part of the meaning
+of files.
+"""
+
+
+@dataclass(frozen=True)
+class PathFrames:
+    """Frames and geodesic curvatures of a path at n parameters.
+
+    Attributes
+    ----------
+    frame
+        (n, 3, 3) frames with the columns t, n = p x t and p.
+    curvature
+        (n,) geodesic curvatures k, positive if the path turns left.
+    curvature_rate
+        (n,) derivatives dk/ds by the arc length s.
+    """
+
+    frame: Floats
+    curvature: Floats
+    curvature_rate: Floats
 
 
 @dataclass(frozen=True)
 class CirclePath:
-    """A circle about the third column of `axes`; its parameter is its arc length.
+    """A circle, whose parameter is its arc length.
 
-    `sine` and `cosine` are those of its radius.
+    Attributes
+    ----------
+    axes
+        (3, 3) orthonormal columns; the third one is the centre. The circle starts in the
+        direction of the first one.
+    sine, cosine
+        Sine and cosine of the angular radius.
     """
 
     axes: Floats
@@ -27,124 +68,176 @@ class CirclePath:
     cosine: float
 
     def speed(self, u: Floats) -> Floats:
-        """Return |dp/du| at u of any shape."""
+        """Return |dp/du| at parameters u of any shape: 1."""
         return np.ones(np.shape(u))
 
-    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
-        outward, along = turned(self.axes, u / self.sine)
+    def frames(self, u: Floats) -> PathFrames:
+        """Return the frames at parameters u (n,)."""
+        outward, tangent = radial_directions(self.axes, u / self.sine)
         point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
-        return exact_frame(point, along), self.cosine / self.sine + 0.0 * u, 0.0 * u
+        return PathFrames(
+            frame=orthonormal_frame(point, tangent),
+            curvature=self.cosine / self.sine + 0.0 * u,
+            curvature_rate=0.0 * u,
+        )
 
 
 @dataclass(frozen=True)
 class FourierPath:
-    """A colatitude about the third column of `axes`; its parameter is the azimuth."""
+    """A path whose colatitude is a Fourier series of the azimuth, which is its parameter.
+
+    The colatitude is sum cosines[k] cos(k u) + sines[k] sin(k u), in rad.
+
+    Attributes
+    ----------
+    axes
+        (3, 3) orthonormal columns. Colatitude 0 is at the third one, azimuth 0 is towards
+        the first one and azimuth 90 degrees towards the second one.
+    cosines, sines
+        (k,) coefficients (rad).
+    """
 
     axes: Floats
     cosines: Floats
     sines: Floats
 
-    def colatitude(self, a: Floats, derivatives: int) -> list[Floats]:
-        """Return the colatitude and so many derivatives at azimuths a of any shape."""
-        angles = np.multiply.outer(np.arange(len(self.cosines)), a)
-        c, s = np.cos(angles), np.sin(angles)
-        shape = (-1, *[1] * np.ndim(a))
-        terms = (
-            even.reshape(shape) * c + odd.reshape(shape) * s
-            for even, odd in self.series[: derivatives + 1]
-        )
-        return [np.add.accumulate(x, axis=0)[-1] for x in terms]  # one place as many
+    def colatitude(self, azimuth: Floats, derivatives: int) -> list[Floats]:
+        """Return the colatitude (rad) and as many derivatives by the azimuth.
+
+        Parameters
+        ----------
+        azimuth
+            Azimuths (rad) of any shape.
+        derivatives
+            Number of derivatives, at most 3.
+        """
+        angles = np.multiply.outer(np.arange(len(self.cosines)), azimuth)
+        c = np.cos(angles)
+        s = np.sin(angles)
+        shape = (-1, *[1] * np.ndim(azimuth))
+        # The terms are added one after another, so that one azimuth gives the same bits as
+        # many.
+        return [
+            np.add.accumulate(
+                cosines.reshape(shape) * c + sines.reshape(shape) * s, axis=0
+            )[-1]
+            for cosines, sines in self.derivative_coefficients[: derivatives + 1]
+        ]
 
     @cached_property
-    def series(self) -> list[tuple[Floats, Floats]]:
-        """Cosines and sines (k,) of the colatitude and its first three derivatives."""
-        made = [(self.cosines, self.sines)]
+    def derivative_coefficients(self) -> list[tuple[Floats, Floats]]:
+        """Cosine and sine coefficients (k,) of the colatitude and of three derivatives."""
+        coefficients = [(self.cosines, self.sines)]
         orders = np.arange(len(self.cosines))
         for _ in range(3):
-            even, odd = made[-1]
-            made.append((orders * odd, -orders * even))
-        return made
+            cosines, sines = coefficients[-1]
+            coefficients.append((orders * sines, -orders * cosines))
+        return coefficients
 
     def speed(self, u: Floats) -> Floats:
-        """Return |dp/du| at u of any shape."""
+        """Return |dp/du| at azimuths u of any shape."""
         colatitude, slope = self.colatitude(u, 1)
         sine = np.sin(colatitude)
         return np.sqrt(slope * slope + sine * sine)
 
-    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
+    def frames(self, u: Floats) -> PathFrames:
+        """Return the frames at azimuths u (n,)."""
+        # d1, d2 and d3 are derivatives of the colatitude by the azimuth.
         colatitude, d1, d2, d3 = self.colatitude(u, 3)
-        s, c = np.sin(colatitude), np.cos(colatitude)
-        # components first: a place each in the innermost loops
-        outward, along = (vectors.T for vectors in turned(self.axes, u))
+        s = np.sin(colatitude)
+        c = np.cos(colatitude)
+        # Arrays (3, n) have the samples in the innermost loops.
+        outward, eastward = (directions.T for directions in radial_directions(self.axes, u))
         centre = self.axes[:, 2, None]
         point = c * centre + s * outward
-        away = c * outward - s * centre
-        v = np.sqrt(d1 * d1 + s * s)
-        tangent = (d1 / v) * away + (s / v) * along
-        # k = bend / v^3 with bend = det(p, p', p''), in the basis away, along
-        bend = 2.0 * c * d1**2 + s * (s * c - d2)
-        bend_rate = d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
-        v_rate = d1 * (d2 + s * c) / v
-        k = bend / v**3
-        return (
-            exact_frame(point.T, tangent.T),
-            k,
-            bend_rate / v**4 - 3.0 * k * v_rate / v**2,
+        southward = c * outward - s * centre
+        speed = np.sqrt(d1 * d1 + s * s)
+        tangent = (d1 / speed) * southward + (s / speed) * eastward
+        # k = D / speed^3 with D = det(p, p', p''), from the components of p' and p''
+        # southward and eastward.
+        determinant = 2.0 * c * d1**2 + s * (s * c - d2)
+        determinant_rate = (
+            d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
+        )
+        speed_rate = d1 * (d2 + s * c) / speed
+        k = determinant / speed**3
+        return PathFrames(
+            frame=orthonormal_frame(point.T, tangent.T),
+            curvature=k,
+            curvature_rate=(determinant_rate / speed**4 - 3.0 * k * speed_rate / speed**2),
         )
 
-    def place(self, u: float) -> str:
-        """Return words for where u is."""
+    def describe_position(self, u: float) -> str:
+        """Return the azimuth u (rad) in words, for messages."""
         return f"azimuth {np.rad2deg(u) % 360.0:.6g} deg"
 
 
 @dataclass(frozen=True)
 class SplinePath:
-    """The radial projection p = x / |x| of a spline x(u) in space through points.
+    """The radial projection p = x / |x| of a spline x(u) in space.
 
-    ``spline(u, order)`` is a derivative (..., 3) of it by u, as of SciPy's `BSpline`.
+    Attributes
+    ----------
+    spline
+        A function of parameters and an order, which returns that derivative (..., 3) of x
+        by u, such as SciPy's `BSpline`.
+    knots
+        (m,) parameters of the interpolated points. The last one of a closed path belongs to
+        the first point.
+    closed
+        Whether the path is closed.
     """
 
     spline: Any
     knots: Floats
     closed: bool
 
-    def _derivative(self, u: Floats, order: int) -> Floats:
-        """Return a derivative (..., 3) of the spline; u may be a complex step."""
-        there = self.spline(np.real(u), order)
+    def _differentiate(self, u: Floats, order: int) -> Floats:
+        """Return a derivative (..., 3) of the spline at parameters u (...).
+
+        If u carries a derivative as a complex step, the result does too. Splines of SciPy
+        take real parameters only.
+        """
+        derivative = self.spline(np.real(u), order)
         if np.iscomplexobj(u):
-            there = there + np.imag(u)[..., None] * 1j * self.spline(np.real(u), order + 1)
-        return there
+            next_derivative = self.spline(np.real(u), order + 1)
+            derivative = derivative + np.imag(u)[..., None] * 1j * next_derivative
+        return derivative
 
     def speed(self, u: Floats) -> Floats:
-        """Return |dp/du| at u of any shape."""
-        x, x1 = self._derivative(u, 0), self._derivative(u, 1)
-        across = cross(x, x1)
-        return np.sqrt(dot(across, across)) / dot(x, x)
+        """Return |dp/du| = |x cross x'| / |x|^2 at parameters u of any shape."""
+        x = self._differentiate(u, 0)
+        x1 = self._differentiate(u, 1)
+        product = cross(x, x1)
+        return np.sqrt(dot(product, product)) / dot(x, x)
 
-    def frame(self, u: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the frames (n, 3, 3), k (n,) and dk/ds (n,) at u (n,)."""
-        x, x1, x2, x3 = (self._derivative(u, order) for order in range(4))
+    def frames(self, u: Floats) -> PathFrames:
+        """Return the frames at parameters u (n,)."""
+        x, x1, x2, x3 = (self._differentiate(u, order) for order in range(4))
         r = np.sqrt(dot(x, x))
-        across = cross(x, x1)
-        size = np.sqrt(dot(across, across))
-        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|; |p'| = size / r^2
+        product = cross(x, x1)
+        size = np.sqrt(dot(product, product))
+        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|, and |p'| = size /
+        # r^2.
         ratio = r / size
-        bend, bend_rate = dot(across, x2), dot(across, x3)
-        ratio_rate = ratio * (dot(x, x1) / r**2 - dot(across, cross(x, x2)) / size**2)
-        k_rate = ratio**3 * bend_rate + 3.0 * ratio**2 * ratio_rate * bend
-        k_rate = k_rate * r**2 / size
-        return exact_frame(x, cross(across, x)), ratio**3 * bend, k_rate
+        determinant = dot(product, x2)
+        determinant_rate = dot(product, x3)
+        ratio_rate = ratio * (dot(x, x1) / r**2 - dot(product, cross(x, x2)) / size**2)
+        k_rate = ratio**3 * determinant_rate + 3.0 * ratio**2 * ratio_rate * determinant
+        return PathFrames(
+            frame=orthonormal_frame(x, cross(product, x)),
+            curvature=ratio**3 * determinant,
+            curvature_rate=k_rate * r**2 / size,
+        )
 
-    def place(self, u: float) -> str:
-        """Return words for where u is."""
-        count = len(self.knots) - self.closed
-        return f"point {1 + np.argmin(np.abs(self.knots - u)) % count}"
+    def describe_position(self, u: float) -> str:
+        """Return the interpolated point nearest to a parameter in words, for messages."""
+        point_count = len(self.knots) - self.closed
+        return f"point {1 + np.argmin(np.abs(self.knots - u)) % point_count}"
 
 
 Path = CirclePath | FourierPath | SplinePath
-"""A curve on the unit sphere in a parameter u of its own."""
+"""A curve on the unit sphere by a parameter u of its own."""
 
 
 def quintic(knots: Floats, points: Floats, closed: bool) -> Any:
@@ -155,30 +248,70 @@ def quintic(knots: Floats, points: Floats, closed: bool) -> Any:
 
 
 def axes_about(centre: ArrayLike) -> Floats:
-    """Return axes (3, 3): columns towards azimuth 0 and 90 degrees, and the centre."""
-    given = np.array(centre)
-    size = np.sqrt(dot(given, given))
-    if not abs(size - 1.0) <= UNIT_TOLERANCE:
+    """Return the axes (3, 3) in which azimuths about a centre are measured.
+
+    The columns point to azimuth 0, to azimuth 90 degrees and to the centre. Azimuth 0 is
+    the projection of the x axis, or of the y axis if the centre is close to the x axis.
+
+    Parameters
+    ----------
+    centre
+        (3,) unit vector. It may carry a derivative as a complex step.
+
+    Raises
+    ------
+    ValueError
+        If the centre is not a unit vector.
+    """
+    vector = np.array(centre)
+    size = np.sqrt(dot(vector, vector))
+    if not abs(size - 1.0) <= UNIT_LENGTH_TOLERANCE:
         raise ValueError(
             f"the centre has length {abs(size):.9g}; it has to be a unit vector"
         )
-    unit = given / size
-    first = np.eye(3)[1 if abs(unit[0]) > 0.9 else 0]
+    unit = vector / size
+    first = np.eye(3)[1 if abs(unit[0]) > MAX_FIRST_COMPONENT else 0]
+    # The second pass removes the rounding error of the first one.
     for _ in range(2):
         first = first - dot(first, unit) * unit
         first = first / np.sqrt(dot(first, first))
     return np.stack([first, cross(unit, first), unit], axis=1)
 
 
-def turned(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
-    """Return the unit vectors (n, 3) at right angles to the third axis: out, onward."""
-    c, s = np.cos(azimuth), np.sin(azimuth)
-    x, y = axes[:, 0, None], axes[:, 1, None]
+def radial_directions(axes: Floats, azimuth: Floats) -> tuple[Floats, Floats]:
+    """Return unit vectors perpendicular to the third axis, at given azimuths.
+
+    Parameters
+    ----------
+    axes
+        (3, 3) orthonormal columns.
+    azimuth
+        (n,) azimuths (rad), from the first axis towards the second one.
+
+    Returns
+    -------
+    outward
+        (n, 3) vectors at the azimuth.
+    tangential
+        (n, 3) their derivatives, which are 90 degrees ahead.
+    """
+    c = np.cos(azimuth)
+    s = np.sin(azimuth)
+    x = axes[:, 0, None]
+    y = axes[:, 1, None]
     return (c * x + s * y).T, (c * y - s * x).T
 
 
-def exact_frame(point: Floats, tangent: Floats) -> Floats:
-    """Return frames (n, 3, 3) orthonormal to rounding from directions nearly so."""
+def orthonormal_frame(point: Floats, tangent: Floats) -> Floats:
+    """Return the frames (n, 3, 3) of points and tangents that are nearly orthonormal.
+
+    Parameters
+    ----------
+    point
+        (n, 3) vectors of any length along the third columns.
+    tangent
+        (n, 3) vectors of any length, along the first columns up to rounding.
+    """
     p = point / np.sqrt(dot(point, point))[:, None]
     t = tangent - dot(tangent, p)[:, None] * p
     return frame_from(p, t / np.sqrt(dot(t, t))[:, None])

@@ -1,107 +1,196 @@
-"""Checks of profiles: colatitudes, points, and that closed curves do not cross."""
+"""Checks of profiles: colatitudes, points, and self-intersections of closed curves."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.parametric_curve import UNIT_TOLERANCE, FourierPath, SplinePath
+from spherekit.geometry.parametric_curve import (
+    UNIT_LENGTH_TOLERANCE,
+    FourierPath,
+    SplinePath,
+)
 from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import cross, dot
 
-FEWEST_POINTS = 6
-"""Fewest points of a curve through points: they fix one polynomial of degree 5."""
+MIN_POINT_COUNT = 6
+"""Fewest points of a curve through points: they determine one polynomial of degree 5."""
 
+MIN_POINT_DISTANCE_RAD = 1e-9
+"""Arc (rad) between successive points below which they coincide.
 
-_TOUCH = 1e-13
+Larger: closely spaced points are refused. Smaller: the direction between two points can
+consist of rounding errors.
+"""
+
+ON_CIRCLE_TOLERANCE = 1e-13
+"""Distance from a great circle at which a point of a polyline is on it.
+
+Larger: nearby arcs count as touching. Smaller: arcs that touch up to rounding are missed.
+"""
+
+MIN_CHECKED_ARCS = 400
+"""Arcs, at least, of the polyline by which self-intersections are found.
+
+Larger: smaller loops are found, in more time. There are also at least
+`MIN_ARCS_PER_PANEL` between successive points.
+"""
+
+MIN_ARCS_PER_PANEL = 8
+"""Arcs, at least, of that polyline between successive points."""
+
+ROOT_DIGITS = 30
+"""Decimals to which coefficients (rad) of a colatitude are rounded before its extrema.
+
+Larger: quotients of extremely small coefficients overflow. Smaller: coefficients that
+matter are lost.
+"""
 
 
 def check_colatitude(path: FourierPath) -> None:
-    """Raise ValueError if a Fourier colatitude leaves (0, pi) anywhere."""
-    even, odd = path.series[1]
-    # e^(ia) at the zeros of the slope, and so its angle at the real ones, are roots
-    ahead = np.round(0.5 * (even - 1j * odd), 30)  # quotients remain finite
-    roots = np.roots(np.concatenate([ahead[::-1], np.conj(ahead[1:])]))
-    a = np.angle(np.append(roots, 1.0))
-    value = path.colatitude(a, 0)[0]
-    at = int(np.argmax(np.abs(value - 0.5 * np.pi)))
-    if not 0.0 < value[at] < np.pi:
+    """Check that a Fourier colatitude stays between 0 and 180 degrees.
+
+    Raises
+    ------
+    ValueError
+        If it does not.
+    """
+    # With z = e^(i a), the slope of the colatitude at azimuth a is a polynomial in z,
+    # divided by a power of z. Its extrema are at the angles of the roots with |z| = 1. The
+    # angles of other roots do no harm.
+    cosines, sines = path.derivative_coefficients[1]
+    positive_orders = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)
+    negative_orders = np.conj(positive_orders[1:])
+    roots = np.roots(np.concatenate([positive_orders[::-1], negative_orders]))
+    azimuths = np.angle(np.append(roots, 1.0))
+    colatitudes = path.colatitude(azimuths, 0)[0]
+    extreme = int(np.argmax(np.abs(colatitudes - 0.5 * np.pi)))
+    if not 0.0 < colatitudes[extreme] < np.pi:
         raise ValueError(
-            f"the colatitude is {np.rad2deg(value[at]):.6g} deg at "
-            f"{path.place(float(a[at]))}; it has to stay between 0 and 180 deg, both "
-            "excluded"
+            f"the colatitude is {np.rad2deg(colatitudes[extreme]):.6g} deg at "
+            f"{path.describe_position(float(azimuths[extreme]))}; it has to stay between 0 "
+            "and 180 deg, both excluded"
         )
 
 
-def checked_points(points: ArrayLike, closed: bool) -> Floats:
-    """Return points (m, 3) of exactly unit length; a closed curve's first one again."""
-    given = np.array(points, dtype=float)
-    if given.ndim != 2 or given.shape[1] != 3:
-        raise ValueError(f"the points have shape {given.shape}; they have to be (m, 3)")
-    if len(given) < FEWEST_POINTS:
+def normalised_points(points: ArrayLike, closed: bool) -> Floats:
+    """Return the points of a curve with exactly unit length, after checks.
+
+    Parameters
+    ----------
+    points
+        (m, 3) unit vectors up to `UNIT_LENGTH_TOLERANCE`.
+    closed
+        Whether the curve is closed.
+
+    Returns
+    -------
+    (m, 3) unit vectors; if the curve is closed (m + 1, 3), with the first one repeated.
+
+    Raises
+    ------
+    ValueError
+        If there are too few points, if one is not a unit vector, or if successive points
+        coincide or are 90 degrees or more apart.
+    """
+    unit_points = np.array(points, dtype=float)
+    if unit_points.ndim != 2 or unit_points.shape[1] != 3:
         raise ValueError(
-            f"the curve has {len(given)} points; it needs at least {FEWEST_POINTS}"
+            f"the points have shape {unit_points.shape}; they have to be (m, 3)"
         )
-    size = np.sqrt(dot(given, given))
-    wrong = ~(np.abs(size - 1.0) <= UNIT_TOLERANCE)
-    if np.any(wrong):
-        k = int(np.argmax(wrong))
+    if len(unit_points) < MIN_POINT_COUNT:
+        raise ValueError(
+            f"the curve has {len(unit_points)} points; it needs at least {MIN_POINT_COUNT}"
+        )
+    size = np.sqrt(dot(unit_points, unit_points))
+    has_wrong_length = ~(np.abs(size - 1.0) <= UNIT_LENGTH_TOLERANCE)
+    if np.any(has_wrong_length):
+        k = int(np.argmax(has_wrong_length))
         raise ValueError(
             f"point {k + 1} has length {size[k]:.9g}; it has to be a unit vector"
         )
-    given = given / size[:, None]
+    unit_points = unit_points / size[:, None]
     if closed:
-        if arc(given[-1], given[0]) < UNIT_TOLERANCE:
+        if arc(unit_points[-1], unit_points[0]) < UNIT_LENGTH_TOLERANCE:
             raise ValueError(
-                f"the last point, {len(given)}, repeats the first; leave it out: a closed "
-                "curve returns to its first point by itself"
+                f"the last point, {len(unit_points)}, repeats the first; leave it out: a "
+                "closed curve returns to its first point by itself"
             )
-        given = np.concatenate([given, given[:1]])
-    steps = arc(given[:-1], given[1:])
-    count = len(given) - closed
+        unit_points = np.concatenate([unit_points, unit_points[:1]])
+    steps = arc(unit_points[:-1], unit_points[1:])
+    point_count = len(unit_points) - closed
     for k, step in enumerate(steps):
-        names = f"points {k + 1} and {(k + 1) % count + 1}"
-        if step < 1e-9:
+        names = f"points {k + 1} and {(k + 1) % point_count + 1}"
+        if step < MIN_POINT_DISTANCE_RAD:
             raise ValueError(f"{names} coincide; leave one of them out")
         if step >= 0.5 * np.pi:
             raise ValueError(
                 f"{names} are {np.rad2deg(step):.6g} deg apart; successive points have to "
                 "be less than 90 deg apart, so give more of them"
             )
-    return given
+    return unit_points
 
 
-def check_simple(path: SplinePath) -> None:
-    """Raise ValueError if a closed curve through points crosses or touches itself.
+def check_no_self_intersection(path: SplinePath) -> None:
+    """Check that a closed curve through points neither crosses nor touches itself.
 
-    Looks at a polyline of great-circle arcs, at least 8 between successive points. Two arcs
-    can meet only where the middle of one is nearer than the longer one's length.
+    The curve is replaced by a polyline of short great-circle arcs, so loops that are
+    smaller than an arc are not found.
+
+    Raises
+    ------
+    ValueError
+        If two arcs of the polyline meet. The message names the points of the spline.
     """
     from scipy.spatial import cKDTree
 
-    count = len(path.knots) - 1
-    parts = max(8, -(-400 // count))
-    u = path.knots[:-1, None] + np.diff(path.knots)[:, None] * (np.arange(parts) / parts)
+    panel_count = len(path.knots) - 1
+    arcs_per_panel = max(MIN_ARCS_PER_PANEL, -(-MIN_CHECKED_ARCS // panel_count))
+    u = path.knots[:-1, None] + np.diff(path.knots)[:, None] * (
+        np.arange(arcs_per_panel) / arcs_per_panel
+    )
     x = path.spline(u.ravel())
-    a = x / np.sqrt(dot(x, x))[:, None]
-    b = np.roll(a, -1, axis=0)
-    middle, length, total = 0.5 * (a + b), np.sqrt(dot(b - a, b - a)), len(a)
-    near = cKDTree(middle).query_ball_point(middle, length * (1.0 + 1e-9))
-    i, j = np.repeat(np.arange(total), [*map(len, near)]), np.concatenate([*near])
-    apart = np.minimum((i - j) % total, (j - i) % total) > 1
-    i, j = i[apart], j[apart]
-    met = _straddle(a[i], b[i], a[j], b[j]) & _straddle(a[j], b[j], a[i], b[i])
-    if np.any(met):
-        at = np.argmax(met)
+    starts = x / np.sqrt(dot(x, x))[:, None]
+    ends = np.roll(starts, -1, axis=0)
+    middles = 0.5 * (starts + ends)
+    lengths = np.sqrt(dot(ends - starts, ends - starts))
+    arc_count = len(starts)
+
+    # Two arcs can meet only if their middles are closer than the length of the longer arc.
+    # The factor covers rounding.
+    neighbours = cKDTree(middles).query_ball_point(middles, lengths * (1.0 + 1e-9))
+    i = np.repeat(np.arange(arc_count), [*map(len, neighbours)])
+    j = np.concatenate([*neighbours])
+    # Adjacent arcs share an end.
+    are_separate = np.minimum((i - j) % arc_count, (j - i) % arc_count) > 1
+    i = i[are_separate]
+    j = j[are_separate]
+    meets = _lie_on_both_sides(starts[i], ends[i], starts[j], ends[j])
+    meets &= _lie_on_both_sides(starts[j], ends[j], starts[i], ends[i])
+    if np.any(meets):
+        first = np.argmax(meets)
+        panels = sorted((i[first] // arcs_per_panel, j[first] // arcs_per_panel))
         places = " and ".join(
-            f"between points {k + 1} and {(k + 1) % count + 1}"
-            for k in sorted((i[at] // parts, j[at] // parts))
+            f"between points {k + 1} and {(k + 1) % panel_count + 1}" for k in panels
         )
         raise ValueError(f"the closed curve meets itself: {places}")
 
 
-def _straddle(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
-    """Return where c and d (n, 3) are not strictly on one side of the circle a, b."""
+def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
+    """Return whether c and d are not strictly on the same side of the great circle a, b.
+
+    Parameters
+    ----------
+    a, b
+        (n, 3) unit vectors that span great circles.
+    c, d
+        (n, 3) unit vectors. A vector on the circle counts as being on both sides.
+    """
     normal = cross(a, b)
     normal = normal / np.sqrt(dot(normal, normal))[:, None]
-    at_c, at_d = dot(normal, c), dot(normal, d)
-    return (at_c * at_d <= 0.0) | (np.abs(at_c) <= _TOUCH) | (np.abs(at_d) <= _TOUCH)
+    height_c = dot(normal, c)
+    height_d = dot(normal, d)
+    return (
+        (height_c * height_d <= 0.0)
+        | (np.abs(height_c) <= ON_CIRCLE_TOLERANCE)
+        | (np.abs(height_d) <= ON_CIRCLE_TOLERANCE)
+    )

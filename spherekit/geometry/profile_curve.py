@@ -1,7 +1,8 @@
-"""Smooth curves on the unit sphere by arc length: the profiles of contact pairs.
+"""Smooth curves on the unit sphere by their arc length: the profiles of contact pairs.
 
-A curve turns left where its geodesic curvature k is positive. Its frame, with the
-tangent t, the point p and n = p x t, obeys dp/ds = t, dt/ds = k n - p, dn/ds = -k t.
+The frame of a curve has the columns t, n = p x t and p, where p is the point and t the
+tangent. Its derivatives by the arc length s are dp/ds = t, dt/ds = k n - p and
+dn/ds = -k t. The geodesic curvature k is positive where the curve turns left.
 """
 
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from spherekit.arrays import Bools, Floats
-from spherekit.geometry.arc_length import ArcLength, measure
+from spherekit.geometry.arc_length import ArcLength, measure_arc_length
 from spherekit.geometry.parametric_curve import (
     CirclePath,
     FourierPath,
@@ -20,23 +21,47 @@ from spherekit.geometry.parametric_curve import (
     axes_about,
     quintic,
 )
-from spherekit.geometry.profile_checks import check_colatitude, check_simple, checked_points
+from spherekit.geometry.profile_checks import (
+    check_colatitude,
+    check_no_self_intersection,
+    normalised_points,
+)
 from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import all_finite
 from spherekit.numerics.complex_step import add_complex_step, extract_derivative
 from spherekit.tolerances import EPS
 
-_REFITS = 4
+SPLINE_REFITS = 4
+"""Number of times a spline is fitted again, with knots at the arc lengths of the last fit.
+
+The first knots are sums of the arcs between the points. Larger: the parameter is closer to
+the arc length. Smaller: curvatures between unevenly spaced points vary more. The number is
+part of the meaning of files.
+"""
+
+ROUNDING_OF_LENGTH = 4.0 * EPS
+"""Arc length, relative to the whole length, by which a point may be beyond an open end.
+
+Larger: points beyond the end count as its end. Smaller: the rounding error of an arc length
+can put the end itself outside.
+"""
 
 
 @dataclass(frozen=True)
 class CurvePoint:
     """A curve at n arc lengths.
 
-    `frame` (n, 3, 3) has the columns t, n = p x t, p; `curvature` k (n,) is geodesic and
-    `curvature_rate` (n,) is dk/ds. `inside` (n,) is False where the arc length runs off
-    the end of an open curve; the values there are those of that end. An arc length that
-    is not finite gives NaN and is not inside.
+    Attributes
+    ----------
+    frame
+        (n, 3, 3) frames with the columns t, n = p x t and p.
+    curvature
+        (n,) geodesic curvatures k.
+    curvature_rate
+        (n,) derivatives dk/ds.
+    inside
+        (n,) whether the arc length belongs to the curve. Beyond the end of an open curve
+        the values are those at the end. For an arc length that is not finite they are NaN.
     """
 
     frame: Floats
@@ -47,11 +72,21 @@ class CurvePoint:
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve on the unit sphere with its `length` (rad), `closed` or open.
+    """A curve on the unit sphere by its arc length.
 
-    `table` is the arc length of its `path`, None where the parameter is that. A curve run
-    `backwards` keeps its point at s = 0 and has -s for s where it is closed, an open one
-    starts at the old end. t, n and k change sign, dk/ds does not.
+    Attributes
+    ----------
+    path
+        The same curve by a parameter of its own.
+    table
+        Arc length of the path as a function of its parameter; None if they are the same.
+    length
+        The whole arc length (rad).
+    closed
+        Whether the curve is closed.
+    backwards
+        Whether the curve runs against its path. A closed curve then starts at the same
+        point, and an open one at the other end. t, n and k change sign, dk/ds does not.
     """
 
     path: Path
@@ -66,8 +101,11 @@ class Curve:
         starts = np.array([0.0, self.length]) if self.table is None else self.table.starts
         return self.length - starts[::-1] if self.backwards else starts
 
-    def _parameter(self, s: ArrayLike) -> tuple[Floats, Bools]:
-        """Return the parameters (n,) at arc lengths (n,), and whether these belong."""
+    def _find_parameters(self, s: ArrayLike) -> tuple[Floats, Bools]:
+        """Return the parameters of the path (n,), and which arc lengths s (n,) are inside.
+
+        See `CurvePoint.inside`.
+        """
         arcs = np.asarray(s, dtype=float)
         if self.backwards:
             arcs = (0.0 if self.closed else self.length) - arcs
@@ -76,25 +114,28 @@ class Curve:
         if self.closed:
             arcs = np.mod(arcs, self.length)
         else:
-            slack = 4.0 * EPS * self.length
+            slack = ROUNDING_OF_LENGTH * self.length
             inside = (arcs >= -slack) & (arcs <= self.length + slack)
             arcs = np.clip(arcs, 0.0, self.length)
         return arcs if self.table is None else self.table.invert(arcs), inside
 
-    def at(self, s: ArrayLike) -> CurvePoint:
-        """Return the curve at arc lengths s (n,) in rad; a closed one repeats itself."""
-        u, inside = self._parameter(s)
-        frame, curvature, rate = self.path.frame(u)
+    def evaluate(self, s: ArrayLike) -> CurvePoint:
+        """Return the curve at arc lengths s (n,), rad; a closed curve is periodic."""
+        u, inside = self._find_parameters(s)
+        frames = self.path.frames(u)
+        frame = frames.frame
+        curvature = frames.curvature
         if self.backwards:
             frame = frame * [-1.0, -1.0, 1.0]
-            curvature = 0.0 - curvature
-        return CurvePoint(frame, curvature, rate, inside)
+            curvature = 0.0 - curvature  # without negative zeros
+        return CurvePoint(frame, curvature, frames.curvature_rate, inside)
 
     def curvature_second(self, s: ArrayLike) -> Floats:
-        """Return the second derivative (n,) of the curvature by the arc length."""
-        u, _ = self._parameter(s)
-        _, _, rate = self.path.frame(add_complex_step(u, 1.0 / self.path.speed(u)))
-        return -extract_derivative(rate) if self.backwards else extract_derivative(rate)
+        """Return the second derivatives (n,) of the curvature by arc length at s (n,)."""
+        u, _ = self._find_parameters(s)
+        frames = self.path.frames(add_complex_step(u, 1.0 / self.path.speed(u)))
+        derivative = extract_derivative(frames.curvature_rate)
+        return -derivative if self.backwards else derivative
 
     def reversed(self) -> "Curve":
         """Return the same curve run backwards."""
@@ -102,10 +143,16 @@ class Curve:
 
 
 def circle(centre: ArrayLike, radius: float) -> Curve:
-    """Return the circle of angular `radius` (rad, 0 to pi) about a unit vector (3,).
+    """Return a circle, which runs counter-clockwise about its centre.
 
-    It runs counter-clockwise about its centre, which lies on the side of +n: its
-    geodesic curvature is cot(radius).
+    Its geodesic curvature is cot(radius). The centre is on the side of n.
+
+    Parameters
+    ----------
+    centre
+        (3,) unit vector.
+    radius
+        Angular radius (rad), between 0 and pi.
 
     Raises
     ------
@@ -118,92 +165,111 @@ def circle(centre: ArrayLike, radius: float) -> Curve:
             "deg, both excluded"
         )
     sine = float(np.sin(radius))
-    return Curve(
-        CirclePath(axes_about(centre), sine, float(np.cos(radius))),
-        None,
-        2.0 * np.pi * sine,
-        closed=True,
-    )
+    path = CirclePath(axes_about(centre), sine, float(np.cos(radius)))
+    return Curve(path, table=None, length=2.0 * np.pi * sine, closed=True)
 
 
 def great_circle(centre: ArrayLike) -> Curve:
-    """Return the great circle, counter-clockwise about its pole, a unit vector (3,).
+    """Return the great circle that runs counter-clockwise about a unit vector (3,).
 
     Raises
     ------
     ValueError
-        If the pole is not a unit vector.
+        If the centre is not a unit vector.
     """
-    return Curve(CirclePath(axes_about(centre), 1.0, 0.0), None, 2.0 * np.pi, closed=True)
+    path = CirclePath(axes_about(centre), sine=1.0, cosine=0.0)
+    return Curve(path, table=None, length=2.0 * np.pi, closed=True)
 
 
 def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Curve:
     """Return the closed curve whose colatitude about a centre is a Fourier series.
 
-    At azimuth a the colatitude is ``sum cosines[k] cos(k a) + sines[k] sin(k a)`` (rad).
-    The azimuth runs counter-clockwise about the unit vector `centre` (3,), from the
-    projection of the x axis, or of the y axis if ``abs(centre[0]) > 0.9``; s = 0 is at
-    azimuth 0. Such a curve never meets itself.
+    The colatitude at the azimuth a is the sum of cosines[k] cos(k a) + sines[k] sin(k a).
+    The azimuth runs counter-clockwise about the centre, as `axes_about` defines it, and
+    s = 0 is at azimuth 0. Such a curve never meets itself.
+
+    Parameters
+    ----------
+    centre
+        (3,) unit vector.
+    cosines, sines
+        Coefficients (rad); `sines[0]` has no effect.
 
     Raises
     ------
     ValueError
-        If the centre is not a unit vector, the colatitude leaves (0, pi), or the curve
-        has a cusp (it can come to one only where it almost reaches an axis).
+        If the centre is not a unit vector, if the colatitude leaves (0, pi), or if the
+        curve has a cusp. A cusp is possible only where the curve almost reaches the centre
+        or the point opposite to it.
     """
-    even, odd = (
-        np.ravel(np.array(coefficients, dtype=float)) for coefficients in (cosines, sines)
-    )
-    size = max(len(even), len(odd), 1)
-    series = np.zeros((2, size))
-    series[0, : len(even)] = even
-    series[1, : len(odd)] = odd
+    cosines = np.ravel(np.array(cosines, dtype=float))
+    sines = np.ravel(np.array(sines, dtype=float))
+    order_count = max(len(cosines), len(sines), 1)
+    series = np.zeros((2, order_count))
+    series[0, : len(cosines)] = cosines
+    series[1, : len(sines)] = sines
     if not all_finite(series):
         raise ValueError("the coefficients of the colatitude have to be finite")
     path = FourierPath(axes_about(centre), *series)
     check_colatitude(path)
-    table = measure(path, azimuth_panels(size))
+    table = measure_arc_length(path, azimuth_panels(order_count))
     return Curve(path, table, table.length, closed=True)
 
 
-def azimuth_panels(size: int) -> Floats:
-    """Return the azimuths between which a series of so many terms is smooth enough."""
-    return np.linspace(0.0, 2.0 * np.pi, 4 * size + 1)
+def azimuth_panels(order_count: int) -> Floats:
+    """Return azimuths (rad) between which a series of this many orders is smooth."""
+    return np.linspace(0.0, 2.0 * np.pi, 4 * order_count + 1)
 
 
 def through(points: ArrayLike, closed: bool = True) -> Curve:
-    """Return the smooth curve through unit vectors (m, 3) in their order.
+    """Return the smooth curve through points in their order.
 
-    It is the radial projection of an interpolating quintic spline whose parameter is
-    its own arc length to high order: k has two continuous derivatives in s, also where
-    a closed curve returns to its first point, which is at s = 0 and not repeated.
+    It is the radial projection of an interpolating quintic spline, whose parameter is
+    nearly its arc length. k has two continuous derivatives by s. This includes the first
+    point of a closed curve, at s = 0.
+
+    Parameters
+    ----------
+    points
+        (m, 3) unit vectors. The first one is not repeated at the end of a closed curve.
+    closed
+        Whether the curve returns to its first point.
 
     Raises
     ------
     ValueError
-        If there are fewer than 6 points, one is not a unit vector, two in succession
-        coincide or lie 90 degrees or more apart, the last of a closed curve repeats the
-        first, or the curve has a cusp or, closed, meets itself.
+        If there are fewer than 6 points, if one is not a unit vector, if two in succession
+        coincide or are 90 degrees or more apart, if the last point of a closed curve
+        repeats the first, if the curve has a cusp, or if a closed curve meets itself.
     """
     path, table = spline_through(points, closed)
     if closed:
-        check_simple(path)
+        check_no_self_intersection(path)
     return Curve(path, table, table.length, closed)
 
 
 def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLength]:
-    """Return the spline of `through` and the table of its arc length; errors as there."""
-    *_, last = spline_fits(points, closed)
-    return last
+    """Return the spline of `through` and its arc length; the errors are the same."""
+    *_, last_fit = spline_fits(points, closed)
+    return last_fit
 
 
 def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, ArcLength]]:
-    """Yield the splines that lead to `spline_through`, the knots of each by the last."""
-    given = checked_points(points, closed)
-    steps = arc(given[:-1], given[1:])
-    for _ in range(1 + _REFITS):
+    """Yield the splines that lead to `spline_through`, each with its arc length.
+
+    The knots of the first spline are the sums of the arcs between the points. Those of
+    every other spline are arc lengths of the spline before it.
+
+    Parameters
+    ----------
+    points, closed
+        As for `through`.
+    """
+    unit_points = normalised_points(points, closed)
+    steps = arc(unit_points[:-1], unit_points[1:])
+    for _ in range(1 + SPLINE_REFITS):
         knots = np.append(0.0, np.cumsum(steps))
-        path = SplinePath(quintic(knots, given, closed), knots, closed)
-        table = measure(path, knots)
+        path = SplinePath(quintic(knots, unit_points, closed), knots, closed)
+        table = measure_arc_length(path, knots)
         yield path, table
-        steps = np.diff(table.at_edge(knots))
+        steps = np.diff(table.evaluate_at_edges(knots))

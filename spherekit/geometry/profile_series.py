@@ -1,4 +1,4 @@
-"""Profiles as series in their arc length, for many places in little time."""
+"""Profiles as Chebyshev series in their arc length, which are fast to evaluate."""
 
 from dataclasses import dataclass
 
@@ -9,65 +9,96 @@ from spherekit.geometry.profile_curve import Curve
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 
-ROUNDING = 1e-9
-"""What curvatures, and more so their derivatives, may lose of their size to rounding."""
-TOLERANCE = 1e-15
-MOST = 2048
-DEGREE = 11
-BETWEEN = 17
-"""Places in a cell at which the slope of the curvature is looked at."""
+SERIES_ERROR = 1e-15
+"""Error of the series, relative to the scale of each column.
+
+Larger: fewer cells and a larger error. Smaller: cells are halved for rounding errors.
+"""
+
+SERIES_ROUNDING_TOLERANCE = 1e-9
+"""The same error, as far as it is accepted if halving the cells does not reduce it.
+
+Curvatures, and their derivatives even more, lose digits by rounding. Larger: cells with
+kinks get a larger error. Smaller: such profiles get as many cells as allowed.
+"""
+
+MAX_SERIES_CELLS = 2048
+"""Most cells of a series. Larger: more memory. Smaller: difficult profiles get an error."""
+
+SERIES_DEGREE = 11
+"""Degree of the series on a cell. Larger: fewer cells, each slower to evaluate."""
+
+SLOPE_SAMPLES = 17
+"""Positions in each cell at which the derivative of dk/ds is evaluated for its bound."""
+
+SLOPE_SAFETY_FACTOR_OF_PROFILES = 1.5
+"""Bound of d2k/ds2 over its largest value at the sampled positions."""
+
+SCALE_SAMPLES = 257
+"""Positions along the profile from which the scale of each column is taken."""
 
 
 @dataclass(frozen=True)
 class ProfileSeries:
-    """A curve by its arc length: `series` of tangent, point, curvature k and dk/ds.
+    """A profile as series in its arc length.
 
-    `most_bent` bounds |d2k/ds2|, as far as differences between many places say.
+    The eight columns are the tangent t (3), the point p (3), the geodesic curvature k and
+    dk/ds.
+
+    Attributes
+    ----------
+    series
+        The interpolant of the columns.
+    length
+        Arc length of the profile (rad).
+    closed
+        Whether the profile is closed.
+    max_curvature_second
+        Bound of |d2k/ds2|, as far as samples show it.
     """
 
     series: PiecewiseChebyshev
     length: float
     closed: bool
-    most_bent: float
+    max_curvature_second: float
 
     @staticmethod
-    def of(curve: Curve) -> "ProfileSeries":
-        """Return the series of a curve, as good as its own numbers but for rounding."""
-        there = _columns(curve, np.linspace(0.0, curve.length, 257))
-        size = np.maximum(1.0, max_abs(there, axis=0))
-        fitted = PiecewiseChebyshev.fit(
-            lambda s: _columns(curve, s),
+    def fit(curve: Curve) -> "ProfileSeries":
+        """Return the series of a curve, as accurate as the curve up to rounding."""
+        samples = _evaluate_columns(curve, np.linspace(0.0, curve.length, SCALE_SAMPLES))
+        series = PiecewiseChebyshev.fit(
+            lambda s: _evaluate_columns(curve, s),
             0.0,
             curve.length,
-            TOLERANCE,
-            size,
-            curve.edges,
-            DEGREE,
-            MOST,
-            ROUNDING,
+            SERIES_ERROR,
+            scales=np.maximum(1.0, max_abs(samples, axis=0)),
+            first_cells=curve.edges,
+            degree=SERIES_DEGREE,
+            max_cells=MAX_SERIES_CELLS,
+            rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
-        slopes = np.abs(
-            fitted.derivative.evaluate(fitted.spread_positions(BETWEEN - 1))[:, 7]
-        )
-        return ProfileSeries(
-            fitted, curve.length, curve.closed, 1.5 * float(np.max(slopes))
-        )
+        positions = series.spread_positions(SLOPE_SAMPLES - 1)
+        curvature_second = np.abs(series.derivative.evaluate(positions)[:, 7])
+        bound = SLOPE_SAFETY_FACTOR_OF_PROFILES * float(np.max(curvature_second))
+        return ProfileSeries(series, curve.length, curve.closed, bound)
 
-    def at(self, s: Floats) -> Floats:
-        """Return (8, n) at arc lengths s (n,); NaN beyond the ends of an open curve."""
+    def evaluate(self, s: Floats) -> Floats:
+        """Return the columns (8, n) at arc lengths s (n,); NaN beyond an open end."""
         values = self.series.evaluate(np.mod(s, self.length) if self.closed else s)
         if not self.closed:
             values[~((s >= 0.0) & (s <= self.length))] = np.nan
         return np.ascontiguousarray(values.T)
 
-    def slopes(self, s: Floats) -> Floats:
-        """Return the derivatives (8, n) of `at` by the arc length."""
+    def evaluate_derivative(self, s: Floats) -> Floats:
+        """Return the derivatives (8, n) of the columns by s at arc lengths s (n,)."""
         return self.series.derivative.evaluate(
             np.mod(s, self.length) if self.closed else s
         ).T
 
 
-def _columns(curve: Curve, s: Floats) -> Floats:
-    there = curve.at(s)
-    tangent, point = there.frame[:, :, 0], there.frame[:, :, 2]
-    return np.column_stack([tangent, point, there.curvature, there.curvature_rate])
+def _evaluate_columns(curve: Curve, s: Floats) -> Floats:
+    """Return the columns (n, 8) of a curve at arc lengths s (n,)."""
+    points = curve.evaluate(s)
+    tangent = points.frame[:, :, 0]
+    point = points.frame[:, :, 2]
+    return np.column_stack([tangent, point, points.curvature, points.curvature_rate])

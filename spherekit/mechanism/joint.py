@@ -191,7 +191,7 @@ class Joint(ABC):
         for k, joint in enumerate(joints):
             for side, profile in enumerate(joint.contact_profiles):
                 arc_lengths = finite_values[:, k, profile.variable] + profile.start
-                point = profile.curve.at(arc_lengths)
+                point = profile.curve.evaluate(arc_lengths)
                 frames[side][:, k] = point.frame
                 states.curvatures[:, k, side] = point.curvature
                 states.curvature_rates[:, k, side] = point.curvature_rate

@@ -48,7 +48,7 @@ class Wheel(NamedTuple):
     @staticmethod
     def from_curve(curve: Curve, start: float = 0.0) -> "Wheel":
         """Return the wheel whose circle is a curve of constant curvature."""
-        origin = curve.at(np.zeros(1))
+        origin = curve.evaluate(np.zeros(1))
         _, normal, point = origin.frame[0].T
         # The geodesic curvature of a circle is the cotangent of its radius.
         curvature = float(origin.curvature[0])

@@ -59,7 +59,7 @@ class DyadPlacement:
     @cached_property
     def halves(self) -> tuple[HalfAngle, HalfAngle]:
         """Both arcs by their halves."""
-        return HalfAngle.of(self.arcs[0]), HalfAngle.of(self.arcs[1])
+        return HalfAngle.from_arc(self.arcs[0]), HalfAngle.from_arc(self.arcs[1])
 
 
 class Dyads:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.errors import SolveError
-from spherekit.geometry.arc_length import ArcLength, integrated
+from spherekit.geometry.arc_length import ArcLength, integrate_rate
 from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.numerics.hermite import quintic_hermite
 from spherekit.numerics.zeros import Zeros, find_zeros
@@ -163,7 +163,7 @@ class ArcCurve(Chords):
         equations = bordered(jacobian, self.nodes.tangents)
         condition = bordered_condition(equations, left_inverse(equations))
         rounding = 8.0 * EPS / np.minimum(condition[:-1], condition[1:])
-        return integrated(self._speed, self.starts, rounding)
+        return integrate_rate(self._speed, self.starts, rounding)
 
     def _speed(self, u: Floats) -> Floats:
         """Return ds/du at u of any shape."""
@@ -185,7 +185,7 @@ class ArcCurve(Chords):
     @cached_property
     def s(self) -> Floats:
         """Arc lengths (k,) of the nodes (rad)."""
-        return self.table.at_edge(self.starts)
+        return self.table.evaluate_at_edges(self.starts)
 
     @cached_property
     def winding(self) -> Floats:
@@ -275,7 +275,7 @@ class ArcCurve(Chords):
         """
         lengths = nans(len(values))
         row, number, along = self._hits(values)
-        lengths[row] = self.table.at(self.starts[number] + along)
+        lengths[row] = self.table.evaluate(self.starts[number] + along)
         return lengths
 
     def passes(self, values: Floats) -> Bools:

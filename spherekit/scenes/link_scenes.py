@@ -124,7 +124,9 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
             continue
         which = pair.links.index(link)
         curve = joint.contact_profiles[which].curve
-        points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame[:, :, 2]
+        points = curve.evaluate(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame[
+            :, :, 2
+        ]
         curves.append(points)
         if len(joints):
             profile = pair.profiles[which]

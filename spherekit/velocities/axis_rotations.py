@@ -115,7 +115,7 @@ class ProfileSide:
     @cached_property
     def series(self) -> ProfileSeries:
         """The series from which the values of the columns are computed."""
-        return ProfileSeries.of(self.track.curve)
+        return ProfileSeries.fit(self.track.curve)
 
     @property
     def column_derivatives(self) -> list[Expr]:
@@ -190,9 +190,9 @@ def append_profile_columns(
     for profile, columns in zip(profiles, columns_by_profile, strict=True):
         _, variable, start = profile.track
         parameter = (values if expansion_point is None else expansion_point)[variable]
-        columns[:] = profile.series.at(parameter + start)
+        columns[:] = profile.series.evaluate(parameter + start)
         if expansion_point is not None:
-            slopes = profile.series.slopes(parameter + start)
+            slopes = profile.series.evaluate_derivative(parameter + start)
             columns += slopes * (values[variable] - parameter)
     return extended
 
@@ -284,7 +284,7 @@ def _profile_side(
     # fixed in the link (by the derivatives of n and p). So
     # A(s) = A(0) U Z(s sqrt(1 + k^2)) U^T, where the third column of U is the unit vector
     # along n + k p, in the axes (t, n, p).
-    start = track.curve.at(np.zeros(1))
+    start = track.curve.evaluate(np.zeros(1))
     circle_curvature = float(start.curvature[0])
     scale = float(np.hypot(1.0, circle_curvature))
     axis = np.array([0.0, 1.0, circle_curvature]) / scale

@@ -58,7 +58,7 @@ class CarriedVector:
         """Bound of the derivative of `slide` with respect to the variable."""
         # The curvature of a circle is constant. Only other profiles have symbols.
         return self.slide_change + sum(
-            side.series.most_bent for side in self.sides if side.column_symbols
+            side.series.max_curvature_second for side in self.sides if side.column_symbols
         )
 
     def derivative(self, w: Exprs, rate: Expr) -> Exprs:

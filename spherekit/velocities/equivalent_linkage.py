@@ -128,7 +128,8 @@ def hinged(
     contacts = [n for n in contacts if n not in rolling]
     for n in contacts:
         one, other = (
-            track.curve.at(np.zeros(1)).curvature for track in joints[n].contact_profiles
+            track.curve.evaluate(np.zeros(1)).curvature
+            for track in joints[n].contact_profiles
         )
         if one[0] - other[0] < EQUAL_CURVATURE:
             raise EngineError(

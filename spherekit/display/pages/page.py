@@ -465,7 +465,7 @@ class PageMaker:
                 continue
             which = pair.links.index(link)
             profile, curve = pair.profiles[which], joint.contact_profiles[which].curve
-            points = curve.at(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame
+            points = curve.evaluate(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame
             profiles.append(
                 {
                     "pair": pair.name,
