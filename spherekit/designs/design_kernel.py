@@ -148,7 +148,9 @@ class RedundantKernel:
         by_choice: dict[str, VariedTerms] = {}
         for item in terms:
             groups = item.structure.groups
-            choice = repr([(group.private, group.chosen) for group in groups])
+            choice = repr(
+                [(group.private_variables, group.chosen_equations) for group in groups]
+            )
             by_choice.setdefault(choice, item)
         self._kernels = [
             DesignKernel(item, columns, compiled=False, with_rates_left_over=True)

@@ -125,13 +125,13 @@ class PathKernel:
         structure, flow, places = terms.structure, terms.flow, terms.places
         self.terms, self.compiled = terms, compiled and available()
         self.variables, self.driven = len(places), [*structure.inputs]
-        change = flow.answers(flow.misfits)
+        change = flow.solve_loops(flow.closure_residuals)
         for variable, angle in enumerate(terms.variables):
             if angle is not places[variable]:
                 change[variable] = angle - places[variable]
         given = [*places, *terms.profile_columns]
         self._rows, fixed = separate_constant_parts(
-            [*change, flow.scale, flow.openness], given
+            [*change, flow.scale, flow.closure_residual_square], given
         )
         self._inputs = [*given, *fixed]
         self.prepare = expression_function([*fixed.values()], terms.sizes, self.compiled)
@@ -148,7 +148,7 @@ class PathKernel:
         labels = np.full((len(groups), values.shape[1]), "~")
         for k, group in enumerate(groups):
             if group.is_dyad:
-                axes = [flow.vectors[flow.owned[pair][0]] for pair in group.pairs]
+                axes = [flow.vectors[flow.pair_variables[pair][0]] for pair in group.pairs]
                 turning = dot(axes[0], cross(axes[1], axes[2]))
                 made = array_function([turning], [*self.terms.places, *self.terms.sizes])
                 positive = made(np.concatenate([values, sizes]))[0] >= 0.0

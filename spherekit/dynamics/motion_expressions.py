@@ -15,8 +15,8 @@ from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, symbols
 from spherekit.symbolic.taylor_integrator import EventFunction
+from spherekit.velocities.coordinate_rates import CoordinateRates
 from spherekit.velocities.load_expressions import LoadState
-from spherekit.velocities.velocity_equations import CoordinateRates
 
 (TIME,) = symbols(["moment"])
 """The variable that stands for the time, s."""
@@ -148,7 +148,7 @@ class EquationExpressions:
         Rates of the state by time.
     homogeneous_rates
         For each coordinate the homogeneous rates of all variables (tau in
-        `spherekit.velocities.velocity_equations`).
+        `spherekit.velocities.coordinate_rates`).
     independence
         Measure of the independence of the closure equations. It is zero where sets of
         configurations cross.

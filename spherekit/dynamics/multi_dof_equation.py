@@ -1,6 +1,6 @@
 """Derives the equations of motion with several degrees of freedom, as symbolic expressions.
 
-With the homogeneous rates tau_i = D n_i of `spherekit.velocities.velocity_equations` (D is
+With the homogeneous rates tau_i = D n_i of `spherekit.velocities.coordinate_rates` (D is
 their scale and n_i the rates of the variables by coordinate i), the rates u_i of the
 coordinates and s_i = u_i / D,
 
@@ -31,8 +31,10 @@ from spherekit.symbolic.expression_evaluation import array_function
 from spherekit.symbolic.expression_graph import Expr, dot, has_variables
 from spherekit.symbolic.taylor_integrator import EventFunction
 from spherekit.symbolic.vector_algebra import cofactors, determinant
+from spherekit.velocities.coordinate_rates import CoordinateRates
+from spherekit.velocities.input_moments import InputMoments
+from spherekit.velocities.kinematic_structure import KinematicStructure
 from spherekit.velocities.load_expressions import generalised_forces
-from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments, Structure
 
 MAX_RATE_SQUARES = 400.0
 """Sum of the squares of all variables' rates per unit rates of the coordinates at which
@@ -67,7 +69,9 @@ def derive_multi_dof_equation(
         Numbers of the variables of the inputs that the user chose, for the event "type_2".
     """
     layout = EquationLayout(mechanism)
-    structure = Structure.of(mechanism, mechanism.input_pairs, closed=values)
+    structure = KinematicStructure.from_mechanism(
+        mechanism, mechanism.input_pairs, closed=values
+    )
     coordinate_rates = CoordinateRates(structure, layout.variables)
     # Inertia and forces are divided by the mass scale, so that expressions have sizes
     # near 1.
@@ -77,7 +81,9 @@ def derive_multi_dof_equation(
         layout.momentum_unit * momentum * (1.0 / root_mass_scale)
         for momentum in layout.momenta
     ]
-    scaled_speeds, variable_rates, w = coordinate_rates.moving(speeds)
+    motion_rates = coordinate_rates.motion_rates(speeds)
+    scaled_speeds = motion_rates.scaled_speeds
+    variable_rates = motion_rates.variable_rates
     # The rates of the coordinates themselves need no elimination.
     for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
         variable_rates[mechanism.variables_of(pair)[0]] = speed
@@ -85,8 +91,8 @@ def derive_multi_dof_equation(
     load_state = layout.make_load_state(coordinate_rates, variable_rates)
     forces_of_load = [generalised_forces(load, load_state) for load in mechanism.loads]
     moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism), mass_scale)
-    link_accelerations = coordinate_rates.bias(variable_rates, w)
-    velocity_forces = moments.pull(link_accelerations, scaled_speeds)
+    link_accelerations = coordinate_rates.bias_accelerations(variable_rates, motion_rates.w)
+    velocity_forces = moments.velocity_moments(link_accelerations, scaled_speeds)
     net_forces = [
         sum((forces[i] for forces in forces_of_load), 0.0) * (1.0 / mass_scale) - resisting
         for i, resisting in enumerate(velocity_forces)

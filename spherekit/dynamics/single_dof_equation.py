@@ -2,7 +2,7 @@
 
 The state is that of `spherekit.dynamics.equation_of_motion`: the pair variables v, the
 momentum p = sqrt(B) u and the work W of each load. With the homogeneous parameter of
-`spherekit.velocities.velocity_equations` as coordinate, u its rate by time, and tau the
+`spherekit.velocities.coordinate_rates` as coordinate, u its rate by time, and tau the
 rates of the variables by it,
 
     dv/dt = u tau,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B)
@@ -20,14 +20,16 @@ from spherekit.mechanism.link_inertia import link_inertia_tensors
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import dot, power
 from spherekit.symbolic.taylor_integrator import EventFunction
+from spherekit.velocities.coordinate_rates import CoordinateRates
+from spherekit.velocities.input_moments import InputMoments
+from spherekit.velocities.kinematic_structure import KinematicStructure
 from spherekit.velocities.load_expressions import generalised_forces
-from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments, Structure
 
 
 def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     """Return the equation of motion of a mechanism with its first input as the input."""
     layout = EquationLayout(mechanism)
-    structure = Structure.of(mechanism, mechanism.inputs[0].pair)
+    structure = KinematicStructure.from_mechanism(mechanism, mechanism.inputs[0].pair)
     (momentum,) = layout.momenta
     coordinate_rates = CoordinateRates(structure, layout.variables)
     moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism))

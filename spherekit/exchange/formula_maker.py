@@ -292,12 +292,12 @@ def _turns_of_swings(
 def _step(terms: VariedTerms) -> list[Expr]:
     """Return all variables after a step of Newton's method, and how far loops are open."""
     flow, places = terms.flow, terms.places
-    change = flow.answers(flow.misfits)
+    change = flow.solve_loops(flow.closure_residuals)
     after = [
         x if x is not place else place + dx
         for place, x, dx in zip(places, terms.variables, change, strict=True)
     ]
-    return [*after, function("sqrt", flow.openness)]
+    return [*after, function("sqrt", flow.closure_residual_square)]
 
 
 def _motion(

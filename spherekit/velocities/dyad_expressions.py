@@ -19,19 +19,19 @@ from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function, symbols
 from spherekit.symbolic.vector_algebra import Exprs, constants, cross
 from spherekit.velocities.axis_rotations import Entries, pair_rotations
+from spherekit.velocities.kinematic_structure import KinematicStructure
 from spherekit.velocities.pose_expressions import (
     GROUND_ORIENTATION,
     LinkOrientation,
     place_by_variables,
 )
-from spherekit.velocities.velocity_equations import Structure
 
 COMPILED = MechanismCache()
 """Kernels and equations of motion that were compiled."""
 
 
 def place_by_inputs(
-    structure: Structure, q: Sequence[Expr], signs: Sequence[Expr]
+    structure: KinematicStructure, q: Sequence[Expr], signs: Sequence[Expr]
 ) -> tuple[list[LinkOrientation], list[Expr]]:
     """Return the placements of all links for the angles q of the inputs.
 
@@ -53,7 +53,7 @@ def place_by_inputs(
             f"{mechanism.name}: not every group is a dyad, so positions have no closed "
             "form; give the variables of a motion instead of the input"
         )
-    driven = dict(zip(structure.inputs, q, strict=True)) | structure.following(q)
+    driven = dict(zip(structure.inputs, q, strict=True)) | structure.follower_angles(q)
     variables = [driven.get(v) for v in range(len(mechanism.variable_names))]
     ways = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
     within = place_by_variables(mechanism, structure.pairs, variables, ways)
@@ -70,7 +70,7 @@ def place_by_inputs(
 
 
 def _close(
-    structure: Structure, group: Group, sign: Expr, within: list[LinkOrientation]
+    structure: KinematicStructure, group: Group, sign: Expr, within: list[LinkOrientation]
 ) -> Expr:
     """Place the free bodies of a dyad; return the square of its triple product."""
     mechanism = structure.mechanism
@@ -154,7 +154,7 @@ def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
     inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
     signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
     # Rates are not asked for, so no equations are chosen.
-    structure = Structure(mechanism, assembly, pair_rotations(mechanism), ())
+    structure = KinematicStructure(mechanism, assembly, pair_rotations(mechanism), ())
     placed, squares = place_by_inputs(structure, inputs, signs)
     driven = dict(zip(assembly.inputs, inputs, strict=True))
     variables = [
@@ -185,7 +185,9 @@ def lost_by(squares: Floats) -> Bools:
     return lost
 
 
-def angle_of(structure: Structure, pair: int, placed: Sequence[LinkOrientation]) -> Expr:
+def angle_of(
+    structure: KinematicStructure, pair: int, placed: Sequence[LinkOrientation]
+) -> Expr:
     """Return the variable of an R pair between placed links, less its turns."""
     chain = structure.pairs.chains[pair]
     first, second = (placed[link] for link in structure.mechanism.ends[pair])

@@ -123,15 +123,17 @@ class InputColumns:
         self._rows = rows
         self._request = request
         tree = rows.tree
-        moving_variable = rows.owned[request.plan.input][0]
+        moving_variable = rows.pair_variables[request.plan.input][0]
         # The moving input opens the loops at the rate of its own vector.
-        self._rates = rows.answers(
+        self._rates = rows.solve_loops(
             {request.plan.input: -1.0 * rows.vectors[moving_variable]}
         )
         self._rates[moving_variable] = 1.0
-        pair_velocities = rows.parts(self._rates)
+        pair_velocities = rows.pair_velocities(self._rates)
         self._w = sum_along_paths(tree, pair_velocities)
-        self._accelerations, pair_accelerations = rows.accelerated(self._rates, self._w)
+        self._accelerations, pair_accelerations = rows.solve_accelerations(
+            self._rates, self._w
+        )
         self._dw = sum_along_paths(tree, pair_accelerations)
         self.rate_residual = self._loop_residual(self._w, pair_velocities)
         self.acceleration_residual = self._loop_residual(self._dw, pair_accelerations)
@@ -357,14 +359,14 @@ class InputColumns:
         """Return the fields of a pole that is the axis or the contact line of a pair."""
         rows = self._rows
         i, j = pole
-        (variable,) = rows.owned[pair]
+        (variable,) = rows.pair_variables[pair]
         first, second = rows.tree.ends[pair]
         carried = rows.carried[variable]
         axis_error = rows.axis_errors[variable]
         axis_derivative_error = self._axis_derivative_errors[variable]
-        if pair in rows.lines:
+        if pair in rows.contact_lines:
             # A rolling contact: the vector of its variable is a multiple of this line.
-            carried = rows.lines[pair]
+            carried = rows.contact_lines[pair]
             axis_error, slide_error = rows.position_errors(
                 carried, rows.variable_shifts[variable]
             )
@@ -377,7 +379,7 @@ class InputColumns:
             )
         unit = carried.vector
         unit_derivative = carried.derivative(self._w[carried.link], self._rates[variable])
-        if {i, j} == {first, second} and pair not in rows.lines:
+        if {i, j} == {first, second} and pair not in rows.contact_lines:
             # The links of the pair itself: the coefficient is the rate of its variable.
             sense = 1.0 if i == first else -1.0
             coefficient = sense * self._rates[variable]

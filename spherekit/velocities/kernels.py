@@ -20,9 +20,10 @@ from spherekit.symbolic.expression_evaluation import ArrayFunction
 from spherekit.symbolic.expression_function import expression_function
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function
 from spherekit.symbolic.vector_algebra import cross
+from spherekit.velocities.coordinate_rates import CoordinateRates
 from spherekit.velocities.dyad_expressions import COMPILED
+from spherekit.velocities.input_moments import InputMoments
 from spherekit.velocities.row_quantities import VariedTerms
-from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments
 from spherekit.wording import listing
 
 Source = Literal["variables", "input"]
@@ -46,7 +47,7 @@ class Kernel:
     its axis. That of another pole is a unit vector along the angular velocity; it
     reverses where that passes through zero, and is NaN there. At a dead centre of the
     input rates by it are not finite; by the arc length of the curve of all variables they
-    are, and its sense is that of the minors (`spherekit.velocities.velocity_equations`).
+    are, and its sense is that of the minors (`spherekit.velocities.coordinate_rates`).
     Where all variables are NaN, or no configuration closes (input), rates and B are NaN;
     that given variables do not close is not noticed. `places` are the columns of what
     `values` gives, by its name and pole or link, None of what is the mechanism's; `engine`

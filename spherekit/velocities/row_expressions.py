@@ -94,7 +94,7 @@ class RowExpressions(VelocityEquations):
         pairs = pair_rotations(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
-        input_variables = [self.owned[pair][0] for pair in inputs]
+        input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [
             v for v in range(len(variables)) if v not in input_variables
         ]
@@ -103,7 +103,7 @@ class RowExpressions(VelocityEquations):
         equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
         equations[..., input_variables] = 0.0
         self.inverse = loop_inverse(equations, pivots)
-        self.residual = root(self.openness)
+        self.residual = root(self.closure_residual_square)
         self._set_error_bounds()
 
     def _set_error_bounds(self) -> None:
@@ -176,19 +176,23 @@ class RowExpressions(VelocityEquations):
         """Return for each link the sum of the bounds of the variables on the path to it."""
         sums: list[Expr] = [0.0] * self.tree.count
         for pair, parent, child in self.tree.placements:
-            sums[child] = sums[parent] + sum((bounds[v] for v in self.owned[pair]), 0.0)
+            sums[child] = sums[parent] + sum(
+                (bounds[v] for v in self.pair_variables[pair]), 0.0
+            )
         return sums
 
     @property
     def newton_step(self) -> list[Expr]:
         """The passive variables after a step of Newton's method that closes the loops."""
-        step = self.answers(self.misfits)
+        step = self.solve_loops(self.closure_residuals)
         return [self.variables[v] + step[v] for v in self.passive_variables]
 
-    def answers(self, misfits: Mapping[int, Exprs]) -> list[Expr]:
-        """Return how all variables answer to misfits (3,) of pairs, the inputs at rest."""
+    def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
+        """Return the rates of all variables for given offsets, while the inputs rest."""
         loop_openings = [
-            vector_sum(x * signs[self.owned[pair][0]] for pair, x in misfits.items())
+            vector_sum(
+                x * signs[self.pair_variables[pair][0]] for pair, x in offsets.items()
+            )
             for signs in self.tree.signs
         ]
         return [dot(row.flat, np.ravel(loop_openings)) for row in self.inverse]

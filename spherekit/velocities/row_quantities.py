@@ -40,11 +40,13 @@ from spherekit.symbolic.vector_algebra import (
 )
 from spherekit.tolerances import NO_MOTION
 from spherekit.velocities.axis_rotations import PairRotations
+from spherekit.velocities.coordinate_rates import CoordinateRates
 from spherekit.velocities.dyad_expressions import angle_of, place_by_inputs
+from spherekit.velocities.input_moments import InputMoments
+from spherekit.velocities.kinematic_structure import KinematicStructure
 from spherekit.velocities.load_expressions import LoadState, forces_of
 from spherekit.velocities.load_numbers import actions_of, with_other_numbers
 from spherekit.velocities.pose_expressions import LinkOrientation
-from spherekit.velocities.velocity_equations import CoordinateRates, InputMoments, Structure
 from spherekit.wording import listing, nearest
 
 
@@ -173,9 +175,9 @@ class VariedTerms:
 
     By default in closed form where there is one. `differing` says which numbers of masses
     and loads are terms, after the sizes; `closed` is a configuration (variables,) of the
-    mechanism, if one is known; `by_rank` is that of `Structure.of`. `pointing` names
-    pairs along whose axes outputs point, or has directions (3,) in axes of their links,
-    where those of the mechanism vary.
+    mechanism, if one is known; `by_rank` is that of
+    `KinematicStructure.from_mechanism`. `pointing` names pairs along whose axes outputs
+    point, or has directions (3,) in axes of their links, where those of the mechanism vary.
 
     Attributes
     ----------
@@ -217,7 +219,9 @@ class VariedTerms:
         pairs = geometry(dict(zip(sizes, terms, strict=True))) if geometry else None
         self.mechanism, self.inputs = mechanism, [*inputs]
         self._pointing = pointing or {}
-        self.structure = structure = Structure.of(mechanism, inputs, pairs, closed, by_rank)
+        self.structure = structure = KinematicStructure.from_mechanism(
+            mechanism, inputs, pairs, closed, by_rank
+        )
         self.sample = symbols(sample_names(inputs))
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form
@@ -230,7 +234,9 @@ class VariedTerms:
             self._placed, self.squares = place_by_inputs(structure, *given)
         else:
             self.places = symbols(mechanism.variable_names)
-            following = structure.following([self.places[v] for v in structure.inputs])
+            following = structure.follower_angles(
+                [self.places[v] for v in structure.inputs]
+            )
             self.variables = [following.get(v, x) for v, x in enumerate(self.places)]
         more = symbols(f"number_{k}" for k in differing)
         of_place, place = dict(zip(differing, more, strict=True)), count()
@@ -294,7 +300,7 @@ class VariedTerms:
         )
         made = []
         for size in (*self.sizes, *columns):
-            moved = self.flow.answers(self.flow.misfit_rates(size))
+            moved = self.flow.solve_loops(self.flow.closure_residual_rates(size))
             total = differentiate(items, {size: 1.0})
             for change, partial in zip(moved, by_places, strict=True):
                 total = [x + y * change for x, y in zip(total, partial, strict=True)]
@@ -349,7 +355,7 @@ class VariedTerms:
     @cached_property
     def _turned(self) -> list[list[Exprs]]:
         """The derivatives (3,) of the rates of links by each input."""
-        return [self.flow.bias(*moved) for moved in self._moved]
+        return [self.flow.bias_accelerations(*moved) for moved in self._moved]
 
     def determinant(self) -> Expr:
         """Return that of the velocity equations, whose zeros are those of the inputs."""
@@ -434,7 +440,7 @@ class VariedTerms:
         flow = self.flow
         total: Expr = 0.0
         for tau, w in zip(flow.tau, flow.w, strict=True):
-            parts = flow.parts(tau)
+            parts = flow.pair_velocities(tau)
             left: Expr = 0.0
             for chord in flow.tree.chords:
                 first, second = flow.tree.ends[chord]
@@ -452,7 +458,7 @@ class VariedTerms:
 
     def kinetic_energy(self) -> Expr:
         """Return the kinetic energy of all links."""
-        slow = self.flow.moving(self._speeds)[0]
+        slow = self.flow.motion_rates(self._speeds).scaled_speeds
         moved = [dot(row, slow) for row in self._moments.matrix]
         return dot(slow, moved) * (0.5 * self._moments.unit)
 
@@ -573,7 +579,7 @@ class VariedTerms:
             flow.w,
             angles,
             [turns.get(variable, 0.0) for variable in range(len(angles))],
-            flow.moving(self._speeds)[1],
+            flow.motion_rates(self._speeds).variable_rates,
             self.sample[-1],
             sign_of,
             self.tables.__getitem__,

@@ -1,0 +1,207 @@
+"""Rates of all variables by each input, in homogeneous form.
+
+While input i moves at the rate 1 and the others rest, the rates of all variables are
+tau_i / D. The scale D is the determinant of the equations. It vanishes at configurations in
+which the inputs do not determine the rates of all variables.
+
+With one input, the numbers tau are the minors of the velocity equations
+(`spherekit.velocities.group_equations`). They are rates with respect to a parameter p.
+Because nothing is divided, p increases through the dead centres of every pair. Rates by
+the input are tau / D. Rates by the arc length of the curve of all variables are
+tau / |tau|.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot
+from spherekit.symbolic.vector_algebra import Exprs, vector, vector_sum
+from spherekit.velocities.kinematic_structure import KinematicStructure
+from spherekit.velocities.pose_expressions import (
+    LinkOrientation,
+    place_by_variables,
+    sum_along_paths,
+)
+from spherekit.velocities.velocity_equations import VelocityEquations, rotation_between
+
+
+@dataclass(frozen=True)
+class MotionRates:
+    """Rates of a mechanism whose inputs move at given rates.
+
+    Attributes
+    ----------
+    scaled_speeds
+        The rate of each input over the scale D.
+    variable_rates
+        The rate of each variable.
+    w
+        (3,) angular velocity of each link in ground axes.
+    """
+
+    scaled_speeds: list[Expr]
+    variable_rates: list[Expr]
+    w: list[Exprs]
+
+
+class CoordinateRates(VelocityEquations):
+    """Homogeneous rates of variables and links by each input.
+
+    Inputs are counted by their index in `KinematicStructure.input_pairs`.
+    """
+
+    def __init__(
+        self,
+        structure: KinematicStructure,
+        variables: Sequence[Expr],
+        placed: Sequence[LinkOrientation] = (),
+    ) -> None:
+        """Write the vectors of all variables.
+
+        Parameters
+        ----------
+        structure
+            The mechanism with its inputs and groups.
+        variables
+            Expressions (rad) of all variables. They are needed for contacts, and if
+            `placed` is empty.
+        placed
+            Orientations of all links. By default they follow from the variables.
+        """
+        self.structure = structure
+        mechanism = structure.mechanism
+        placed = placed or place_by_variables(mechanism, structure.pairs, variables)
+        super().__init__(mechanism, structure.pairs, placed, variables, about_centres=True)
+
+    def _solve_groups(
+        self, driven_rates: Mapping[int, Expr], offsets: Mapping[int, Exprs] | None = None
+    ) -> tuple[list[Expr], Expr]:
+        """Return the rates of all variables times a scale, and this scale.
+
+        Parameters
+        ----------
+        driven_rates
+            The rate of each driven pair.
+        offsets
+            Right-hand sides (3,) by pair, as in `solve_loops`.
+        """
+        rate_by_variable = {
+            self.pair_variables[pair][0]: rate for pair, rate in driven_rates.items()
+        }
+        scale: Expr = 1.0
+        for group in self.structure.groups:
+            variable_count = len(self.vectors)
+            solved_rates = [rate_by_variable.get(v, 0.0) for v in range(variable_count)]
+            known_velocities = self.pair_velocities(solved_rates)
+            for pair, offset in (offsets or {}).items():
+                known_velocities[pair] = known_velocities[pair] - offset * scale
+            group_rates, group_scale = group.solve_rates(self.vectors, known_velocities)
+            # All rates before are multiplied by the determinant of this group, so that
+            # nothing is divided.
+            rate_by_variable = {
+                v: rate * group_scale for v, rate in rate_by_variable.items()
+            } | group_rates
+            scale = scale * group_scale
+        return [rate_by_variable[v] for v in range(len(self.vectors))], scale
+
+    @cached_property
+    def _rates_and_scales(self) -> list[tuple[list[Expr], Expr]]:
+        """For each input the homogeneous rates of all variables, and their scale."""
+        return [
+            self._solve_groups(self.structure.driven_rates(pair))
+            for pair in self.structure.input_pairs
+        ]
+
+    @property
+    def tau(self) -> list[list[Expr]]:
+        """For each input the rates of all variables, times the scale D."""
+        return [rates for rates, _ in self._rates_and_scales]
+
+    @property
+    def scale(self) -> Expr:
+        """The scale D, the determinant of the equations.
+
+        Its sign changes where assembly modes meet. It is the same for all inputs.
+        """
+        _, scale = self._rates_and_scales[-1]
+        return scale
+
+    @cached_property
+    def w(self) -> list[list[Exprs]]:
+        """For each input the angular velocities (3,) of all links, times the scale D."""
+        return [sum_along_paths(self.tree, self.pair_velocities(tau)) for tau in self.tau]
+
+    def closure_residual_rates(self, size: ExpressionNode) -> dict[int, Exprs]:
+        """Return the derivatives (3,) of `closure_residuals` by a size of the mechanism.
+
+        The variables are held constant, and the loops are closed at this configuration.
+        """
+        residual_rates: dict[int, Exprs] = {}
+        for pair, frames in self._closing_frames.items():
+            rotations = []
+            for frame in (frames.by_second_link, frames.by_pair):
+                derivative = vector(differentiate([*frame.ravel()], {size: 1.0}))
+                rotations.append(rotation_between(frame, derivative.reshape(3, 3)))
+            by_second_link, by_pair = rotations
+            residual_rates[pair] = by_second_link - by_pair
+        return residual_rates
+
+    def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
+        """Return the rates of all variables for given offsets, while the inputs rest."""
+        rates, scale = self._solve_groups(self.structure.rates_at_rest, offsets)
+        inverse_scale = 1.0 / scale
+        return [rate * inverse_scale for rate in rates]
+
+    def link_velocity(self, input_index: int, link: int) -> Exprs:
+        """Return the homogeneous angular velocity of a link, along the link's basis.
+
+        Parameters
+        ----------
+        input_index
+            The input that moves.
+        link
+            Number of the link.
+
+        Returns
+        -------
+        (3,) components along `LinkOrientation.basis`. A vector that is fixed in the link
+        has constant components there, so these expressions are short.
+        """
+        orientation = self.placed[link]
+        parts: list[Exprs] = []
+        for variable, sense in enumerate(self.tree.paths[link]):
+            if not sense:
+                continue
+            fixed_vectors = self.structure.fixed_vectors(variable)
+            if link in fixed_vectors:
+                components = orientation.fixed_components(fixed_vectors[link])
+            else:
+                components = orientation.components(self.vectors[variable])
+            parts.append(components * (float(sense) * self.tau[input_index][variable]))
+        return vector_sum(parts)
+
+    def motion_rates(self, speeds: Sequence[Expr]) -> MotionRates:
+        """Return the rates of all variables and links at given rates of the inputs."""
+        scaled_speeds = [speed * (1.0 / self.scale) for speed in speeds]
+        return MotionRates(
+            scaled_speeds=scaled_speeds,
+            variable_rates=[
+                dot(column, scaled_speeds) for column in zip(*self.tau, strict=True)
+            ],
+            w=[dot(column, scaled_speeds) for column in zip(*self.w, strict=True)],
+        )
+
+    def bias_accelerations(self, rates: Sequence[Expr], w: Sequence[Exprs]) -> list[Exprs]:
+        """Return the angular accelerations (3,) of links while no input accelerates.
+
+        Parameters
+        ----------
+        rates
+            Rates of all variables.
+        w
+            (3,) angular velocities of all links in ground axes.
+        """
+        _, pair_accelerations = self.solve_accelerations(rates, w)
+        return sum_along_paths(self.tree, pair_accelerations)

@@ -1,0 +1,354 @@
+"""Velocity equations of a group, solved without a division by the determinant.
+
+Each loop gives three scalar equations: sum of a_v x_v + c = 0 over its variables v, with
+their vectors a_v, the unknown rates x_v and a known vector c. The rates times a determinant
+D are polynomials in the vectors (Cramer's rule). They are regular at the dead centres of
+every pair and vanish only if the rank of the equations drops.
+
+If two variables occur in one loop only (*private* variables, with the vectors a and b), the
+component of the loop's equations along a x b is free of them. With such a pair of variables
+in each loop, a group of k loops leads to k equations; a dyad leads to one. The private
+rates follow from the other rates.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import EngineError
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import Assembly, Group
+from spherekit.symbolic.expression_graph import ADVICE_WITHOUT_EXPRESSIONS, Expr, dot
+from spherekit.symbolic.vector_algebra import (
+    Exprs,
+    cofactors,
+    constants,
+    cross,
+    determinant,
+    vector_sum,
+)
+from spherekit.velocities.group_loops import find_group_loops
+
+MAX_DETERMINANT_SIZE = 6
+"""Largest number of equations that are solved together by determinants.
+
+Larger: larger groups have expressions, whose length grows with the factorial of the size.
+"""
+
+GROUND_AXES = constants(np.eye(3))
+"""Directions (3, 3) of the equations of a loop without private variables."""
+
+WITHOUT_PRIVATE = -1
+"""Stands for the equation of a loop that is free of its private variables, where otherwise
+the number of a variable stands for the equation along the vector of this variable."""
+
+MIN_INDEPENDENCE = 1e-6
+"""Smallest part of an equation of unit size that is no combination of other equations.
+
+Smaller parts count as rounding errors. Larger: mechanisms whose equations are nearly
+dependent are refused. Smaller: equations that repeat each other can be chosen together.
+"""
+
+
+@dataclass(frozen=True)
+class LoopEquation:
+    """One scalar equation of a loop: direction . (sum of a_v x_v + c) = 0.
+
+    Attributes
+    ----------
+    direction
+        (3,) direction of the component.
+    vectors
+        (3,) by unknown variable v, the vector a_v times the sense in which the loop passes
+        its pair.
+    known_part
+        (3,) the vector c.
+    """
+
+    direction: Exprs
+    vectors: dict[int, Exprs]
+    known_part: Exprs
+
+
+class GroupEquations:
+    """The solution of the velocity equations of one group of an assembly.
+
+    Attributes
+    ----------
+    mechanism, pairs
+        The mechanism, and the numbers of the pairs of the group.
+    loops
+        For each loop the pairs with their senses. A loop leads through pairs of the group
+        and through pairs that are closed before.
+    private_variables
+        For each loop its two variables that are eliminated from its equations, or none.
+    unknowns
+        The variables whose rates are solved together.
+    chosen_equations
+        If equations of the group repeat each other, the independent ones: the index of the
+        loop, and the variable along whose vector the equation is taken, or
+        `WITHOUT_PRIVATE`. Otherwise None, and all equations are used.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        assembly: Assembly,
+        group: Group,
+        compute_vectors: Callable[[], Floats],
+    ) -> None:
+        """Choose loops, private variables and, if necessary, equations.
+
+        Parameters
+        ----------
+        mechanism, assembly, group
+            The mechanism, its groups in solving order, and one of these.
+        compute_vectors
+            Returns the vectors (variables, 3) of all variables at a closed configuration,
+            at which independent equations are chosen. It is called only if equations repeat
+            each other.
+
+        Raises
+        ------
+        EngineError
+            If more than `MAX_DETERMINANT_SIZE` equations have to be solved together, or if
+            the equations leave more than one motion.
+        """
+        self.mechanism = mechanism
+        self.pairs = group.pairs
+        earlier_groups = assembly.groups[: assembly.groups.index(group)]
+        closed_pairs = [
+            *assembly.inputs,
+            *(pair for earlier_group in earlier_groups for pair in earlier_group.pairs),
+        ]
+        self.loops = find_group_loops(mechanism, group, closed_pairs)
+
+        loop_counts = Counter(pair for loop in self.loops for pair, _ in loop)
+        # For each loop its variables that occur in no other loop.
+        exclusive_variables: list[list[int]] = []
+        for loop in self.loops:
+            variables: list[int] = []
+            for pair, _ in reversed(loop):
+                if loop_counts[pair] == 1 and pair in self.pairs:
+                    variables += self._variables_of(pair)
+            exclusive_variables.append(variables)
+        group_variables = [v for pair in self.pairs for v in self._variables_of(pair)]
+        # Equations that repeat each other are chosen one by one if they are few. Only if
+        # they are many, two variables of each loop are eliminated first.
+        is_eliminating = not group.redundant or len(group_variables) > MAX_DETERMINANT_SIZE
+        self.private_variables = [
+            variables[:2] if is_eliminating and len(variables) > 1 else []
+            for variables in exclusive_variables
+        ]
+        eliminated = {v for variables in self.private_variables for v in variables}
+        self.unknowns = [v for v in group_variables if v not in eliminated]
+        self.chosen_equations: list[tuple[int, int]] | None = None
+        if group.redundant:
+            self.chosen_equations = self._choose_equations(compute_vectors())
+        if len(self.unknowns) > MAX_DETERMINANT_SIZE:
+            raise EngineError(
+                f"{mechanism.name}: a {group.kind} leaves {len(self.unknowns)} equations "
+                "to be solved together, expressions take at most "
+                f"{MAX_DETERMINANT_SIZE}",
+                ADVICE_WITHOUT_EXPRESSIONS,
+            )
+
+    def _variables_of(self, pair: int) -> tuple[int, ...]:
+        """Return the numbers of the variables of a pair."""
+        return self.mechanism.variables_of(pair)
+
+    def _choose_equations(self, vectors: Floats) -> list[tuple[int, int]]:
+        """Return independent equations, one for each unknown, as `chosen_equations`.
+
+        They are the pivots of a QR decomposition of all equations at one configuration.
+
+        Parameters
+        ----------
+        vectors
+            (variables, 3) vectors of all variables at this configuration.
+        """
+        from scipy.linalg import qr
+
+        row_by_equation: dict[tuple[int, int], Floats] = {}
+        for loop_index, (loop, private) in enumerate(
+            zip(self.loops, self.private_variables, strict=True)
+        ):
+            senses = np.zeros(len(vectors))
+            for pair, sense in loop:
+                senses[list(self._variables_of(pair))] += sense
+            loop_vectors = senses[:, None] * vectors
+            directions = {v: vectors[v] for v in np.flatnonzero(senses).tolist()}
+            if private:
+                first, second = private
+                normal = np.cross(loop_vectors[first], loop_vectors[second])
+                directions = {WITHOUT_PRIVATE: normal}
+            for key, direction in directions.items():
+                row = loop_vectors @ direction
+                row_size = float(np.linalg.norm(row))
+                direction_size = float(np.linalg.norm(direction))
+                # An equation whose coefficients are rounding errors says nothing: the
+                # private axes are parallel, or all axes of the loop lie in one plane.
+                if row_size > MIN_INDEPENDENCE * max(direction_size, MIN_INDEPENDENCE):
+                    row_by_equation[loop_index, key] = row[self.unknowns] / row_size
+        count = len(self.unknowns)
+        equations = list(row_by_equation)
+        rows = np.reshape([*row_by_equation.values()], (len(equations), count))
+        _, triangle, order = qr(rows.T, mode="economic", pivoting=True)
+        pivots = np.abs(np.diagonal(triangle))
+        is_undetermined = len(pivots) < count
+        if is_undetermined or np.min(pivots[:count], initial=1.0) < MIN_INDEPENDENCE:
+            raise EngineError(
+                f"{self.mechanism.name}: its equations leave more than one motion at the "
+                "configuration they were chosen at; change the range of the input",
+                ADVICE_WITHOUT_EXPRESSIONS,
+            )
+        return [equations[k] for k in order[:count]]
+
+    def solve_rates(
+        self, vectors: Sequence[Exprs], known_velocities: Sequence[Exprs]
+    ) -> tuple[dict[int, Expr], Expr]:
+        """Return the rates of the variables of the group times a determinant.
+
+        Parameters
+        ----------
+        vectors
+            (3,) vectors of all variables of the mechanism.
+        known_velocities
+            (3,) for each pair of the mechanism the part of its relative angular velocity
+            that does not depend on the unknown rates.
+
+        Returns
+        -------
+        rates
+            By variable of the group, its rate times the determinant.
+        scale
+            The determinant D.
+        """
+        loop_vectors: list[dict[int, Exprs]] = []
+        known_parts: list[Exprs] = []
+        for loop in self.loops:
+            by_variable: dict[int, Exprs] = {}
+            for pair, sense in loop:
+                if pair in self.pairs:
+                    for v in self._variables_of(pair):
+                        by_variable[v] = vectors[v] * float(sense)
+            loop_vectors.append(by_variable)
+            known_parts.append(
+                vector_sum(known_velocities[pair] * float(sense) for pair, sense in loop)
+            )
+        equations = self._collect_equations(vectors, loop_vectors, known_parts)
+
+        matrix: list[list[Expr]] = [
+            [
+                dot(equation.direction, equation.vectors[v])
+                if v in equation.vectors
+                else 0.0
+                for v in self.unknowns
+            ]
+            for equation in equations
+        ]
+        right_side = [
+            dot(equation.direction, equation.known_part) for equation in equations
+        ]
+        scale = determinant(matrix)
+        matrix_cofactors = cofactors(matrix)
+        rates: dict[int, Expr] = {}
+        for k, variable in enumerate(self.unknowns):
+            column = [row[k] for row in matrix_cofactors]
+            rates[variable] = -1.0 * dot(right_side, column)
+        for private, by_variable, known_part in zip(
+            self.private_variables, loop_vectors, known_parts, strict=True
+        ):
+            if private:
+                private_rates = _solve_private_rates(
+                    private, by_variable, known_part, scale, rates
+                )
+                rates |= zip(private, private_rates, strict=True)
+        return rates, scale
+
+    def _collect_equations(
+        self,
+        vectors: Sequence[Exprs],
+        loop_vectors: Sequence[dict[int, Exprs]],
+        known_parts: Sequence[Exprs],
+    ) -> list[LoopEquation]:
+        """Return the scalar equations for the unknowns.
+
+        Parameters
+        ----------
+        vectors
+            (3,) vectors of all variables of the mechanism.
+        loop_vectors
+            For each loop the vectors (3,) of its unknown variables, times the senses.
+        known_parts
+            For each loop the known vector c (3,).
+        """
+        equations: list[LoopEquation] = []
+        if self.chosen_equations is None:
+            for private, by_variable, known_part in zip(
+                self.private_variables, loop_vectors, known_parts, strict=True
+            ):
+                directions: Sequence[Exprs] = [*GROUND_AXES]
+                if private:
+                    directions = [cross(*(by_variable[v] for v in private))]
+                equations += [
+                    LoopEquation(direction, by_variable, known_part)
+                    for direction in directions
+                ]
+            return equations
+        for loop_index, key in self.chosen_equations:
+            by_variable = loop_vectors[loop_index]
+            if key == WITHOUT_PRIVATE:
+                private = self.private_variables[loop_index]
+                direction = cross(*(by_variable[v] for v in private))
+            else:
+                direction = vectors[key]
+            equations.append(LoopEquation(direction, by_variable, known_parts[loop_index]))
+        return equations
+
+
+def _solve_private_rates(
+    private: Sequence[int],
+    vectors: dict[int, Exprs],
+    known_part: Exprs,
+    scale: Expr,
+    rates: Mapping[int, Expr],
+) -> tuple[Expr, Expr]:
+    """Return the rates x and y, times D, of the private variables of a loop.
+
+    They satisfy x a + y b + s = 0 with the vectors a and b of the private variables. s is
+    the sum of all other terms of the loop.
+
+    Parameters
+    ----------
+    private
+        Numbers of the two private variables.
+    vectors
+        (3,) vectors of the unknown variables of the loop, times the senses.
+    known_part
+        (3,) the known vector c of the loop.
+    scale
+        The determinant D.
+    rates
+        Rates times D of the variables that are solved already, by variable.
+    """
+    a, b = (vectors[v] for v in private)
+    other_variables = [v for v in vectors if v not in private]
+    if len(rates) == 1 and len(other_variables) == 1:
+        # With D = (a x b) . d and the third vector d, the identity of double vector
+        # products gives the rates without a division, and without the cancellation in s.
+        normal = cross(known_part, vectors[other_variables[0]])
+        return dot(b, normal), -1.0 * dot(a, normal)
+    other_terms = known_part * scale
+    for variable in other_variables:
+        other_terms = other_terms + vectors[variable] * rates[variable]
+    normal = cross(a, b)
+    inverse_square = 1.0 / dot(normal, normal)
+    # In this order the factor of the other terms is the same for all right-hand sides.
+    return (
+        dot(cross(normal, b) * inverse_square, other_terms),
+        dot(cross(a, normal) * inverse_square, other_terms),
+    )

@@ -1,0 +1,108 @@
+"""Finds independent loops of a group whose velocity equations are short.
+
+A *leaf* of a group is a body that two pairs join to two different other bodies. The
+variables of these two pairs occur in a single loop, so they can be eliminated from its
+equations beforehand. For as many leaves as possible a loop is chosen that passes through
+the leaf. The remaining loops are closed by pairs outside a spanning tree of the other
+bodies.
+"""
+
+from collections.abc import Sequence
+
+from spherekit.mechanism.graph import component_labels, find_spanning_tree
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import Group
+
+LoopPath = tuple[tuple[int, int], ...]
+"""Pairs along a path, each with the sense +1 (from its first link to its second) or -1."""
+
+
+def find_group_loops(
+    mechanism: Mechanism, group: Group, closed_pairs: Sequence[int]
+) -> list[LoopPath]:
+    """Return independent loops of a group: one for each leaf, then the others.
+
+    Parameters
+    ----------
+    mechanism, group
+        The mechanism, and the group whose bodies and pairs are positions in the group.
+    closed_pairs
+        Numbers of the driven pairs and of the pairs of earlier groups. They join the links
+        of one body, so loops can lead through them.
+
+    Returns
+    -------
+    The closed path of each loop, as numbers of pairs. The pair that closes it is the last
+    one. If possible these are sliding contacts.
+    """
+    ends = group.ends
+    leaves = _find_leaves(group)
+    inner_pairs = [k for k, bodies in enumerate(ends) if not leaves.keys() & set(bodies)]
+    # Pairs with few variables come first into the tree. Sliding contacts, with two
+    # variables each, then close the loops, where both variables occur in one loop only.
+    tree: list[int] = []
+    for k in sorted(inner_pairs, key=lambda k: len(mechanism.variables_of(group.pairs[k]))):
+        labels = component_labels(len(group.bodies), [ends[j] for j in tree])
+        first, second = ends[k]
+        if labels[first] != labels[second]:
+            tree.append(k)
+
+    # Each loop: its closing pair, further pairs that are not in the tree, and the sense in
+    # which it passes the closing pair.
+    closings: list[tuple[int, list[int], int]] = []
+    for body, (first_pair, second_pair) in leaves.items():
+        sense = 1 if ends[second_pair][0] == body else -1
+        closings.append((second_pair, [first_pair], sense))
+    closings += [(k, [], 1) for k in inner_pairs if k not in tree]
+
+    loops: list[LoopPath] = []
+    for closing_pair, further_pairs, sense in closings:
+        pair = group.pairs[closing_pair]
+        loop_pairs = [group.pairs[k] for k in (*tree, *further_pairs)]
+        start, end = mechanism.ends[pair][::sense]
+        path = _find_path(mechanism.ends, [*closed_pairs, *loop_pairs], end, start)
+        loops.append((*path, (pair, sense)))
+    return loops
+
+
+def _find_leaves(group: Group) -> dict[int, list[int]]:
+    """Return the leaves of a group, each with its two pairs.
+
+    No two leaves are neighbours, and the bodies that are no leaves stay connected. Bodies
+    and pairs are positions in the group.
+    """
+    leaves: dict[int, list[int]] = {}
+    body_count = len(group.bodies)
+    for body in reversed(range(body_count)):
+        body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
+        neighbours = {end for k in body_pairs for end in group.ends[k]} - {body}
+        if not len(body_pairs) == len(neighbours) == 2 or neighbours & leaves.keys():
+            continue
+        left_out = {*leaves, body}
+        inner_pairs = [k for k, ends in enumerate(group.ends) if not left_out & set(ends)]
+        inner_bodies = [k for k in range(body_count) if k not in left_out]
+        tree = find_spanning_tree(group.ends, inner_bodies[:1], inner_pairs)
+        if len(tree) == len(inner_bodies) - 1:
+            leaves[body] = body_pairs
+    return leaves
+
+
+def _find_path(
+    ends: Sequence[tuple[int, int]], pairs: Sequence[int], start: int, end: int
+) -> LoopPath:
+    """Return a path from one link to another.
+
+    Parameters
+    ----------
+    ends
+        The two links of every pair of the mechanism.
+    pairs
+        The pairs that the path can use.
+    start, end
+        Links between which these pairs lead.
+    """
+    paths: dict[int, LoopPath] = {start: ()}
+    for pair, placed_link, new_link in find_spanning_tree(ends, [start], pairs):
+        sense = 1 if ends[pair][0] == placed_link else -1
+        paths[new_link] = (*paths[placed_link], (pair, sense))
+    return paths[end]

@@ -1,0 +1,178 @@
+"""Moments at the inputs that the inertia of the links requires.
+
+The torque at input i follows from Newton's and Euler's equations of all links, projected
+onto the velocities w_ji of the links j that a unit rate of this input causes while the
+other inputs rest:
+
+    torque_i = sum over j of w_ji . (I_j a_j + w_j x I_j w_j) - power of the loads.
+
+I_j are the inertia tensors, w_j and a_j the angular velocities and accelerations.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot
+from spherekit.symbolic.vector_algebra import Exprs, constants, cross
+from spherekit.velocities.axis_rotations import Entries
+from spherekit.velocities.coordinate_rates import CoordinateRates
+from spherekit.velocities.pose_expressions import LinkOrientation
+
+
+@dataclass(frozen=True)
+class MovingLink:
+    """The inertia of one link in motion, along the link's basis (`LinkOrientation`).
+
+    Attributes
+    ----------
+    link
+        Number of the link.
+    orientation
+        Its orientation.
+    velocities
+        (3,) for each input the homogeneous angular velocity y_i = D w_ji of the link.
+    momenta
+        (3,) for each input the angular momentum I y_i over the unit of inertia.
+    """
+
+    link: int
+    orientation: LinkOrientation
+    velocities: list[Exprs]
+    momenta: list[Exprs]
+
+
+class InputMoments:
+    """Inertia matrix and moments of a mechanism, as expressions.
+
+    All expressions are divided by the unit of inertia.
+
+    Attributes
+    ----------
+    unit
+        The unit of inertia, kg m2.
+    """
+
+    def __init__(
+        self,
+        coordinate_rates: CoordinateRates,
+        tensors: Mapping[int, Entries],
+        unit: float = 0.0,
+    ) -> None:
+        """Write velocities and momenta of the links.
+
+        Parameters
+        ----------
+        coordinate_rates
+            Rates by each input.
+        tensors
+            (3, 3) by number of the link, the inertia tensor in link axes, kg m2.
+        unit
+            The unit of inertia, kg m2. By default the largest number in the tensors.
+        """
+        self._coordinate_rates = coordinate_rates
+        # Expressions of sizes that are nearly zero become exact zeros, so numbers should
+        # have sizes near one.
+        entries = (x for tensor in tensors.values() for x in tensor.flat)
+        sizes = (abs(float(x)) for x in entries if not isinstance(x, ExpressionNode))
+        self.unit = unit or max(sizes, default=1.0) or 1.0
+        self._links: list[MovingLink] = []
+        for link, tensor in tensors.items():
+            # The ground does not move.
+            if not link or not np.any(tensor):
+                continue
+            orientation = coordinate_rates.placed[link]
+            velocities = [
+                coordinate_rates.link_velocity(i, link)
+                for i in range(len(coordinate_rates.tau))
+            ]
+            inertia = constants(orientation.basis_tensor(tensor / self.unit))
+            momenta = [inertia @ velocity for velocity in velocities]
+            self._links.append(MovingLink(link, orientation, velocities, momenta))
+
+    @property
+    def matrix(self) -> list[list[Expr]]:
+        """The homogeneous inertia matrix: sum of y_i . I y_k over all links.
+
+        The inertia matrix is D^-2 times this matrix, in the unit of inertia.
+        """
+        input_count = len(self._coordinate_rates.tau)
+        matrix: list[list[Expr]] = []
+        for i in range(input_count):
+            row: list[Expr] = []
+            for k in range(input_count):
+                # The same expression on both sides of the diagonal.
+                larger, smaller = max(i, k), min(i, k)
+                entry: Expr = 0.0
+                for link in self._links:
+                    entry = entry + dot(link.velocities[larger], link.momenta[smaller])
+                row.append(entry)
+            matrix.append(row)
+        return matrix
+
+    def velocity_moments(
+        self, bias_accelerations: Sequence[Exprs], scaled_speeds: Sequence[Expr]
+    ) -> list[Expr]:
+        """Return the moments, times D, at inputs that move without accelerating.
+
+        With y_i = D w_ji, s_i = u_i / D for the rates u_i of the inputs, the angular
+        momentum h = I w and w = sum of s_k y_k, the two parts of moment i are
+
+            y_i . I b = I y_i . b,
+            y_i . (w x h) = sum over k of s_k h . (y_i x y_k).
+
+        The terms of the second sum for (i, k) and (k, i) differ in sign only.
+
+        Parameters
+        ----------
+        bias_accelerations
+            (3,) angular acceleration b of each link of the mechanism in ground axes.
+        scaled_speeds
+            s of each input.
+        """
+        input_indices = range(len(scaled_speeds))
+        moments: list[Expr] = [0.0 for _ in input_indices]
+        # By (k, i) with k < i: sum of h . (y_i x y_k) over the links.
+        gyroscopic: dict[tuple[int, int], Expr] = dict.fromkeys(
+            combinations(input_indices, 2), 0.0
+        )
+        for link in self._links:
+            acceleration = link.orientation.components(bias_accelerations[link.link])
+            momentum = dot(link.momenta, scaled_speeds)
+            for i in input_indices:
+                moments[i] = moments[i] + dot(link.momenta[i], acceleration)
+            for k, i in gyroscopic:
+                normal = cross(link.velocities[i], link.velocities[k])
+                gyroscopic[k, i] = gyroscopic[k, i] + dot(normal, momentum)
+        for (k, i), part in gyroscopic.items():
+            moments[i] = moments[i] + scaled_speeds[k] * part
+            moments[k] = moments[k] - scaled_speeds[i] * part
+        return moments
+
+    def resistance(
+        self, input_index: int, speeds: Sequence[Expr], accelerations: Sequence[Expr]
+    ) -> Expr:
+        """Return the moment (N m) at an input that the motion of all links requires.
+
+        Parameters
+        ----------
+        input_index
+            The input whose moment is returned.
+        speeds, accelerations
+            Rates and accelerations of all inputs.
+        """
+        coordinate_rates = self._coordinate_rates
+        inverse_scale = 1.0 / coordinate_rates.scale
+        motion_rates = coordinate_rates.motion_rates(speeds)
+        bias_accelerations = coordinate_rates.bias_accelerations(
+            motion_rates.variable_rates, motion_rates.w
+        )
+        velocity_moments = self.velocity_moments(
+            bias_accelerations, motion_rates.scaled_speeds
+        )
+        scaled_accelerations = [x * inverse_scale for x in accelerations]
+        inertia_moment = dot(self.matrix[input_index], scaled_accelerations)
+        total = inertia_moment + velocity_moments[input_index]
+        return total * inverse_scale * self.unit

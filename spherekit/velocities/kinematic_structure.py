@@ -1,0 +1,217 @@
+"""The part of a mechanism's kinematics that does not depend on the configuration.
+
+A `KinematicStructure` knows the inputs, the groups in solving order, the rotations of all
+pairs, and how the loop equations of each group are solved.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from spherekit.arrays import Floats
+from spherekit.errors import EngineError
+from spherekit.mechanism.joint_construction import make_joints
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.assembly_plan import Assembly, driven_at, plan_assembly
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.motion_cache import assembly_by_count_or_rank, position_analysis_of
+from spherekit.symbolic.expression_graph import ADVICE_WITHOUT_EXPRESSIONS, Expr, dot
+from spherekit.symbolic.vector_algebra import constants, cross
+from spherekit.velocities.axis_rotations import (
+    AxisRotation,
+    Entries,
+    PairRotations,
+    pair_rotations,
+)
+from spherekit.velocities.carried_vectors import root
+from spherekit.velocities.group_equations import GroupEquations
+
+MIN_AXIS_SINE = 1e-9
+"""Smallest sine of the angle between two axes of a link that count as different.
+
+Larger: mechanisms with nearly coincident axes are refused. Smaller: the equations of such
+axes are solved, with few correct digits.
+"""
+
+REFERENCE_SAMPLES = 9
+"""Number of samples of the input among which a closed configuration is sought."""
+
+
+@dataclass(frozen=True)
+class KinematicStructure:
+    """Inputs, groups and pair rotations of a mechanism.
+
+    Inputs are driven pairs whose variables are free. Other driven pairs can follow the
+    inputs through wheels. Pairs, variables and links have their numbers in the mechanism.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism.
+    assembly
+        Its driven pairs, and its groups in solving order.
+    pairs
+        The rotations of its pairs, in which sizes can be symbols.
+    groups
+        The solution of the loop equations of each group.
+    """
+
+    mechanism: Mechanism
+    assembly: Assembly
+    pairs: PairRotations
+    groups: tuple[GroupEquations, ...]
+
+    @property
+    def input_pairs(self) -> tuple[int, ...]:
+        """The inputs: the driven pairs without those that follow other pairs."""
+        driven_pairs = self.assembly.inputs
+        return tuple(pair for pair in driven_pairs if pair not in self.pairs.followers)
+
+    @property
+    def inputs(self) -> tuple[int, ...]:
+        """The variables of the inputs."""
+        return tuple(self.mechanism.variables_of(pair)[0] for pair in self.input_pairs)
+
+    @property
+    def rates_at_rest(self) -> dict[int, Expr]:
+        """The rate of each driven pair while no input moves: all zero."""
+        return dict.fromkeys(self.assembly.inputs, 0.0)
+
+    def driven_rates(self, input_pair: int) -> dict[int, Expr]:
+        """Return the rate of each driven pair while one input moves at the rate 1."""
+        index = self.input_pairs.index(input_pair)
+        follower_rates = {pair: row[index] for pair, row in self.pairs.followers.items()}
+        return self.rates_at_rest | {input_pair: 1.0} | follower_rates
+
+    def follower_angles(self, q: Sequence[Expr]) -> dict[int, Expr]:
+        """Return the angles, by variable, that follow from the angles q of the inputs."""
+        # The last number of a follower is its angle at q = 0.
+        return {
+            self.mechanism.variables_of(pair)[0]: dot(row, [*q, 1.0])
+            for pair, row in self.pairs.followers.items()
+        }
+
+    @staticmethod
+    def from_mechanism(
+        mechanism: Mechanism,
+        input_pairs: str | Sequence[str],
+        pairs: PairRotations | None = None,
+        closed: Floats | None = None,
+        by_rank: bool = False,
+    ) -> "KinematicStructure":
+        """Return the structure of a mechanism with given inputs.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism.
+        input_pairs
+            Names of the pairs that are inputs.
+        pairs
+            Rotations of the pairs, by default those of the mechanism. They can contain
+            symbols for sizes, and pairs that follow the inputs.
+        closed
+            (variables,) a closed configuration (rad). If equations repeat each other,
+            independent ones are chosen there. By default one is computed if needed.
+        by_rank
+            Whether the mechanism is known to have a degree of freedom for each input by the
+            rank of its equations, though not by counting. Otherwise this is examined at
+            configurations, if counting does not give it.
+
+        Raises
+        ------
+        EngineError
+            If a profile is not a circle, if a group is too large, or if two axes of a link
+            coincide whose variables are eliminated together.
+        PlanError
+            If the mechanism does not have a degree of freedom for each input.
+        """
+        names = [input_pairs] if isinstance(input_pairs, str) else [*input_pairs]
+        pairs = pairs or pair_rotations(mechanism)
+        names += mechanism.names_of(pairs.followers)
+        driven_mechanism = driven_at(mechanism, names)
+        if by_rank:
+            assembly = plan_assembly(driven_mechanism, by_rank)
+        else:
+            assembly = assembly_by_count_or_rank(driven_mechanism)
+
+        def compute_vectors() -> Floats:
+            """Return the vectors (variables, 3) of a closed configuration."""
+            values = closed
+            if values is None:
+                values = _find_closed_configuration(mechanism, input_pairs)
+            closure = Closure.of(mechanism, make_joints(mechanism))
+            return closure.at(values[None]).vectors[0]
+
+        groups = tuple(
+            GroupEquations(mechanism, assembly, group, compute_vectors)
+            for group in assembly.groups
+        )
+        structure = KinematicStructure(mechanism, assembly, pairs, groups)
+        structure._refuse_coincident_axes()
+        return structure
+
+    def _refuse_coincident_axes(self) -> None:
+        """Raise `EngineError` if two private variables of a loop have the same axis."""
+        for group in self.groups:
+            for private_variables in group.private_variables:
+                if not private_variables:
+                    continue
+                first, second = private_variables
+                first_axes = self.fixed_vectors(first)
+                second_axes = self.fixed_vectors(second)
+                for link in first_axes.keys() & second_axes.keys():
+                    normal = cross(
+                        constants(first_axes[link]), constants(second_axes[link])
+                    )
+                    sine = root(dot(normal, normal))
+                    # The sine of axes that depend on symbols is no number.
+                    if isinstance(sine, float) and sine < MIN_AXIS_SINE:
+                        names = self.mechanism.variable_names
+                        raise EngineError(
+                            f"{self.mechanism.name}: the axes of {names[first]} and "
+                            f"{names[second]} coincide in a link, so these two cannot be "
+                            "told apart",
+                            ADVICE_WITHOUT_EXPRESSIONS,
+                        )
+
+    def fixed_vectors(self, variable: int) -> dict[int, Entries]:
+        """Return the vector (3,) of a variable in the axes of each link it is fixed in.
+
+        The vector of an R pair is fixed in both of its links. That of a circle of a sliding
+        contact, its axis times the rate of turning about it, is fixed in the link of this
+        circle. Other vectors are fixed in no link.
+        """
+        pair = self.mechanism.variable_owners[variable]
+        ends = self.mechanism.ends[pair]
+        sides = self.pairs.sides.get(pair)
+        if sides is None:
+            return dict(zip(ends, self.pairs.axes(pair), strict=True))
+        pair_variables = self.mechanism.variables_of(pair)
+        index = pair_variables.index(variable)
+        chain = sides[index].chain
+        (rotation,) = chain.rotations
+        if len(pair_variables) == 1 or not isinstance(rotation, AxisRotation):
+            return {}
+        # The second circle turns in the opposite sense.
+        sense = (1.0, -1.0)[index]
+        return {ends[index]: chain.constants[0][:, 2] * (sense * rotation.scale)}
+
+
+def _find_closed_configuration(
+    mechanism: Mechanism, input_pairs: str | Sequence[str]
+) -> Floats:
+    """Return the variables (rad) of a closed configuration within the input range.
+
+    Raises
+    ------
+    EngineError
+        If none is found.
+    """
+    position_analysis = position_analysis_of(driven_at(mechanism, input_pairs))
+    motion = position_analysis.sparse(REFERENCE_SAMPLES)
+    if all(motion.failed):
+        raise EngineError(
+            f"{mechanism.name}: no configuration was found at which to choose "
+            "independent equations; give a range of the input where it closes"
+        )
+    return motion.values[int(motion.failed.argmin())]
