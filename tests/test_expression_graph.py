@@ -10,7 +10,11 @@ import pytest
 from spherekit.designs.path_kernel import complex_function
 from spherekit.mechanism.load_expression import load_names, parse
 from spherekit.symbolic.expression_derivatives import differentiate
-from spherekit.symbolic.expression_evaluation import BLOCK_SAMPLES, array_function
+from spherekit.symbolic.expression_evaluation import (
+    BLOCK_SAMPLES,
+    array_function,
+    float_function,
+)
 from spherekit.symbolic.expression_graph import (
     ExpressionNode,
     function,
@@ -140,3 +144,13 @@ def test_sines_of_angles_after_many_turns_keep_their_digits(text, turns, expecte
     turned = 0.7 + 2.0 * np.pi * turns
     run = array_function([value], [whole, reduced, t])
     assert abs(run(np.array([[turned], [0.7], [0.3]]))[0, 0] - expected) < 1e-14
+
+
+@pytest.mark.parametrize("name", ["asin", "acos", "atan", "tanh", "exp"])
+def test_functions_of_floats_and_of_arrays_have_the_same_values(name):
+    outputs = [function(name, X), function("atan2", X, Y), power(Y, 2.0)]
+    of_floats = float_function(outputs, [X, Y])([0.3, -0.4])
+    of_arrays = array_function(outputs, [X, Y])(np.array([[0.3], [-0.4]]))[:, 0]
+    expected = [getattr(math, name)(0.3), math.atan2(0.3, -0.4), 0.16]
+    assert of_floats == pytest.approx(expected, rel=1e-15)
+    assert of_arrays == pytest.approx(expected, rel=1e-15)

@@ -24,10 +24,6 @@ dominates.
 """
 
 _NUMPY_NAMES = {
-    "asin": "arcsin",
-    "acos": "arccos",
-    "atan": "arctan",
-    "atan2": "arctan2",
     "+": "add",
     "-": "subtract",
     "*": "multiply",
