@@ -11,14 +11,12 @@ import numpy as np
 import spherekit as sk
 from benchmarks.harness import Cell, Section, median, ratio, rounds
 from spherekit.arrays import Floats
-from spherekit.errors import EngineError
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs import batch_runner, prefetch
 from spherekit.runs.batch_runner import REFERENCE_SAMPLES
 from spherekit.runs.kernel_columns import SLICE
 from spherekit.symbolic.compiler import available, heyoka
-from spherekit.velocities.kernels import kernel
 from spherekit.velocities.pole_request import request
 from spherekit.velocities.row_kernel import row_kernel
 
@@ -40,9 +38,9 @@ def run(quick: bool) -> list[Section]:
         Section(
             "Runs of many samples",
             "`sk.run(mechanism, 'poles')` in memory, all assembly modes, by the kernel of "
-            "rows (so many of them) and with care throughout, and the batch kernel of the "
-            "same poles alone, from pair variables to an array that is there already. The "
-            "time of the search for assembly modes is left out.",
+            "rows (so many of them) and with care throughout, and this kernel alone, from "
+            "pair variables to an array that is there already. The time of the search for "
+            "assembly modes is left out.",
             (
                 "mechanism",
                 "engine",
@@ -58,11 +56,9 @@ def run(quick: bool) -> list[Section]:
                 "two inputs / one",
             ),
             rows,
-            "All of it is processor time of one thread. The batch kernel takes neither "
-            "profiles other than circles nor several inputs; the kernel is then that of "
-            "rows itself, bounds and columns of profiles included. "
-            "What two cores gain is wall time, of other programs as well. One mode at one "
-            "input is evaluated by terms of floats, at two inputs with care.",
+            "All of it is processor time of one thread. What two cores gain is wall time, "
+            "of other programs as well. One mode at one input is evaluated by terms of "
+            "floats, at two inputs with care.",
         )
     ]
 
@@ -139,28 +135,19 @@ def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
 def _alone(
     tracer: PositionAnalysis, engine: Engine
 ) -> tuple[Callable[[Floats, Floats], object], int, Floats]:
-    """Return a kernel of all poles, how many columns it has, and variables to call it with.
-
-    Where there is no batch kernel, that of rows alone, with bounds.
-    """
+    """Return the kernel of rows with bounds, its columns, and variables to call it with."""
     made, motion = tracer.mechanism, tracer.motion()
     values = motion.values[~motion.failed].T
-    try:
-        if len(made.inputs) > 1:
-            raise EngineError(f"{made.name} has several inputs")
-        batch = kernel(made, made.inputs[0].pair, engine=engine)
-        return batch, len(batch.columns), values
-    except EngineError:
-        every = all_poles(len(made.links))
-        by = tracer.by_rank
-        requests = [request(made, x, every, every, by_rank=by) for x in tracer.inputs]
-        rows = row_kernel(tracer.sparse(REFERENCE_SAMPLES), requests, engine)
-        assert rows is not None
-        terms = rows.all_columns
+    every = all_poles(len(made.links))
+    by = tracer.by_rank
+    requests = [request(made, x, every, every, by_rank=by) for x in tracer.inputs]
+    rows = row_kernel(tracer.sparse(REFERENCE_SAMPLES), requests, engine)
+    assert rows is not None
+    terms = rows.all_columns
 
-        def sliced(inputs: Floats, out: Floats) -> None:
-            for start in range(0, inputs.shape[1], SLICE):
-                rows = slice(start, start + SLICE)
-                out[:, rows] = terms(inputs[:, rows])
+    def sliced(inputs: Floats, out: Floats) -> None:
+        for start in range(0, inputs.shape[1], SLICE):
+            rows = slice(start, start + SLICE)
+            out[:, rows] = terms(inputs[:, rows])
 
-        return sliced, terms.width, values
+    return sliced, terms.width, values

@@ -8,5 +8,4 @@ PUBLIC = (
     "spherekit.plugin",
     *(f"spherekit.plugin.{topic}" for topic in TOPICS),
     "spherekit.display",
-    "spherekit.velocities",
 )

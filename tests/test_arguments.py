@@ -15,15 +15,14 @@ from numpy.typing import ArrayLike
 from refusals import TABLES, check_call
 
 import spherekit as sk
-import spherekit.velocities as sk_engine
 from spherekit.argument_validation import checked, resolved_annotation
 from spherekit.errors import SpherekitError
 from spherekit.mechanism.load import Load
 from spherekit.type_checks import has_type
 
-FRONT = ("spherekit", "spherekit.velocities", "spherekit.display")
+FRONT = ("spherekit", "spherekit.display")
 COMPUTED = (
-    *("Kernel", "Kinematics", "Mechanism", "Motion"),
+    *("Kinematics", "Mechanism", "Motion"),
     *("Plan", "RunResult", "Simulation"),
 )
 """Classes of the front whose objects functions of ours make."""
@@ -45,7 +44,6 @@ FOUR_BAR = sk.load("four_bar")
 READY = {
     sk.Mechanism: FOUR_BAR,
     sk.Start: sk.Start(0.3, 1.0),
-    sk_engine.Kernel: sk_engine.kernel(FOUR_BAR, "21", engine="numpy"),
 }
 """Objects of classes that judge by what they have."""
 ANYTHING = object()

@@ -111,7 +111,7 @@ def test_pages_import_from_public_packages_only():
         found |= set(re.findall(r"^ *(?:from|import) (spherekit[\w.]*)", text, re.M))
         found |= set(re.findall(r"\bimport (spherekit\.[\w.]+)", text))
     assert found - {PLUGIN} <= set(PUBLIC), found
-    assert {"spherekit", "spherekit.plugin", "spherekit.velocities"} <= found
+    assert {"spherekit", "spherekit.plugin"} <= found
 
 
 @pytest.mark.parametrize("page", pages_with("console"))

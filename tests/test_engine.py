@@ -4,7 +4,6 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -25,10 +24,10 @@ from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.mechanism import Mass, Mechanism
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.symbolic.expression_evaluation import BLOCK_SAMPLES
-from spherekit.velocities.kernels import kernel
+from spherekit.symbolic.expression_function import expression_function
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
+from spherekit.velocities.row_quantities import VariedTerms
 
 MECHANISMS = "four_bar", "stephenson", "double_butterfly", "roller_cam", "flat_cam"
 MECHANISMS += "bevel_pair", "planetary_bevel"
@@ -74,16 +73,41 @@ def agree(values, field, inertia, change, tolerance):
     assert np.max(np.abs(values["dB_dq"] - change) / inertia) < 40 * tolerance
 
 
+def expression_values(mechanism, configurations, closed_form, engine):
+    """Return poles, coefficients, B and dB/dq by expressions, at (k, n) configurations.
+
+    Configurations are all variables, or in closed form the input and the signs of dyads.
+    """
+    pair, links = mechanism.inputs[0].pair, mechanism.links
+    terms = VariedTerms(mechanism, [pair], closed_form=closed_form)
+    outputs = {name: [terms.quantity(name)] for name in ("B", "dB_dq")}
+    for i, j in all_poles(len(links)):
+        ends = f"{links[j]}_{links[i]}"
+        outputs["direction", (i, j)] = [terms.quantity(f"pole_{ends}_{k}") for k in "xyz"]
+        for name in COEFFICIENTS:
+            outputs[name, (i, j)] = [terms.quantity(f"{name}_{ends}")]
+    inputs = [*terms.sample[:1], *terms.places] if closed_form else terms.places
+    columns = [column for items in outputs.values() for column in items]
+    rows = iter(expression_function(columns, inputs, engine == "compiled")(configurations))
+    values = {"direction": {}} | {name: {} for name in COEFFICIENTS}
+    for key, items in outputs.items():
+        part = np.array([next(rows) for _ in items]).T
+        if isinstance(key, tuple):
+            values[key[0]][key[1]] = part if len(items) > 1 else part[:, 0]
+        else:
+            values[key] = part[:, 0]
+    return values
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", MECHANISMS)
-def test_kernels_equal_the_plan(name, engine):
+def test_expressions_equal_the_plan(name, engine):
     made = with_masses(load(name))
     tracer = PositionAnalysis(made, search=False)
     motion = tracer.at(np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24))
     assert not np.any(motion.failed)
-    found = kernel(made, made.inputs[0].pair, with_inertia=True, engine=engine)
-    assert found.engine == engine
-    agree(found.values(motion.values.T), *reference(made, motion), 2e-14)
+    values = expression_values(made, motion.values.T, False, engine)
+    agree(values, *reference(made, motion), 2e-14)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -92,90 +116,20 @@ def test_closed_form_positions_equal_the_plan(name, engine):
     made = with_masses(load(name))
     tracer = PositionAnalysis(made)
     q = np.linspace(tracer.range[0] + 0.1, tracer.range[1] - 0.2, 24)
-    pair = made.inputs[0].pair
-    found = kernel(made, pair, source="input", with_inertia=True, engine=engine)
     for assembly_mode in tracer.assembly_modes:
         motion = PositionAnalysis(made, assembly_mode=assembly_mode.number).at(q)
         signs = [np.full(len(q), float(sign)) for sign in assembly_mode.signs]
-        agree(found.values(np.vstack([q, *signs])), *reference(made, motion), 2e-14)
-
-
-def test_a_kernel_of_arrays_gives_each_column_alone():
-    made = with_masses(load("stephenson"))
-    found = kernel(made, made.inputs[0].pair, with_inertia=True, engine="numpy")
-    tracer = PositionAnalysis(made, search=False)
-    some = tracer.at(np.linspace(0.1, 6.0, 50)).values.T[:, :50]
-    some[:, 7] = np.nan
-    rows = np.tile(some, (1, BLOCK_SAMPLES // 40))
-    out = np.empty((len(found.columns), rows.shape[1]))
-    assert found(rows, out) is out
-    first, last, alone = out[:, :50], out[:, -50:], found(some[:, 3:4])
-    assert np.allclose(last, first, 1e-13, 1e-13, equal_nan=True)
-    assert np.allclose(alone, first[:, 3:4], 1e-13, 1e-13)
-    assert found(some[:, :0]).shape == (len(found.columns), 0)
-    numbers = [k for k, name in enumerate(found.columns) if name[0] != "u"]
-    assert np.all(np.isnan(first[numbers, 7]))
-    assert np.all(np.isfinite(np.delete(first, 7, axis=1)))
-    wide = kernel(made, made.inputs[0].pair, engine="numpy", number=np.longdouble)
-    more = wide(some[:, 3:5].astype(np.longdouble))
-    assert more.dtype == np.longdouble
-    assert np.allclose(more, out[: len(more), 3:5], 1e-13, 1e-13)
-
-
-@pytest.mark.many
-@pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "roller_cam"])
-def test_second_derivatives_are_slopes_of_the_first(name):
-    made = with_masses(load(name))
-    tracer = PositionAnalysis(made, assembly_mode=0, search=False)
-    pair = made.inputs[0].pair
-    found = kernel(made, pair, derivatives=2, with_inertia=True, engine="numpy")
-    # Central differences of eighth order.
-    weights = np.array([3, -32, 168, -672, 0, 672, -168, 32, -3]) / 840.0
-    h, (low, high) = 5e-3, tracer.range
-    for q in np.linspace(low + 0.3, high - 0.4, 3):
-        values = found.values(tracer.at(q + h * np.arange(-4, 5)).values.T)
-        chains = [[values[name] for name in ("B", "dB_dq", "d2B_dq2")]]
-        for pole in found.poles:
-            # A direction that turns over would turn the sign of the rate.
-            side = np.sign(values["direction"][pole] @ values["direction"][pole][4])
-            names = *COEFFICIENTS, "acceleration_coefficient_dq"
-            chains.append([side * values[name][pole] for name in names])
-        for one, slope in (both for chain in chains for both in pairwise(chain)):
-            gap = abs(weights @ one / h - slope[4])
-            assert gap < 1e-9 * (1.0 + np.max(np.abs(one)) + abs(slope[4]))
-
-
-@compiled
-def test_rates_by_arc_length_are_those_by_the_input_times_its_rate():
-    made = with_masses(load("stephenson"))
-    pair = made.inputs[0].pair
-    tracer = PositionAnalysis(made, search=False)
-    rows = tracer.at(np.linspace(0.1, 6.0, 24)).values.T
-    by_input, found = (
-        kernel(made, pair, with_inertia=True, with_tangent=True, **way).values(rows)
-        for way in ({}, {"coordinate": "arc"})
-    )
-    along, tangent = by_input["tangent"], found["tangent"]
-    length = np.linalg.norm(along, axis=1)
-    assert np.max(np.abs(np.linalg.norm(tangent, axis=1) - 1.0)) < 1e-15
-    sense = np.sign(tangent[:, made.variable_names.index(f"theta_{pair}")])
-    assert np.max(np.abs(tangent * (sense * length)[:, None] - along)) < 1e-14
-    assert np.max(np.abs(found["B"] * length**2 / by_input["B"] - 1.0)) < 1e-14
-    # d(B / |dv/dq|^2)/ds, with d|dv/dq|^2/dq from the derivatives of the pairs' rates.
-    ends = {tuple(sorted(ends)) for ends in made.ends}
-    rates, slopes = (by_input[name] for name in COEFFICIENTS)
-    slope = sum(rates[pole] * slopes[pole] for pole in rates if pole in ends)
-    expected = by_input["dB_dq"] - 2.0 * by_input["B"] * slope / length**2
-    assert np.max(np.abs(found["dB_dq"] * sense * length**3 - expected)) < 1e-11
+        values = expression_values(made, np.vstack([q, *signs]), True, engine)
+        agree(values, *reference(made, motion), 2e-14)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_positions_beyond_reach_are_nan(engine):
     made = with_masses(rocker())
-    found = kernel(made, "21", source="input", with_inertia=True, engine=engine)
-    rows = found(np.array([[0.0, 2.0], [1.0, 1.0]]))
-    numbers = [k for k, name in enumerate(found.columns) if name[0] != "u"]
-    assert np.all(np.isnan(rows[numbers, 0])) and np.all(np.isfinite(rows[:, 1]))
+    rows = np.array([[0.0, 2.0], [1.0, 1.0]])
+    values = expression_values(made, rows, True, engine)
+    rates = [values["B"], values["dB_dq"], *values["velocity_coefficient"].values()]
+    assert all(np.isnan(rate[0]) and np.isfinite(rate[1]) for rate in rates)
 
 
 DRIVING = "10*sin(2*t)"
@@ -420,8 +374,6 @@ def test_another_torque_table_needs_no_compiling():
 @compiled
 def test_what_was_compiled_is_kept():
     made = load("four_bar")
-    assert kernel(made, "21") is kernel(load("four_bar"), "21")
-    assert kernel(made, "21") is not kernel(made, "41")
     engines = ("compiled", "auto")
     given = made, Start(0.3, 1.0), 0.1
     again = [sk.simulate(*given, torque="-1*t", engine=each).engine for each in engines]
@@ -477,9 +429,6 @@ def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):
     assert "NumPy engine" not in found.engine.reason  # it is what ran
     with pytest.raises(EngineError, match=r"spherekit-mechanisms\[compiled\].*NumPy"):
         run(made, Start(0.3, 1.0), 0.2, torque="0.5 - t")
-    assert kernel(made, "21", [(0, 2)]).engine == "numpy"
-    with pytest.raises(EngineError, match="NumPy"):
-        kernel(made, "21", [(0, 2)], coordinate="arc", engine="compiled")
 
 
 MADE = load("four_bar")

@@ -8,8 +8,9 @@ from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import Digits, floats
 from spherekit.proof.reference_rows import exact_rows
+from spherekit.symbolic.expression_evaluation import array_function
 from spherekit.tolerances import EPS
-from spherekit.velocities.kernels import kernel
+from spherekit.velocities.row_quantities import VariedTerms
 
 FIFTY = Digits(50)
 NEAR = {"nearly coinciding": 1.0, "nearly opposite": -1.0}
@@ -28,13 +29,14 @@ def digits_lost(made):
     (driven,) = motion.assembly.inputs
     exact = exact_rows(motion, motion.sample >= 0, driven, FIFTY, order=1)
     links = tuple(range(1, len(made.links)))
-    name = made.pairs[driven].name
-    given = {"source": "input", "links": links, "engine": "numpy"}
-    function = kernel(tracer.mechanism, name, (), **given)
+    terms = VariedTerms(tracer.mechanism, [made.pairs[driven].name], closed_form=True)
+    names = [f"angular_velocity_{made.links[k]}_{axis}" for k in links for axis in "xyz"]
+    columns = [terms.quantity(name) for name in names]
+    function = array_function(columns, [*terms.sample[:1], *terms.places])
     signs = np.array(tracer.assembly_modes[0].signs, dtype=float)
-    found = function.values(np.concatenate([[0.0], signs])[:, None])
+    rates = function(np.concatenate([[0.0], signs])[:, None]).reshape(len(links), 3)
     want = floats(exact.w)[0]
-    off = max(np.max(np.abs(found["w"][k][0] - want[k])) for k in links)
+    off = np.max(np.abs(rates - want[1:]))
     scale = max(1.0, np.max(np.abs(want)))
     return off / scale / (EPS * exact.condition[0])
 

@@ -14,7 +14,6 @@ PACKAGES = (
     "spherekit.plugin",
     *(name for _, name, _ in iter_modules(plugin.__path__, f"{plugin.__name__}.")),
     "spherekit.display",
-    "spherekit.velocities",
 )
 
 INDEX = """\

@@ -29,7 +29,7 @@ from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.load_dependence import smooth
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.progress import tell
-from spherekit.velocities.kernels import ENGINES, Engine
+from spherekit.symbolic.compiler import ENGINE_CHOICES, EngineChoice
 from spherekit.wording import listing
 
 LEAST = {"numpy": 1e-13, "compiled": 1e-15}
@@ -62,7 +62,7 @@ def simulate(
     switches: Iterable[float] = (),
     crossings: Crossings = "end",
     check: bool = False,
-    engine: Engine = "auto",
+    engine: EngineChoice = "auto",
     compact: bool = True,
     seen: Callable[[Simulation], None] | None = None,
 ) -> Simulation:
@@ -155,9 +155,10 @@ def need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
     SolveError
         If so.
     """
-    if engine not in ENGINES:
+    if engine not in ENGINE_CHOICES:
         raise SolveError(
-            f'{mechanism.name}: engine "{engine}" is not known; it is {listing(ENGINES)}'
+            f'{mechanism.name}: engine "{engine}" is not known; it is '
+            f"{listing(ENGINE_CHOICES)}"
         )
     least = LEAST["numpy" if engine == "numpy" else "compiled"]
     if not least <= tolerance <= 1e-2:
@@ -166,7 +167,7 @@ def need_allowed(mechanism: Mechanism, engine: str, tolerance: float) -> None:
         )
 
 
-def _checked(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
+def _checked(problem: Problem, tolerance: float, engine: EngineChoice) -> Simulation:
     """Return a simulation with its error against a tighter one.
 
     Where the tolerance is missed, the tighter one takes its place, as long as there is one.
@@ -202,7 +203,7 @@ def _difference(one: Simulation, other: Simulation) -> float:
     return float(max_abs(one.at(t).values - other.at(t).values))
 
 
-def _solved(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
+def _solved(problem: Problem, tolerance: float, engine: EngineChoice) -> Simulation:
     if engine == "compiled":
         return until_lift_off(by_taylor_series(problem, tolerance, ASKED))
     return until_lift_off(_cheaper(problem, tolerance, engine))
@@ -212,7 +213,7 @@ ASKED = "it was asked for"
 EXPECTED = "expected NumPy {numpy:.2g} s more, compiled {compiled:.2g} s"
 
 
-def _cheaper(problem: Problem, tolerance: float, engine: Engine) -> Simulation:
+def _cheaper(problem: Problem, tolerance: float, engine: EngineChoice) -> Simulation:
     """Return the motion by NumPy, or the engine expected to take less time from here.
 
     NumPy starts, and goes on until what is left takes it longer than compiling. What it

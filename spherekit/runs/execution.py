@@ -10,8 +10,8 @@ from spherekit.errors import AnalysisError
 from spherekit.runs.evaluation_options import ORDINARY, Setting
 from spherekit.runs.recording_session import Recorder
 from spherekit.runs.run_folder import Unfinished
+from spherekit.symbolic.compiler import EngineChoice
 from spherekit.tables.table import Format
-from spherekit.velocities.kernels import Engine
 
 Progress = Callable[[int, int], None]
 """Receives the number of samples that are done, and of all samples."""
@@ -60,7 +60,7 @@ class Execution:
     unfinished: Unfinished = "refuse"
     formats: Sequence[Format] | None = None
     tables: bool = True
-    engine: Engine = "auto"
+    engine: EngineChoice = "auto"
     only_needed: bool = False
     recorder: Recorder | None = None
     log_every: int | None = None

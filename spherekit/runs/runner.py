@@ -44,8 +44,8 @@ from spherekit.runs.table_store import StoredTables, TableStore
 from spherekit.runs.verification import Verifier
 from spherekit.runs.verification_text import verification_failures
 from spherekit.scenes.scene import Scene
+from spherekit.symbolic.compiler import ENGINE_CHOICES
 from spherekit.tables.table import COLUMNS, FILE_SIZE, Format, Table, TableData
-from spherekit.velocities.kernels import ENGINES
 
 
 @takes(Execution)
@@ -149,7 +149,7 @@ def run_study(
         # rows that are already stored.
         identity = unfinished_identity(run_folder, execution.unfinished)
         engine = execution.engine
-        if engine == "auto" and identity.get("engine") in ENGINES:
+        if engine == "auto" and identity.get("engine") in ENGINE_CHOICES:
             engine = identity["engine"]
         setting = execution.setting
         if execution.accuracy is not None and "setting" in identity:

@@ -27,8 +27,8 @@ from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import BLOCK_ROWS, PositionAnalysis
 from spherekit.positions.timing import Timing, evaluate_time_laws, input_extents
 from spherekit.status import Status
+from spherekit.symbolic.compiler import EngineChoice
 from spherekit.tables.table import INPUTS, Column, Table, TableArrays, input_columns
-from spherekit.velocities.kernels import Engine
 
 DEFAULT_INPUT_SPEED = 1.0
 """The speed (rad/s) of an input without a law.
@@ -278,7 +278,7 @@ class Sampling:
 
 def make_sampling(
     study: Study,
-    engine: Engine = "auto",
+    engine: EngineChoice = "auto",
     follow: bool = True,
     on_progress: Callable[[Sampling], None] | None = None,
 ) -> Sampling:
@@ -375,7 +375,7 @@ def _simulate_study(
     study: Study,
     mechanism: Mechanism,
     t: Floats,
-    engine: Engine,
+    engine: EngineChoice,
     on_progress: Callable[[Sampling], None] | None,
 ) -> Sampling:
     """Solve and check the simulation of a study, and return it at times t (n,) s."""

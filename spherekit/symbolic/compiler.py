@@ -7,7 +7,7 @@ import operator
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,6 +15,13 @@ from spherekit.arrays import Array
 from spherekit.errors import EngineError
 from spherekit.symbolic.expression_evaluation import ArrayFunction
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, rewrite
+
+EngineChoice = Literal["auto", "numpy", "compiled"]
+"""What evaluates expressions: NumPy, heyoka, or the one of them that is expected to take
+less time."""
+
+ENGINE_CHOICES: tuple[EngineChoice, ...] = ("auto", "numpy", "compiled")
+"""All values of `EngineChoice`."""
 
 _PYTHON_OPERATORS = {
     "+": operator.add,
@@ -92,7 +99,6 @@ def compile_function(
     outputs: Sequence[Expr],
     inputs: Sequence[ExpressionNode],
     compact: bool = False,
-    number: type[Any] = float,
 ) -> ArrayFunction:
     """Compile expressions to a function that evaluates them on arrays.
 
@@ -104,15 +110,12 @@ def compile_function(
         Variables, in the order of the rows of the argument.
     compact
         Whether heyoka writes shorter code, which compiles faster and runs more slowly.
-    number
-        Number type in which to compute: float, or heyoka's real128.
     """
     variables = heyoka_variables(inputs)
     compiled_function = heyoka().cfunc(
         heyoka_expressions(outputs, variables),
         list(variables.values()),
         compact_mode=compact,
-        fp_type=number,
     )
 
     def evaluate(inputs_array: Array, out: Array | None = None) -> Any:

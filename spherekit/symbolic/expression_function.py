@@ -1,7 +1,6 @@
 """The choice between compiled and interpreted evaluation of expressions."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from spherekit.symbolic.compiler import compile_function
 from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
@@ -12,8 +11,6 @@ def expression_function(
     outputs: Sequence[Expr],
     inputs: Sequence[ExpressionNode],
     compiled: bool,
-    number: type[Any] = float,
-    compact: bool = False,
 ) -> ArrayFunction:
     """Return a function of arrays that evaluates expressions.
 
@@ -26,12 +23,7 @@ def expression_function(
     compiled
         Whether heyoka compiles the expressions. Otherwise NumPy evaluates them operation by
         operation. Without outputs there is nothing to compile, and NumPy is used.
-    number
-        Number type in which to compute.
-    compact
-        Whether heyoka writes shorter code, which compiles faster and runs more slowly.
-        NumPy ignores it.
     """
     if compiled and outputs:
-        return compile_function(outputs, inputs, compact, number)
-    return array_function(outputs, inputs, number)
+        return compile_function(outputs, inputs)
+    return array_function(outputs, inputs)

@@ -50,7 +50,8 @@ MAX_NEWTON_STEPS = 8
 MAX_KANTOROVICH_NUMBER = 0.5
 """Largest number in Kantorovich's theorem for which exactly one solution is near."""
 
-Engine = Literal["numpy", "compiled"]
+KernelEngine = Literal["numpy", "compiled"]
+"""What evaluates the functions of a kernel: NumPy, or heyoka."""
 
 
 class ColumnFunction:
@@ -164,7 +165,7 @@ class RowKernel:
         motion: Motion,
         requests: Sequence[Request],
         pivots: EliminationOrder,
-        engine: Engine,
+        engine: KernelEngine,
     ) -> None:
         """Write the expressions; see `row_kernel` for the parameters."""
         mechanism = motion.mechanism
@@ -361,7 +362,7 @@ class RowKernel:
 def row_kernel(
     motion: Motion,
     requests: Sequence[Request],
-    engine: Engine,
+    engine: KernelEngine,
     order: EliminationOrder | None = None,
 ) -> RowKernel | None:
     """Return the kernel that computes the requested quantities of a mechanism's rows.

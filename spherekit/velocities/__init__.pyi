@@ -1,2 +1,0 @@
-from .kernels import Kernel as Kernel
-from .kernels import kernel as kernel
