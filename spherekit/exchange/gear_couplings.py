@@ -1,4 +1,4 @@
-"""Bevel gears that say the same as couplings between the hinges of another program's model.
+"""Bevel gears that have the same equations as couplings between hinges of a model.
 
 A coupling is a linear equation between the rates of hinges. Two bevel gears give one too:
 u x + v y = 0, where x is the rate at which their carrier turns about the axis A relative to
@@ -7,6 +7,9 @@ carrier. The pitch cones touch along v A - u B.
 
 Couplings are judged together, because the equations of a bevel differential are usually
 written as sum and difference of its motors, and neither of these alone is a pair of gears.
+
+Hinges are numbered by their position in the list of hinges, links by their numbers in the
+imported model.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,18 +25,51 @@ from spherekit.geometry.vectors import unit_rows
 from spherekit.mechanism.graph import find_spanning_tree
 
 SAME_AXIS_SINE = 1e-6
-"""Sine of the angle below which two axes are one. Larger: gears with tiny pitch cones are
-taken for coaxial wheels; smaller: axes that differ by rounding of the file stay apart."""
+"""Sine of the angle below which two axes are one.
+
+Larger: gears with tiny pitch cones are taken for coaxial wheels; smaller: axes that differ
+by rounding of the file stay apart.
+"""
 
 RATIO_TOLERANCE = 1e-9
-"""Relative error up to which an equation is accepted as a combination of couplings."""
+"""Relative error up to which an equation is accepted as a combination of couplings.
+
+Larger: gears are accepted whose ratio differs in digits that the file states; smaller:
+couplings with rounded ratios are refused.
+"""
+
+
+class Coupling(NamedTuple):
+    """A linear equation between the rates of joints of a model.
+
+    Attributes
+    ----------
+    name
+        Name of the coupling.
+    factors
+        Factor of each rate, by the number of the joint, in a sum that is zero.
+    """
+
+    name: str
+    factors: Mapping[int, float]
 
 
 class ImportedPair(NamedTuple):
-    """A pair that turns the second of two links, by number, about an axis (3,).
+    """An R pair of an imported mechanism.
 
-    `axis` is a unit vector in world axes and `value` the angle (rad) in the pose of the
-    model. `joint` is the number of its joint in the model, or -1 if it closes a loop.
+    Attributes
+    ----------
+    name
+        Name of the pair.
+    links
+        Numbers of the first and the second link.
+    axis
+        (3,) unit vector in world axes about which the second link turns.
+    value
+        Variable (rad) in the pose of the model.
+    joint
+        Number of its joint in the model, or -1 if the pair is no joint: it closes a loop,
+        or carries an added wheel.
     """
 
     name: str
@@ -44,7 +80,17 @@ class ImportedPair(NamedTuple):
 
 
 class PitchCircle(NamedTuple):
-    """A circle on the unit sphere: radius (rad), number of its link, centre (3,)."""
+    """The pitch circle of a bevel gear on the unit sphere.
+
+    Attributes
+    ----------
+    radius
+        Angle (rad) from the centre to the circle.
+    link
+        Number of the link that is the gear.
+    centre
+        (3,) unit vector of the axis of the gear, in world axes.
+    """
 
     radius: float
     link: int
@@ -55,8 +101,13 @@ class PitchCircle(NamedTuple):
 class BevelGears:
     """Two pitch circles that roll on each other.
 
-    They touch from outside, or, where `external` is false, the smaller one, which comes
-    first, rolls inside the larger one.
+    Attributes
+    ----------
+    circles
+        The two circles.
+    external
+        Whether they touch from outside. Otherwise the smaller one, which comes first, rolls
+        inside the larger one.
     """
 
     circles: tuple[PitchCircle, PitchCircle]
@@ -65,9 +116,16 @@ class BevelGears:
 
 @dataclass(frozen=True)
 class IdlerWheel:
-    """A wheel between two coaxial gears, which gives them a ratio.
+    """A wheel that is added between two coaxial gears, which gives them a ratio.
 
-    `link` is its number, `carrier` that of the link that carries it on `axis` (3,).
+    Attributes
+    ----------
+    link
+        Number of the new link that is the wheel.
+    carrier
+        Number of the link that carries it.
+    axis
+        (3,) unit vector of its axis, in world axes.
     """
 
     link: int
@@ -77,137 +135,230 @@ class IdlerWheel:
 
 @dataclass(frozen=True)
 class GearTrain:
-    """The gears of all couplings, by name, and the idler wheels that had to be added."""
+    """The gears of all couplings, by name, and the idler wheels that have to be added."""
 
     gears: Mapping[str, BevelGears]
     idlers: Sequence[IdlerWheel]
 
 
+class HingeOnPath(NamedTuple):
+    """A hinge on the path between two links.
+
+    Attributes
+    ----------
+    hinge
+        Number of the hinge.
+    sense
+        1.0 if the path leads from the first link of the hinge to its second, else -1.0.
+    """
+
+    hinge: int
+    sense: float
+
+
+class LinkPath(NamedTuple):
+    """The path between two links through the tree of hinges.
+
+    Attributes
+    ----------
+    first_link, last_link
+        Numbers of the links.
+    hinges
+        The hinges from the first link to the last.
+    """
+
+    first_link: int
+    last_link: int
+    hinges: Sequence[HingeOnPath]
+
+
+class CoaxialHinges(NamedTuple):
+    """Hinges that follow each other on a path and turn about one axis.
+
+    Attributes
+    ----------
+    axis
+        (3,) unit vector of the axis.
+    hinges
+        The hinges. The sense of a hinge is 1.0 if a positive rate turns the end of the path
+        relative to its beginning in the positive sense about `axis`, else -1.0.
+    """
+
+    axis: Floats
+    hinges: list[HingeOnPath]
+
+
+@dataclass(frozen=True)
+class BevelEquation:
+    """The equation u x + v y = 0 of two links that turn about crossing axes of a carrier.
+
+    Attributes
+    ----------
+    equation
+        (hinges,) factors of the rates of all hinges.
+    links
+        Numbers of the two links.
+    axes
+        The two axes (3,) of the carrier, unit vectors.
+    factors
+        The factors u and v.
+    """
+
+    equation: Floats
+    links: tuple[int, int]
+    axes: tuple[Floats, Floats]
+    factors: tuple[float, float]
+
+    def construct_gears(self) -> BevelGears:
+        """Return the gears that have this equation."""
+        return construct_bevel_gears(self.links, self.axes, self.factors)
+
+
+@dataclass(frozen=True)
+class CoaxialEquation:
+    """The equation u x + v y = 0 of two links that turn about one axis of a carrier.
+
+    Two gears with one axis do not touch. An idler wheel whose axis is at right angles to
+    theirs rolls on both.
+
+    Attributes
+    ----------
+    equation
+        (hinges,) factors of the rates of all hinges.
+    links
+        Numbers of the two links.
+    axis
+        (3,) unit vector of their axis.
+    factors
+        The factors u and v.
+    carrier
+        Number of the carrier.
+    idler_axis
+        (3,) unit vector of the axis of the idler wheel on the carrier.
+    """
+
+    equation: Floats
+    links: tuple[int, int]
+    axis: Floats
+    factors: tuple[float, float]
+    carrier: int
+    idler_axis: Floats
+
+    def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
+        """Return the gears of first link and idler, and of idler and second link.
+
+        Parameters
+        ----------
+        idler_link
+            Number of the link that is the idler wheel.
+        """
+        # y = ratio x. The idler wheel turns by the root of the ratio times x, so that both
+        # meshes have the same share in it and no gear is smaller than it has to be.
+        # In `construct_bevel_gears` the first rotation of each mesh is that of the carrier
+        # relative to the gear. Both meshes change the sign, so that it cancels.
+        ratio = -self.factors[0] / self.factors[1]
+        idler_rate = float(np.sqrt(abs(ratio)))
+        return (
+            construct_bevel_gears(
+                (self.links[0], idler_link),
+                (self.axis, self.idler_axis),
+                (idler_rate, -1.0),
+            ),
+            construct_bevel_gears(
+                (idler_link, self.links[1]),
+                (self.idler_axis, self.axis),
+                (ratio / idler_rate, -1.0),
+            ),
+        )
+
+
+GearEquation = BevelEquation | CoaxialEquation
+"""An equation that gears can have."""
+
+
 def find_gears(
-    hinges: Sequence[ImportedPair],
-    couplings: Sequence[tuple[str, Mapping[int, float]]],
-    first_new_link: int,
+    hinges: Sequence[ImportedPair], couplings: Sequence[Coupling], first_new_link: int
 ) -> GearTrain:
-    """Return bevel gears that give the same equations as couplings of hinges.
+    """Return bevel gears that have the same equations as couplings of hinges.
 
     A coupling that is a pair of gears by itself keeps its name. The names of the others go
-    to gears that give combinations of them, in the order in which these are found.
+    to gears whose equations are combinations of couplings, in the order of the search.
 
     Parameters
     ----------
     hinges
-        All hinges of the model; they form a tree of links.
+        All hinges of the model. They form a tree of links.
     couplings
-        Names, and the factors of the rates in a sum that is zero, by joint.
+        The couplings, by joints. Factors of joints that are no hinges are ignored.
     first_new_link
-        Number of the first link that may be added, for an idler wheel.
+        Number of the first link that may be added as an idler wheel.
 
     Raises
     ------
     ModelError
         If the equations of gears between links do not span those of the couplings.
     """
-    columns = {hinge.joint: k for k, hinge in enumerate(hinges)}
-    equations = np.zeros((len(couplings), len(hinges)))
-    for row, (_, factors) in enumerate(couplings):
-        for joint, factor in factors.items():
-            if joint in columns:
-                equations[row, columns[joint]] = factor
-    scales = np.max(np.abs(equations), axis=1, keepdims=True, initial=0.0)
-    if not np.all(scales):
-        name = couplings[int(np.argmin(scales))][0]
-        raise ModelError(f"{name} has only factors of zero, or of joints that do not turn")
-    equations = equations / scales
-
-    candidates: list[_Candidate] = [*_bevel_equations(hinges, equations)]
-    candidates += _coaxial_equations(hinges, equations)
-    chosen: dict[str, _Candidate] = {}
-    rows = np.empty((0, len(hinges)))
-    # First the couplings that are gears as they stand, so that these keep their names.
-    for name, equation in zip([name for name, _ in couplings], equations, strict=True):
+    equations = _write_equations(hinges, couplings)
+    candidates: list[GearEquation] = [
+        *_find_bevel_equations(hinges, equations),
+        *_find_coaxial_equations(hinges, equations),
+    ]
+    chosen_by_name: dict[str, GearEquation] = {}
+    chosen_rows = np.empty((0, len(hinges)))
+    # First the couplings that are gears by themselves, so that these keep their names.
+    for coupling, equation in zip(couplings, equations, strict=True):
+        if coupling.name in chosen_by_name:
+            continue
         for candidate in candidates:
-            is_same = _rank([equation, candidate.equation]) == 1
-            if is_same and name not in chosen and _rank([*rows, equation]) > len(rows):
-                chosen[name] = candidate
-                rows = np.vstack([rows, candidate.equation])
-    names = [name for name, _ in couplings if name not in chosen]
+            if _find_rank([equation, candidate.equation]) > 1:
+                continue
+            if _find_rank([*chosen_rows, equation]) > len(chosen_rows):
+                chosen_by_name[coupling.name] = candidate
+                chosen_rows = np.vstack([chosen_rows, candidate.equation])
+                break
+    free_names = [
+        coupling.name for coupling in couplings if coupling.name not in chosen_by_name
+    ]
     for candidate in candidates:
-        if _rank([*rows, candidate.equation]) > len(rows):
-            chosen[names.pop(0)] = candidate
-            rows = np.vstack([rows, candidate.equation])
-    if len(rows) < _rank(equations):
-        raise ModelError(_reason(hinges, equations))
+        if _find_rank([*chosen_rows, candidate.equation]) > len(chosen_rows):
+            chosen_by_name[free_names.pop(0)] = candidate
+            chosen_rows = np.vstack([chosen_rows, candidate.equation])
+    if len(chosen_rows) < _find_rank(equations):
+        raise ModelError(_describe_missing_gears(hinges, equations))
 
     gears: dict[str, BevelGears] = {}
     idlers: list[IdlerWheel] = []
-    for name, candidate in chosen.items():
-        if isinstance(candidate, _CoaxialEquation):
-            idler = IdlerWheel(
-                first_new_link + len(idlers), candidate.carrier, candidate.idler
-            )
-            idlers.append(idler)
-            for suffix, meshing in zip(
-                ("", "_idler"), candidate.gears(idler.link), strict=True
-            ):
-                gears[name + suffix] = meshing
-        else:
-            gears[name] = candidate.gears()
+    for name, candidate in chosen_by_name.items():
+        if isinstance(candidate, BevelEquation):
+            gears[name] = candidate.construct_gears()
+            continue
+        idler_link = first_new_link + len(idlers)
+        idlers.append(IdlerWheel(idler_link, candidate.carrier, candidate.idler_axis))
+        first_mesh, second_mesh = candidate.construct_gears(idler_link)
+        gears[name] = first_mesh
+        gears[f"{name}_idler"] = second_mesh
     return GearTrain(gears, idlers)
 
 
-@dataclass(frozen=True)
-class _BevelEquation:
-    """u x + v y = 0 of two links that turn by x and y about crossing axes of a carrier."""
-
-    equation: Floats
-    links: tuple[int, int]
-    axes: tuple[Floats, Floats]
-    shares: tuple[float, float]
-
-    def gears(self) -> BevelGears:
-        return bevel_gears(self.links, self.axes, self.shares)
-
-
-@dataclass(frozen=True)
-class _CoaxialEquation:
-    """u x + v y = 0 of two links that turn by x and y about one axis of a carrier.
-
-    Two gears with one axis do not touch. An idler wheel about an axis `idler` (3,) of the
-    carrier, at right angles to theirs, rolls on both.
-    """
-
-    equation: Floats
-    links: tuple[int, int]
-    axis: Floats
-    shares: tuple[float, float]
-    carrier: int
-    idler: Floats
-
-    def gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
-        """Return the gears of the first link and the idler, and of it and the second."""
-        # y = ratio x. The idler wheel turns by the root of the ratio times x, so that both
-        # meshes have the same share in it and no gear is smaller than it has to be.
-        # In `bevel_gears` the first turn of each mesh is that of the carrier relative to
-        # the gear. Both meshes change the sign, so that it cancels.
-        ratio = -self.shares[0] / self.shares[1]
-        idler_rate = float(np.sqrt(abs(ratio)))
-        return (
-            bevel_gears(
-                (self.links[0], idler_link), (self.axis, self.idler), (idler_rate, -1.0)
-            ),
-            bevel_gears(
-                (idler_link, self.links[1]),
-                (self.idler, self.axis),
-                (ratio / idler_rate, -1.0),
-            ),
-        )
+def _write_equations(
+    hinges: Sequence[ImportedPair], couplings: Sequence[Coupling]
+) -> Floats:
+    """Return the couplings as rows (couplings, hinges), each with a largest factor of 1."""
+    column_by_joint = {hinge.joint: column for column, hinge in enumerate(hinges)}
+    equations = np.zeros((len(couplings), len(hinges)))
+    for row, coupling in enumerate(couplings):
+        for joint, factor in coupling.factors.items():
+            if joint in column_by_joint:
+                equations[row, column_by_joint[joint]] = factor
+    scales = np.max(np.abs(equations), axis=1, keepdims=True, initial=0.0)
+    if not np.all(scales):
+        name = couplings[int(np.argmin(scales))].name
+        raise ModelError(f"{name} has only factors of zero, or of joints that do not turn")
+    return equations / scales
 
 
-_Candidate = _BevelEquation | _CoaxialEquation
-
-
-def bevel_gears(
-    links: tuple[int, int], axes: tuple[Floats, Floats], shares: tuple[float, float]
+def construct_bevel_gears(
+    links: tuple[int, int], axes: tuple[Floats, Floats], factors: tuple[float, float]
 ) -> BevelGears:
     """Return the pitch circles of two links for which u x + v y = 0.
 
@@ -218,150 +369,180 @@ def bevel_gears(
     axes
         Unit vectors A and B (3,) of the carrier. The carrier turns by x about A relative to
         the first link, and the second link by y about B relative to the carrier.
-    shares
+    factors
         The factors u and v. Neither is zero.
     """
+    u, v = factors
     # The relative angular velocity of the links is x A + y B. It lies along the common line
     # of the pitch cones if u x + v y = 0.
-    touching = unit_rows(shares[1] * axes[0] - shares[0] * axes[1])
-    centres = [axis if axis @ touching >= 0.0 else -axis for axis in axes]
+    contact_line = unit_rows(v * axes[0] - u * axes[1])
+    centres = [axis if axis @ contact_line >= 0.0 else -axis for axis in axes]
     first, second = (
-        PitchCircle(float(arc(centre, touching)), link, centre)
+        PitchCircle(float(arc(centre, contact_line)), link, centre)
         for centre, link in zip(centres, links, strict=True)
     )
-    sides = np.cross(centres, touching)
-    external = bool(sides[0] @ sides[1] < 0.0)
-    if not external and second.radius < first.radius:
+    # Gears that touch from outside have their centres on opposite sides of the contact
+    # line.
+    normals = np.cross(centres, contact_line)
+    is_external = bool(normals[0] @ normals[1] < 0.0)
+    if not is_external and second.radius < first.radius:
         first, second = second, first
-    return BevelGears((first, second), external)
+    return BevelGears((first, second), is_external)
 
 
-def _bevel_equations(
+def _find_bevel_equations(
     hinges: Sequence[ImportedPair], equations: Floats
-) -> Iterator[_BevelEquation]:
-    """Yield the equations of bevel gears between any two links that the couplings imply."""
-    for first_link, last_link, path in _paths(hinges):
-        groups = _axis_groups(hinges, path)
-        if len(groups) != 2:
-            continue
-        turns = np.zeros((2, len(hinges)))
-        for row, (_, members) in enumerate(groups):
-            for hinge, sign in members:
-                turns[row, hinge] = sign
-        shares = _implied_shares(turns, equations)
-        if shares is None:
-            continue
-        axes = groups[0][0], groups[1][0]
-        gears = _BevelEquation(shares @ turns, (first_link, last_link), axes, tuple(shares))
-        if min(circle.radius for circle in gears.gears().circles) > SAME_AXIS_SINE:
-            yield gears
-
-
-def _coaxial_equations(
-    hinges: Sequence[ImportedPair], equations: Floats
-) -> Iterator[_CoaxialEquation]:
-    """Yield the equations between two coaxial hinges of one link that couplings imply."""
-    for first_link, last_link, path in _paths(hinges):
-        if len(path) != 2:
-            continue
-        groups = _axis_groups(hinges, path)
-        if len(groups) != 1:
-            continue
-        axis, members = groups[0]
-        turns = np.zeros((2, len(hinges)))
-        for row, (hinge, sign) in enumerate(members):
-            # Turns are relative to the carrier, towards which the path runs first.
-            turns[row, hinge] = sign if row else -sign
-        shares = _implied_shares(turns, equations)
-        if shares is None:
-            continue
-        links = [set(hinges[hinge].links) for hinge, _ in members]
-        (carrier,) = links[0] & links[1]
-        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-        yield _CoaxialEquation(
-            shares @ turns,
-            (first_link, last_link),
-            axis,
-            tuple(shares),
-            carrier,
-            across / np.linalg.norm(across),
-        )
-
-
-def _implied_shares(turns: Floats, equations: Floats) -> Floats | None:
-    """Return the factors (2,) of two turns in an equation that the couplings imply.
-
-    None without such an equation, or where the couplings hold one of the turns still.
+) -> Iterator[BevelEquation]:
+    """Yield the equations of bevel gears between any two links that couplings imply.
 
     Parameters
     ----------
-    turns
-        (2, hinges) what two turns are in the rates of hinges.
+    hinges
+        All hinges.
+    equations
+        (couplings, hinges) equations between their rates.
+    """
+    for path in _link_paths(hinges):
+        axes = _group_by_axis(hinges, path)
+        if len(axes) != 2:
+            continue
+        # Row 0 is the rotation about the first axis by the rates of hinges, row 1 about the
+        # second.
+        rotations = np.zeros((2, len(hinges)))
+        for row, coaxial_hinges in enumerate(axes):
+            for hinge, sense in coaxial_hinges.hinges:
+                rotations[row, hinge] = sense
+        factors = _find_implied_factors(rotations, equations)
+        if factors is None:
+            continue
+        bevel_equation = BevelEquation(
+            equation=factors @ rotations,
+            links=(path.first_link, path.last_link),
+            axes=(axes[0].axis, axes[1].axis),
+            factors=(factors[0], factors[1]),
+        )
+        circles = bevel_equation.construct_gears().circles
+        if min(circle.radius for circle in circles) > SAME_AXIS_SINE:
+            yield bevel_equation
+
+
+def _find_coaxial_equations(
+    hinges: Sequence[ImportedPair], equations: Floats
+) -> Iterator[CoaxialEquation]:
+    """Yield the equations between two coaxial hinges of one link that couplings imply.
+
+    Parameters
+    ----------
+    hinges
+        All hinges.
+    equations
+        (couplings, hinges) equations between their rates.
+    """
+    for path in _link_paths(hinges):
+        if len(path.hinges) != 2:
+            continue
+        axes = _group_by_axis(hinges, path)
+        if len(axes) != 1:
+            continue
+        axis = axes[0].axis
+        to_carrier, from_carrier = axes[0].hinges
+        # Rotations of both links relative to the carrier. The path leads to the carrier by
+        # its first hinge, so this rotation is reversed.
+        rotations = np.zeros((2, len(hinges)))
+        rotations[0, to_carrier.hinge] = -to_carrier.sense
+        rotations[1, from_carrier.hinge] = from_carrier.sense
+        factors = _find_implied_factors(rotations, equations)
+        if factors is None:
+            continue
+        (carrier,) = {*hinges[to_carrier.hinge].links} & {*hinges[from_carrier.hinge].links}
+        # The coordinate axis that is farthest from the axis gives the best cross product.
+        farthest_axis = np.eye(3)[int(np.argmin(np.abs(axis)))]
+        across = np.cross(axis, farthest_axis)
+        yield CoaxialEquation(
+            equation=factors @ rotations,
+            links=(path.first_link, path.last_link),
+            axis=axis,
+            factors=(factors[0], factors[1]),
+            carrier=carrier,
+            idler_axis=across / np.linalg.norm(across),
+        )
+
+
+def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None:
+    """Return the factors (2,) of two rotations in an equation that the couplings imply.
+
+    Parameters
+    ----------
+    rotations
+        (2, hinges) two rotations as sums of the rates of hinges.
     equations
         (couplings, hinges) equations between the rates.
+
+    Returns
+    -------
+    The factors, or None if there is no such equation, or if the couplings keep one of the
+    rotations at zero.
     """
-    _, sizes, directions = np.linalg.svd(equations)
-    rank = int(np.sum(sizes > RATIO_TOLERANCE))
-    beyond = turns @ directions[rank:].T
-    combinations, sizes, _ = np.linalg.svd(beyond)
-    sizes = np.append(sizes, np.zeros(2 - len(sizes)))
-    if sizes[1] > RATIO_TOLERANCE or sizes[0] <= RATIO_TOLERANCE:
+    _, singular_values, directions = np.linalg.svd(equations)
+    rank = int(np.sum(singular_values > RATIO_TOLERANCE))
+    # The rows from `rank` on are the motions that the couplings allow. An equation between
+    # the rotations holds in all of them.
+    allowed_rotations = rotations @ directions[rank:].T
+    combinations, singular_values, _ = np.linalg.svd(allowed_rotations)
+    singular_values = np.append(singular_values, np.zeros(2 - len(singular_values)))
+    has_no_equation = singular_values[1] > RATIO_TOLERANCE
+    has_no_motion = singular_values[0] <= RATIO_TOLERANCE
+    if has_no_equation or has_no_motion:
         return None
-    shares = combinations[:, 1]
-    if np.min(np.abs(shares)) <= RATIO_TOLERANCE:
+    factors = combinations[:, 1]
+    if np.min(np.abs(factors)) <= RATIO_TOLERANCE:
         return None
-    return shares
+    return factors
 
 
-def _axis_groups(
-    hinges: Sequence[ImportedPair], path: Sequence[tuple[int, float]]
-) -> list[tuple[Floats, list[tuple[int, float]]]]:
-    """Return the axes that follow each other along a path, with hinges and signs of each.
-
-    The sign of a hinge says how its rate turns the last link of the path relative to the
-    first one about the axis.
-    """
-    groups: list[tuple[Floats, list[tuple[int, float]]]] = []
-    for hinge, sense in path:
+def _group_by_axis(hinges: Sequence[ImportedPair], path: LinkPath) -> list[CoaxialHinges]:
+    """Return the axes that follow each other along a path, with the hinges of each."""
+    groups: list[CoaxialHinges] = []
+    for hinge, sense in path.hinges:
         axis = hinges[hinge].axis
-        if not groups or np.linalg.norm(np.cross(axis, groups[-1][0])) > SAME_AXIS_SINE:
-            groups.append((axis, []))
-        groups[-1][1].append((hinge, sense * float(np.sign(axis @ groups[-1][0]))))
+        is_same_axis = bool(groups) and (
+            np.linalg.norm(np.cross(axis, groups[-1].axis)) <= SAME_AXIS_SINE
+        )
+        if not is_same_axis:
+            groups.append(CoaxialHinges(axis, []))
+        # The axis of the hinge may point the other way than that of the group.
+        axis_sense = float(np.sign(axis @ groups[-1].axis))
+        groups[-1].hinges.append(HingeOnPath(hinge, sense * axis_sense))
     return groups
 
 
-def _paths(
-    hinges: Sequence[ImportedPair],
-) -> Iterator[tuple[int, int, list[tuple[int, float]]]]:
-    """Yield the hinges, with senses, on the path between any two links of the tree.
-
-    The sense of a hinge is 1 where the path runs from its first link to its second.
-    """
+def _link_paths(hinges: Sequence[ImportedPair]) -> Iterator[LinkPath]:
+    """Yield the path between any two links of the tree of hinges."""
     ends = [hinge.links for hinge in hinges]
-    links = sorted({link for pair in ends for link in pair})
-    for start in links:
-        paths: dict[int, list[tuple[int, float]]] = {start: []}
-        for hinge, parent, child in find_spanning_tree(ends, [start]):
+    links = sorted({link for links in ends for link in links})
+    for first_link in links:
+        path_by_link: dict[int, list[HingeOnPath]] = {first_link: []}
+        for hinge, parent, child in find_spanning_tree(ends, [first_link]):
             sense = 1.0 if ends[hinge][0] == parent else -1.0
-            paths[child] = [*paths[parent], (hinge, sense)]
-        for end, path in paths.items():
-            if end > start:
-                yield start, end, path
+            path_by_link[child] = [*path_by_link[parent], HingeOnPath(hinge, sense)]
+        for last_link, path in path_by_link.items():
+            if last_link > first_link:
+                yield LinkPath(first_link, last_link, path)
 
 
-def _reason(hinges: Sequence[ImportedPair], equations: Floats) -> str:
-    """Return why couplings are no gears: the axes that they tie together."""
-    tied = [k for k in range(len(hinges)) if np.any(equations[:, k])]
-    names = ", ".join(hinges[k].name for k in tied)
+def _describe_missing_gears(hinges: Sequence[ImportedPair], equations: Floats) -> str:
+    """Return the reason why couplings are no gears, with the hinges that they tie."""
+    names = ", ".join(
+        hinge.name for column, hinge in enumerate(hinges) if np.any(equations[:, column])
+    )
     return (
         f"no two wheels whose axes cross on one link that carries both, and no idler wheel "
         f"between coaxial ones, give these ratios between {names}"
     )
 
 
-def _rank(rows: Sequence[Floats] | Floats) -> int:
-    return (
-        int(np.linalg.matrix_rank(np.asarray(rows), tol=RATIO_TOLERANCE))
-        if len(rows)
-        else 0
-    )
+def _find_rank(rows: Sequence[Floats] | Floats) -> int:
+    """Return the rank of equations (rows, hinges) whose largest factors are about 1."""
+    if not len(rows):
+        return 0
+    return int(np.linalg.matrix_rank(np.asarray(rows), tol=RATIO_TOLERANCE))

@@ -10,7 +10,7 @@ from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, Names
 from spherekit.errors import FileError
 from spherekit.escaping import toml_comment
-from spherekit.exchange.mechanism_from_bodies import ForeignTables
+from spherekit.exchange.mechanism_from_bodies import ImportedFile
 from spherekit.exchange.mujoco_file import ForeignModel
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.schema import FORMAT
@@ -71,29 +71,42 @@ def import_mechanism(path: AnyPath, *, within: float | None = None) -> Imported:
     >>> again.links
     ('1', '2', '3', '4')
     """
-    where = Path(path)
+    model_path = Path(path)
     if within is not None and not 0.0 <= within < math.inf:
-        raise FileError(f"{where}: within is {within}; it has to be a distance in m")
-    model = ForeignModel(where)
-    name = re.sub(r"[^A-Za-z0-9_]", "_", model.name) or where.stem
-    built = ForeignTables(str(where), model, within)
-    text = "\n".join([*_lines(name, built), ""])
-    return Imported(loads(text, f"{where}: imported"), text, tuple(built.notes))
+        raise FileError(f"{model_path}: within is {within}; it has to be a distance in m")
+    foreign_model = ForeignModel(model_path)
+    name = re.sub(r"[^A-Za-z0-9_]", "_", foreign_model.name) or model_path.stem
+    imported_file = ImportedFile(str(model_path), foreign_model, within)
+    text = "\n".join([*_format_lines(name, imported_file), ""])
+    mechanism = loads(text, f"{model_path}: imported")
+    return Imported(mechanism, text, tuple(imported_file.notes))
 
 
-def _lines(name: str, built: ForeignTables) -> Iterator[str]:
-    for line in built.heading:
-        yield f"# {toml_comment(line)}"
-    ground = next(iter(built.content["links"]))
-    first = {"format": FORMAT, "name": name, "angle_unit": "deg", "ground": ground}
-    yield from (assignment(key, value) for key, value in first.items())
-    for key, content in built.content.items():
-        if key == "source":
-            yield from tables((key,), content)
+def _format_lines(name: str, imported_file: ImportedFile) -> Iterator[str]:
+    """Yield the lines of a mechanism file, with comments above its tables.
+
+    Parameters
+    ----------
+    name
+        Name of the mechanism.
+    imported_file
+        Content of the file.
+    """
+    for comment in imported_file.heading:
+        yield f"# {toml_comment(comment)}"
+    ground = next(iter(imported_file.content["links"]))
+    yield assignment("format", FORMAT)
+    yield assignment("name", name)
+    yield assignment("angle_unit", "deg")
+    yield assignment("ground", ground)
+    for table_name, content in imported_file.content.items():
+        if table_name == "source":
+            yield from tables((table_name,), content)
             continue
         for item, table in content.items():
-            blank, *rest = tables((key, item), table)
-            yield blank
-            if (key, item) in built.comments:
-                yield f"# {toml_comment(built.comments[key, item])}"
-            yield from rest
+            # The first line is empty, so the comment follows it.
+            empty_line, *lines = tables((table_name, item), table)
+            yield empty_line
+            if (table_name, item) in imported_file.comments:
+                yield f"# {toml_comment(imported_file.comments[table_name, item])}"
+            yield from lines

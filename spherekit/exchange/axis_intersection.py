@@ -1,0 +1,68 @@
+"""The point in which lines in space nearly meet, as the axes of an imported model."""
+
+import numpy as np
+
+from spherekit.arrays import Floats
+
+PARALLEL_SINE = 1e-9
+"""Sine of the angle below which two axes are parallel.
+
+Larger: axes of a model whose centre is far away are refused as parallel; smaller: the
+common point of axes that are parallel but for rounding lies at an arbitrary distance.
+"""
+
+
+def distances_to_lines(position: Floats, points: Floats, axes: Floats) -> Floats:
+    """Return the distances (n,) of a position from n lines, in the unit of the points.
+
+    Parameters
+    ----------
+    position
+        (3,) the position.
+    points, axes
+        (n, 3) a point and the unit vector of each line.
+    """
+    return np.linalg.norm(np.cross(position - points, axes), axis=1)
+
+
+def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floats | None:
+    """Return the point that most of n lines pass within a distance.
+
+    The point has the least sum of squared distances. While a line misses it by more than
+    allowed, the farthest line is left out and the point is computed again, so a few wrong
+    lines do not move it. If all lines coincide, the point of the line that is nearest to
+    the origin is returned.
+
+    Parameters
+    ----------
+    points, axes
+        (n, 3) a point (m) and the unit vector of each line.
+    max_distance
+        Distance (m) at which a line passes the point.
+
+    Returns ------- (3,) the point (m), or None if the lines are parallel and do not
+    coincide. The lines that were left out may miss it.
+    """
+    used_lines = np.arange(len(points))
+    common_point = None
+    # Projections to the planes at right angles to the lines. Their sum times the point is
+    # the sum of the projected points of the lines: the equations of least squares.
+    projections = np.eye(3) - axes[:, :, None] * axes[:, None]
+    while len(used_lines) > 1:
+        matrix = np.sum(projections[used_lines], axis=0)
+        # The smallest eigenvalue of n parallel lines is 0, that of lines at small angles
+        # grows with the squares of the angles.
+        if np.linalg.eigvalsh(matrix)[0] < PARALLEL_SINE**2 * len(used_lines):
+            break
+        projected_points = projections[used_lines] @ points[used_lines, :, None]
+        right_side = np.sum(projected_points, axis=0)[:, 0]
+        common_point = np.linalg.solve(matrix, right_side)
+        distances = distances_to_lines(common_point, points[used_lines], axes[used_lines])
+        if np.max(distances) <= max_distance:
+            break
+        used_lines = np.delete(used_lines, np.argmax(distances))
+    if common_point is not None:
+        return common_point
+    nearest_to_origin = points[0] - (points[0] @ axes[0]) * axes[0]
+    distances = distances_to_lines(nearest_to_origin, points, axes)
+    return nearest_to_origin if np.max(distances) <= max_distance else None

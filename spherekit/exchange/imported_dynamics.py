@@ -1,0 +1,337 @@
+"""Masses and loads of an imported mechanism, as tables of its file."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.exchange.gear_couplings import ImportedPair
+from spherekit.exchange.imported_linkage import ImportedLinkage
+from spherekit.exchange.imported_tables import Table
+from spherekit.exchange.mujoco_file import MASSLESS_KG
+from spherekit.exchange.mujoco_loops import element_name
+from spherekit.exchange.short_decimals import (
+    shorten,
+    shorten_angle,
+    shorten_vector,
+)
+from spherekit.geometry.vectors import max_abs
+from spherekit.mechanism.inertia import shift_to_sphere_centre
+
+TENSOR_ROUNDING = 2e-12
+"""Largest change of an element of a tensor, relative to its largest element.
+
+Larger: digits of the model are lost; smaller: tensors of exported models do not return,
+since the export adds up to this part to their moments (`TENSOR_THICKNESS` in
+`spherekit.exchange.mjcf`).
+"""
+
+SMOOTHING_RATE_RAD_S = 0.01
+"""Rate (rad/s) below which imported dry friction is smoothed.
+
+MuJoCo's friction jumps at rest. Larger: slow motion has too little friction; smaller:
+simulations take shorter steps.
+"""
+
+
+class ImportedDynamics:
+    """The masses and loads of an imported model.
+
+    Notes on parts that are left out are added to the notes of the linkage.
+
+    Parameters
+    ----------
+    linkage
+        The links and pairs of the mechanism.
+
+    Attributes
+    ----------
+    mass_comments
+        Comments on the masses of links, by the names of the links.
+    """
+
+    def __init__(self, linkage: ImportedLinkage) -> None:
+        self._linkage = linkage
+        self._mj_model = linkage.foreign_model.mj_model
+        self._mj_data = linkage.foreign_model.mj_data
+        self.mass_comments: dict[str, str] = {}
+
+    # Masses
+
+    def mass_tables(self) -> dict[str, Table]:
+        """Return the masses of the moving links that have some, by the names of the links.
+
+        Tensors are about the centre of the sphere.
+        """
+        tables: dict[str, Table] = {}
+        rotors = self._find_rotors()
+        for link in self._linkage.links[1:]:
+            bodies = self._find_bodies_with_mass(link)
+            if bodies:
+                table = self._add_up_bodies(link, bodies, rotors.get(link))
+                tables[self._linkage.link_name(link)] = table
+            elif link in rotors:
+                tensor_rows = _tensor_rows(rotors[link])
+                tables[self._linkage.link_name(link)] = {"tensor": tensor_rows}
+        return tables
+
+    def _find_bodies_with_mass(self, link: int) -> list[int]:
+        """Return the bodies with mass that are parts of a link."""
+        body_count = self._mj_model.nbody
+        return [
+            body
+            for body in range(body_count)
+            if self._linkage.link_by_body[body] == link
+            and self._mj_model.body_mass[body] > MASSLESS_KG
+        ]
+
+    def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
+        """Return the mass of a link that consists of bodies.
+
+        Mass and centre are written only if there is gravity, or if they do not come from
+        bodies whose weight is compensated.
+
+        Parameters
+        ----------
+        link
+            Number of the link.
+        bodies
+            Numbers of its bodies with mass.
+        rotor
+            (3, 3) tensor (kg m2) of the rotor that the link carries, or None.
+        """
+        mj_model = self._mj_model
+        is_compensated = mj_model.body_gravcomp[bodies] == 1.0
+        masses = mj_model.body_mass[bodies]
+        arms = self._mj_data.xipos[bodies] - self._linkage.centre
+        # MuJoCo gives the principal moments of a body, and its principal axes.
+        rotations = self._mj_data.ximat[bodies].reshape(-1, 3, 3)
+        principal_moments = mj_model.body_inertia[bodies]
+        tensors = rotations * principal_moments[:, None] @ np.swapaxes(rotations, 1, 2)
+        shifted_tensors = [
+            shift_to_sphere_centre(tensor, mass, arm)
+            for tensor, mass, arm in zip(tensors, masses, arms, strict=True)
+        ]
+        tensor = np.sum(shifted_tensors, axis=0)
+        if rotor is not None:
+            tensor = tensor + rotor
+        total_mass = np.sum(masses)
+        table: Table = {"tensor": _tensor_rows(tensor)}
+        has_gravity = self._linkage.foreign_model.gravity is not None
+        if not np.all(is_compensated) or has_gravity:
+            gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
+            # A body whose weight is compensated counts as if at the centre of the sphere.
+            centre = masses * ~is_compensated @ arms / total_mass
+            table["mass"] = shorten(total_mass, total_mass)
+            table["centre"] = [shorten(x, gyration_radius) for x in centre]
+            if np.any(is_compensated):
+                self.mass_comments[self._linkage.link_name(link)] = (
+                    "Its weight is compensated: its centre counts as the sphere's."
+                )
+        return table
+
+    def _find_rotors(self) -> dict[int, Floats]:
+        """Return the tensors (3, 3) of the armatures of hinges on the ground, by link.
+
+        An armature is a moment of inertia about the axis of its hinge. The link turns about
+        that axis alone, so a thin disc, whose other moments are half as large, moves as the
+        rotor does. On a link that moves itself, no rigid body does.
+        """
+        rotors: dict[int, Floats] = {}
+        for pair in self._linkage.pairs:
+            armature = self._mj_model.dof_armature[pair.joint] if pair.joint >= 0 else 0.0
+            first_link, second_link = pair.links
+            if armature and first_link == 0:
+                disc = 0.5 * armature * (np.eye(3) + np.outer(pair.axis, pair.axis))
+                rotors[second_link] = rotors.get(second_link, np.zeros((3, 3))) + disc
+            elif armature:
+                self._linkage.notes.append(
+                    f"armature of joint {pair.name} left out, {armature:g} kg m2: the link "
+                    "that carries the joint moves"
+                )
+        return rotors
+
+    # Loads
+
+    def load_tables(self, has_masses: bool) -> dict[str, Table]:
+        """Return the loads, by names that are not used twice.
+
+        Parameters
+        ----------
+        has_masses
+            Whether the imported mechanism has masses; gravity is left out otherwise.
+        """
+        tables: dict[str, Table] = {}
+        for name, table in self._list_loads(has_masses):
+            tables[self._linkage.make_unique_name(name, tables)] = table
+        return tables
+
+    def _list_loads(self, has_masses: bool) -> Iterator[tuple[str, Table]]:
+        """Yield all loads with their names, which may occur twice."""
+        gravity = self._linkage.foreign_model.gravity
+        if gravity is not None and has_masses:
+            acceleration = [shorten(component, 1.0) for component in gravity]
+            yield "gravity", {"kind": "gravity", "acceleration": acceleration}
+        for pair in self._linkage.pairs:
+            if pair.joint >= 0:
+                yield from self._list_joint_loads(pair)
+        yield from self._list_actuator_loads()
+        for joint, joint_name in enumerate(self._linkage.foreign_model.joint_names):
+            has_nonlinear_spring = np.any(self._mj_model.jnt_stiffnesspoly[joint])
+            has_nonlinear_damper = np.any(self._mj_model.dof_dampingpoly[joint])
+            if has_nonlinear_spring or has_nonlinear_damper:
+                self._linkage.notes.append(
+                    f"joint {joint_name}: spring or damper left out where not linear"
+                )
+
+    def _list_joint_loads(self, pair: ImportedPair) -> Iterator[tuple[str, Table]]:
+        """Yield the spring, friction and damper of the joint of a pair."""
+        mj_model = self._mj_model
+        joint = pair.joint
+        name = pair.name
+        stiffness, viscous, dry = (
+            shorten(values[joint], values[joint])
+            for values in (
+                mj_model.jnt_stiffness,
+                mj_model.dof_damping,
+                mj_model.dof_frictionloss,
+            )
+        )
+        if stiffness:
+            rest_angle = shorten_angle(mj_model.qpos_spring[joint])
+            yield (
+                f"spring_{name}",
+                {
+                    "kind": "spring",
+                    "pair": name,
+                    "stiffness": stiffness,
+                    "rest": rest_angle,
+                },
+            )
+        if dry:
+            friction = {
+                "kind": "friction",
+                "pair": name,
+                "torque": dry,
+                "speed": shorten_angle(SMOOTHING_RATE_RAD_S),
+            }
+            if viscous:
+                friction["viscous"] = viscous
+            yield f"friction_{name}", friction
+            self._linkage.notes.append(
+                f"dry friction of {name} is smoothed below {SMOOTHING_RATE_RAD_S:g} rad/s"
+            )
+        elif viscous:
+            yield f"damper_{name}", {"kind": "damper", "pair": name, "damping": viscous}
+
+    def _list_actuator_loads(self) -> Iterator[tuple[str, Table]]:
+        """Yield the actuators without control as loads.
+
+        Actuators with control are inputs if they drive a hinge. Notes are added on other
+        actuators, and on feedback of drives.
+        """
+        mj_model = self._mj_model
+        kinds = self._linkage.foreign_model.mujoco.mjtTrn
+        for actuator in range(mj_model.nu):
+            name = element_name(mj_model.actuator(actuator), "actuator", actuator)
+            transmission = mj_model.actuator_trntype[actuator]
+            is_at_joint = transmission == kinds.mjTRN_JOINT
+            is_at_site = transmission == kinds.mjTRN_SITE
+            bias = mj_model.actuator_biasprm[actuator][:3]
+            is_controlled = np.any(mj_model.actuator_gainprm[actuator])
+            if is_controlled:
+                if not is_at_joint:
+                    self._linkage.notes.append(
+                        f"actuator {name} left out: it drives no hinge"
+                    )
+                elif np.any(bias) and not self._linkage.foreign_model.has_made_up_masses:
+                    self._linkage.notes.append(f"feedback of actuator {name} left out")
+            elif is_at_joint:
+                yield name, self._write_pair_torque(actuator)
+            elif is_at_site and self._is_constant_wrench(actuator):
+                for table in self._write_wrench(actuator):
+                    yield name, table
+            else:
+                self._linkage.notes.append(
+                    f"actuator {name} left out: it is no constant load"
+                )
+
+    def _write_pair_torque(self, actuator: int) -> Table:
+        """Return a torque that is affine in the variable of a pair and its rate.
+
+        Parameters
+        ----------
+        actuator
+            Number of an actuator at a hinge, without control. The length of the actuator is
+            its gear times the angle. Its force, times the gear, is the torque.
+        """
+        joint, _ = self._mj_model.actuator_trnid[actuator]
+        gear = self._mj_model.actuator_gear[actuator][0]
+        bias = self._mj_model.actuator_biasprm[actuator][:3]
+        pair_name = next(pair.name for pair in self._linkage.pairs if pair.joint == joint)
+        factors = shorten_vector(gear * bias * [1.0, gear, gear])
+        variables = ("", f"*theta_{pair_name}", f"*dtheta_{pair_name}")
+        summands = [
+            f"({factor}){variable}"
+            for factor, variable in zip(factors, variables, strict=True)
+            if factor
+        ]
+        return {"pair": pair_name, "torque": " + ".join(summands) or "0"}
+
+    def _is_constant_wrench(self, actuator: int) -> bool:
+        """Return whether an actuator at a site is a constant force or moment.
+
+        It is constant in the axes of its link if it has no reference site, and in those of
+        the ground if that site is fixed to the world.
+        """
+        mj_model = self._mj_model
+        has_feedback = np.any(mj_model.actuator_biasprm[actuator][1:3])
+        _, reference_site = mj_model.actuator_trnid[actuator]
+        is_reference_fixed = (
+            reference_site < 0
+            or mj_model.body_weldid[mj_model.site_bodyid[reference_site]] == 0
+        )
+        return bool(not has_feedback and is_reference_fixed)
+
+    def _write_wrench(self, actuator: int) -> Iterator[Table]:
+        """Yield the constant force and moment of an actuator at a site, if not zero."""
+        mj_model = self._mj_model
+        site, reference_site = mj_model.actuator_trnid[actuator]
+        is_in_link_axes = reference_site < 0
+        axes_site = site if is_in_link_axes else reference_site
+        rotation = self._mj_data.site_xmat[axes_site].reshape(3, 3)
+        link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
+        magnitude = mj_model.actuator_biasprm[actuator][0]
+        wrench = mj_model.actuator_gear[actuator] * magnitude
+        arm = self._mj_data.site_xpos[site] - self._linkage.centre
+        link_name = self._linkage.link_name(link)
+        axes = "link" if is_in_link_axes else "ground"
+        force = wrench[:3]
+        moment = wrench[3:]
+        if np.any(force):
+            yield {
+                "kind": "force",
+                "link": link_name,
+                "point": shorten_vector(arm),
+                "force": _as_texts(rotation @ force),
+                "axes": axes,
+            }
+        if np.any(moment):
+            yield {
+                "kind": "moment",
+                "link": link_name,
+                "moment": _as_texts(rotation @ moment),
+                "axes": axes,
+            }
+
+
+def _tensor_rows(tensor: Floats) -> list[list[float]]:
+    """Return a tensor (3, 3) as short decimals, row by row."""
+    largest = max_abs(tensor)
+    return [[shorten(x, largest, TENSOR_ROUNDING) for x in row] for row in tensor]
+
+
+def _as_texts(vector: Floats) -> list[Any]:
+    """Return the components of a vector (3,) as texts of short decimals."""
+    return [str(component) for component in shorten_vector(vector)]

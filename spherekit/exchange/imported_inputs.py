@@ -1,0 +1,207 @@
+"""Inputs and outputs of an imported mechanism, as tables of its file."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.exchange.imported_linkage import ImportedLinkage
+from spherekit.exchange.imported_tables import Table, range_table
+from spherekit.exchange.short_decimals import shorten_axis
+from spherekit.mechanism.graph import find_spanning_tree
+from spherekit.positions.loop_tree import LoopTree
+from spherekit.wording import listing, numbered
+
+RATE_RANK_TOLERANCE = 1e-9
+"""Singular values of velocity equations below this size are zero.
+
+Larger: an input that almost follows from others is left out; smaller: rounding of the model
+makes equations independent that repeat each other, and an input is missing.
+"""
+
+LEAST_RATE_RATIO = 1e-9
+"""Smallest rate of a pair, relative to that of an input, at which the pair follows it."""
+
+
+def choose_inputs(linkage: ImportedLinkage) -> Table:
+    """Return the table of inputs, with the range of each.
+
+    Inputs are the pairs with actuators, and as many others as the mechanism needs. Those at
+    the ground are preferred. Actuators of pairs that follow from other inputs are left out.
+    Notes on both are added to the linkage.
+
+    Parameters
+    ----------
+    linkage
+        The links and pairs, without idler wheels: the couplings do not mention these.
+    """
+    pairs = linkage.pairs
+    driven_ranges = linkage.foreign_model.driven_ranges
+    pair_by_joint = {
+        pair.joint: number for number, pair in enumerate(pairs) if pair.joint >= 0
+    }
+    driven_pairs = [
+        pair_by_joint[joint] for joint in driven_ranges if joint in pair_by_joint
+    ]
+    other_pairs = set(range(len(pairs))).difference(driven_pairs)
+
+    def preference(number: int) -> tuple[bool, bool, int]:
+        """Return a key that sorts hinges before loops, and pairs at the ground first."""
+        is_loop = pairs[number].joint < 0
+        is_away_from_ground = 0 not in pairs[number].links
+        return is_loop, is_away_from_ground, number
+
+    # A pair is independent of the inputs before it if its rate can be prescribed too.
+    equations = _velocity_equations(linkage)
+    inputs: list[int] = []
+    for number in [*driven_pairs, *sorted(other_pairs, key=preference)]:
+        extended_equations = np.vstack([equations, np.eye(len(pairs))[number]])
+        if _find_rank(extended_equations) > _find_rank(equations):
+            inputs.append(number)
+            equations = extended_equations
+    added_names = [pairs[k].name for k in inputs if k not in driven_pairs]
+    if added_names:
+        linkage.notes.append(
+            f"{numbered('input', added_names)} without actuator: there are more freedoms "
+            "than actuators"
+        )
+    dependent_names = [pairs[k].name for k in driven_pairs if k not in inputs]
+    if dependent_names:
+        linkage.notes.append(
+            f"actuator of {listing(dependent_names)} left out: the others determine the "
+            "motion"
+        )
+
+    range_by_input = {
+        k: driven_ranges.get(pairs[k].joint) or linkage.joint_limits.get(pairs[k].joint)
+        for k in inputs
+    }
+    unlimited_inputs = [k for k, ends in range_by_input.items() if ends is None]
+    half_width = _find_half_width(linkage, inputs, unlimited_inputs)
+    table: Table = {}
+    for k, ends in range_by_input.items():
+        value = pairs[k].value
+        table[pairs[k].name] = range_table(ends or (value - half_width, value + half_width))
+    return table
+
+
+def _find_half_width(
+    linkage: ImportedLinkage, inputs: Sequence[int], unlimited_inputs: Sequence[int]
+) -> float:
+    """Return how far (rad) inputs without limits may move each way, at most half a turn.
+
+    If all pairs follow the inputs in proportion, as in gears, the limits of the other pairs
+    bound the inputs. They are kept if all unlimited inputs move this far at once.
+
+    Parameters
+    ----------
+    linkage
+        The links and pairs.
+    inputs
+        Numbers of the pairs that are inputs.
+    unlimited_inputs
+        The inputs without a range of their own.
+    """
+    if linkage.loop_points or not unlimited_inputs:
+        return float(np.pi)
+    pairs = linkage.pairs
+    # The rates of all pairs while each input in turn has the rate 1 and the others rest.
+    equations = np.vstack([_velocity_equations(linkage), np.eye(len(pairs))[inputs]])
+    right_sides = np.zeros((len(equations), len(inputs)))
+    right_sides[-len(inputs) :] = np.eye(len(inputs))
+    rates = np.linalg.lstsq(equations, right_sides, rcond=None)[0]
+    half_width = float(np.pi)
+    for pair, pair_rates in zip(pairs, np.abs(rates), strict=True):
+        total_rate = sum(pair_rates[inputs.index(k)] for k in unlimited_inputs)
+        if pair.joint in linkage.joint_limits and total_rate > LEAST_RATE_RATIO:
+            low, high = linkage.joint_limits[pair.joint]
+            margin = min(high - pair.value, pair.value - low)
+            if margin > 0.0:
+                half_width = min(half_width, margin / total_rate)
+    return half_width
+
+
+def _velocity_equations(linkage: ImportedLinkage) -> Floats:
+    """Return the equations (m, pairs) between the rates of all pairs.
+
+    These are three for each closed loop, and one for each coupling.
+    """
+    pairs = linkage.pairs
+    # The loops are those of bodies without gaps in their numbers: positions in `links`.
+    body_by_link = {link: body for body, link in enumerate(linkage.links)}
+    ends = tuple(
+        (body_by_link[first], body_by_link[second])
+        for first, second in (pair.links for pair in pairs)
+    )
+    loop_tree = LoopTree(len(linkage.links), ends, tuple(range(len(pairs))))
+    loop_equations = loop_tree.jacobian(np.array([[pair.axis for pair in pairs]]))[0]
+    coupling_equations = [
+        [coupling.factors.get(pair.joint, 0.0) for pair in pairs]
+        for coupling in linkage.foreign_model.couplings
+    ]
+    return np.vstack([loop_equations, *coupling_equations])
+
+
+def _find_rank(equations: Floats) -> int:
+    """Return the number of independent equations (m, pairs)."""
+    return int(np.linalg.matrix_rank(equations, tol=RATE_RANK_TOLERANCE))
+
+
+def find_outputs(linkage: ImportedLinkage) -> Table:
+    """Return the table of outputs: links that sensors observe, otherwise the last links.
+
+    Parameters
+    ----------
+    linkage
+        The links and pairs. Without observed links the outputs are the links at the ends of
+        chains, see `_find_last_links`.
+    """
+    outputs: Table = {}
+    for observed_link in linkage.foreign_model.observed_links:
+        link = linkage.link_by_body[observed_link.body]
+        reference = linkage.link_by_body[observed_link.reference]
+        if link not in linkage.links or link == reference:
+            continue
+        table: Table = {"link": linkage.link_name(link)}
+        if reference != 0:
+            table["relative_to"] = linkage.link_name(reference)
+        if observed_link.point is not None:
+            arm = observed_link.point - linkage.centre
+            table["xyz"] = shorten_axis(arm / np.linalg.norm(arm))
+        outputs[linkage.make_unique_name(observed_link.name, outputs)] = table
+    if not outputs:
+        for link in _find_last_links(linkage):
+            name = linkage.link_name(link)
+            outputs[name] = {"link": name}
+    return outputs
+
+
+def _find_last_links(linkage: ImportedLinkage) -> list[int]:
+    """Return the numbers of the links at the ends of the chains.
+
+    These are the links with one pair alone that no gear turns. The link with one pair that
+    is farthest from the ground is one in any case. If all chains are closed, the links that
+    are farthest from the ground are the last ones.
+    """
+    ends = [pair.links for pair in linkage.pairs]
+    # Distance from the ground as a number of pairs.
+    distance = {0: 0}
+    for _, parent, child in find_spanning_tree(ends):
+        distance[child] = distance[parent] + 1
+    links_with_one_pair = [
+        link
+        for link in linkage.links[1:]
+        if sum(link in links_of_pair for links_of_pair in ends) == 1
+    ]
+    candidates = links_with_one_pair or linkage.links
+    farthest = max(distance[link] for link in candidates)
+    # A gear at the end of a chain, such as the wheel of a motor, is no output.
+    coupled_joints: set[int] = set()
+    for coupling in linkage.foreign_model.couplings:
+        coupled_joints |= coupling.factors.keys()
+    geared_links: set[int] = set()
+    for pair in linkage.pairs:
+        if pair.joint in coupled_joints:
+            geared_links |= {*pair.links}
+    free_ends = set(links_with_one_pair) - geared_links
+    return [link for link in candidates if link in free_ends or distance[link] == farthest]

@@ -1,0 +1,432 @@
+"""Links and pairs of an imported model: bodies become links, hinges and loops pairs.
+
+Links are numbered as the bodies of the model. Bodies that are rigidly joined have the
+number of one of them; the ground has number 0. Links that are no bodies, such as those
+between two hinges of one body, have the numbers after the last body.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from itertools import chain, count, groupby
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.conventions import MAX_NAME_LENGTH
+from spherekit.errors import FileError
+from spherekit.exchange.axis_intersection import distances_to_lines, find_common_point
+from spherekit.exchange.gear_couplings import IdlerWheel, ImportedPair
+from spherekit.exchange.mujoco_file import MASSLESS_KG, ForeignModel, LoopPoint
+from spherekit.exchange.short_decimals import shorten
+from spherekit.mechanism.graph import component_labels
+from spherekit.wording import listing
+
+CENTRE_TOLERANCE = 1e-6
+"""Largest distance of an axis from the centre, relative to the size of the model.
+
+Larger: mechanisms that are not spherical are imported with wrong axes; smaller: models
+whose file has few digits need the option ``within``.
+"""
+
+LISTED_DISTANCE_RATIO = 1e-3
+"""Distances below this part of the allowed one are listed as 0 in the message on axes."""
+
+
+class AxisLine(NamedTuple):
+    """An axis of the model as a line, which has to pass the centre of the sphere.
+
+    Attributes
+    ----------
+    name
+        Name of the joint or loop, for messages.
+    point
+        (3,) a point of the line (m, world axes).
+    direction
+        (3,) its unit vector.
+    """
+
+    name: str
+    point: Floats
+    direction: Floats
+
+
+class ImportedLinkage:
+    """The links and pairs of a spherical mechanism that a model describes.
+
+    Parameters
+    ----------
+    where
+        The file, for messages.
+    foreign_model
+        The model.
+    max_distance
+        Distance (m) by which axes may miss the centre. By default `CENTRE_TOLERANCE` of the
+        distance of the farthest centre of mass, joint or loop point from their mean.
+
+    Attributes
+    ----------
+    link_by_body
+        Link of each body of the model, then the added links themselves.
+    links
+        Numbers of the links that have pairs, the ground first.
+    pairs
+        The R pairs.
+    pair_comments
+        Comments on pairs, by name.
+    loop_points
+        For each two links the points at which they are held together.
+    centre
+        (3,) centre of the sphere (m, world axes).
+    centre_distance
+        Largest distance (m) of an axis from the centre.
+    joint_limits
+        Ends of the range (rad) of each limited joint, by its number.
+    notes
+        What was left out or changed, in sentences.
+
+    Raises
+    ------
+    FileError
+        If axes miss the centre or are parallel, a link is not joined to the ground, or
+        nothing moves.
+    """
+
+    def __init__(
+        self, where: str, foreign_model: ForeignModel, max_distance: float | None
+    ) -> None:
+        self.where = where
+        self.foreign_model = foreign_model
+        self._mj_model = foreign_model.mj_model
+        self._mj_data = foreign_model.mj_data
+        self.notes: list[str] = []
+        self.pair_comments: dict[str, str] = {}
+        self._name_by_link: dict[int, str] = {}
+        self._turning_joints = [
+            joint
+            for joint in range(self._mj_model.njnt)
+            if joint not in foreign_model.locked_joints
+        ]
+        limited_joints = np.flatnonzero(self._mj_model.jnt_limited).tolist()
+        self.joint_limits: dict[int, Sequence[float]] = {
+            joint: self._mj_model.jnt_range[joint].tolist() for joint in limited_joints
+        }
+        self.link_by_body = self._merge_bodies()
+        self.loop_points = self._group_loop_points()
+        self.centre, self.centre_distance = self._find_centre(max_distance)
+        self._removed_hinges = self._remove_free_ball_joints()
+        self.pairs: list[ImportedPair] = []
+        self._add_joint_pairs()
+        self._add_loop_pairs()
+        self._check_connected()
+        links_of_pairs = chain.from_iterable(pair.links for pair in self.pairs)
+        self.links = list(dict.fromkeys([0, *links_of_pairs]))
+
+    # Names
+
+    def link_name(self, link: int) -> str:
+        """Return the name of a link: that of its body.
+
+        The ground has the name of its only body, otherwise it is called ground.
+        """
+        if link not in self._name_by_link:
+            text = self.foreign_model.body_names[link]
+            if link == 0:
+                # Bodies of the file that are fixed to the world, without their own
+                # children.
+                ground_bodies = [
+                    name
+                    for body, name in enumerate(self.foreign_model.body_names)
+                    if body
+                    and self.link_by_body[body] == 0
+                    and self._mj_model.body_parentid[body] == 0
+                ]
+                text = ground_bodies[0] if len(ground_bodies) == 1 else "ground"
+            self._name_by_link[link] = self.make_unique_name(
+                text, self._name_by_link.values()
+            )
+        return self._name_by_link[link]
+
+    def make_unique_name(self, text: str, used_names: Iterable[str]) -> str:
+        """Return a text as a name of the file that is not in use; note if it differs."""
+        name = re.sub(r"[^A-Za-z0-9_]", "_", text)[:MAX_NAME_LENGTH] or "unnamed"
+        used = set(used_names)
+        # Four characters are enough for the numbers _2 to _999.
+        stem = name[: MAX_NAME_LENGTH - 4]
+        numbers = count(2)
+        while name in used:
+            name = f"{stem}_{next(numbers)}"
+        if name != text:
+            self.notes.append(f'"{text}" is called {name}')
+        return name
+
+    # Bodies that are one link
+
+    def _merge_bodies(self) -> list[int]:
+        """Return the link of each body.
+
+        Bodies are one link if they are welded, or joined by locked joints or by none.
+        """
+        mj_model = self._mj_model
+        turning_bodies = {0, *mj_model.jnt_bodyid[self._turning_joints].tolist()}
+        fixed_couples = [
+            (mj_model.body_parentid[body], body)
+            for body in range(mj_model.nbody)
+            if body not in turning_bodies
+        ]
+        link_by_body = [*range(mj_model.nbody)]
+        for couple in [*fixed_couples, *self.foreign_model.welded_bodies]:
+            remaining, merged = (link_by_body[body] for body in couple)
+            if merged == 0:  # The ground keeps its number.
+                remaining, merged = merged, remaining
+            link_by_body = [remaining if link == merged else link for link in link_by_body]
+        for joint in sorted(self.foreign_model.locked_joints):
+            joint_name = self.foreign_model.joint_names[joint]
+            self.notes.append(f"joint {joint_name} is locked, so it is no pair")
+        return link_by_body
+
+    # The centre of the sphere
+
+    def _group_loop_points(self) -> dict[tuple[int, int], list[LoopPoint]]:
+        """Return the points that hold two links together, by the two links.
+
+        Two links occur in one order only, that of the first point. A point within one link
+        is left out.
+        """
+        points_by_links: dict[tuple[int, int], list[LoopPoint]] = {}
+        for loop_point in self.foreign_model.loop_points:
+            first_body, second_body = loop_point.bodies
+            first_link = self.link_by_body[first_body]
+            second_link = self.link_by_body[second_body]
+            if first_link == second_link:
+                continue
+            links = (first_link, second_link)
+            if links[::-1] in points_by_links:
+                links = links[::-1]
+            points_by_links.setdefault(links, []).append(loop_point)
+        return points_by_links
+
+    def _list_axis_lines(self) -> list[AxisLine]:
+        """Return the axes that have to pass the centre.
+
+        These are the axes of all joints, and the lines through two points at which the same
+        two links are held together.
+        """
+        lines = [
+            AxisLine(
+                f"joint {self.foreign_model.joint_names[joint]}",
+                self._mj_data.xanchor[joint],
+                self._mj_data.xaxis[joint],
+            )
+            for joint in self._turning_joints
+        ]
+        for first, *others in self.loop_points.values():
+            for other in others:
+                length = np.linalg.norm(other.point - first.point)
+                if length > 0.0:
+                    name = f"loop {first.name}"
+                    if other.name != first.name:
+                        name += f" through {other.name}"
+                    direction = (other.point - first.point) / length
+                    lines.append(AxisLine(name, first.point, direction))
+        return lines
+
+    def _find_centre(self, max_distance: float | None) -> tuple[Floats, float]:
+        """Return the point (3,) in which the axes meet, and the largest distance from it.
+
+        Parameters
+        ----------
+        max_distance
+            Allowed distance (m) of an axis, None for the default.
+        """
+        lines = self._list_axis_lines()
+        points = np.array([line.point for line in lines])
+        directions = np.array([line.direction for line in lines])
+        size = self._measure_size()
+        if max_distance is None:
+            max_distance = CENTRE_TOLERANCE * size
+        centre = find_common_point(points, directions, max_distance)
+        if centre is None:
+            raise FileError(
+                f"{self.where}: all {len(points)} axes are parallel: a planar mechanism, "
+                "whose links turn about no common point; axes of a spherical mechanism "
+                "meet in one"
+            )
+        distances = distances_to_lines(centre, points, directions)
+        largest_distance = np.max(distances)
+        if largest_distance > max_distance:
+            centre_text = listing(shorten(coordinate, size) for coordinate in centre)
+            least_listed = LISTED_DISTANCE_RATIO * max_distance
+            distance_lines = ""
+            for index in np.argsort(-distances, kind="stable"):
+                distance = distances[index] if distances[index] > least_listed else 0.0
+                distance_lines += f"\n  {lines[index].name}: {distance:.4g} m"
+            passing_count = np.sum(distances <= max_distance)
+            raise FileError(
+                f"{self.where}: the axes do not meet in a point, so it is no spherical "
+                f"mechanism. {passing_count} of {len(distances)} pass the point "
+                f"{centre_text} m; the distances from it are:{distance_lines}\n"
+                f"Allowed is {max_distance:.2g} m; give --within "
+                "METRES if more is rounding, or take the other joints out of a copy of the "
+                "file"
+            )
+        return centre, largest_distance
+
+    def _measure_size(self) -> float:
+        """Return the distance (m) of the farthest point of the model from their mean.
+
+        The points are centres of mass, joints, and points that close loops.
+        """
+        has_mass = self._mj_model.body_mass > MASSLESS_KG
+        points = [*self._mj_data.xipos[has_mass], *self._mj_data.xanchor]
+        points += [loop_point.point for loop_point in self.foreign_model.loop_points]
+        offsets = points - np.mean(points, axis=0)
+        size: float = np.max(np.linalg.norm(offsets, axis=1))
+        return size or 1.0
+
+    # Pairs
+
+    def _remove_free_ball_joints(self) -> set[int]:
+        """Return the hinges, by number, of ball joints that constrain nothing.
+
+        Links of a spherical mechanism without a pair between them turn freely about the
+        centre, and so they do with a ball joint. The joint is left out if other pairs
+        connect its links. Three hinges in its place would close the loops in twice as many
+        assembly modes.
+        """
+        mj_model = self._mj_model
+        body_by_ball = {
+            ball: mj_model.jnt_bodyid[hinges[0]]
+            for ball, hinges in self.foreign_model.hinges_by_ball.items()
+        }
+        bodies_on_balls = {int(body) for body in body_by_ball.values()}
+        connected_links = [
+            (self.link_by_body[mj_model.body_parentid[body]], self.link_by_body[body])
+            for body in range(1, mj_model.nbody)
+            if body not in bodies_on_balls
+        ]
+        for links, points in self.loop_points.items():
+            radii = [np.linalg.norm(point.point - self.centre) for point in points]
+            # A point at the centre constrains nothing.
+            if max(radii) > self.centre_distance:
+                connected_links.append(links)
+        removed_hinges: set[int] = set()
+        for ball, body in body_by_ball.items():
+            parent_link = self.link_by_body[mj_model.body_parentid[body]]
+            child_link = self.link_by_body[body]
+            part_of_link = component_labels(mj_model.nbody, connected_links)
+            if part_of_link[parent_link] == part_of_link[child_link]:
+                removed_hinges |= set(self.foreign_model.hinges_by_ball[ball])
+                self.notes.append(
+                    f"ball joint {ball} left out: all links turn about the centre anyway"
+                )
+            else:
+                connected_links.append((parent_link, child_link))
+                self.notes.append(f"ball joint {ball} is three hinges, {ball}_x, _y and _z")
+        return removed_hinges
+
+    def _add_pair(
+        self,
+        text: str,
+        links: tuple[int, int],
+        axis: Floats,
+        value: float,
+        joint: int = -1,
+    ) -> str:
+        """Add a pair, and return its name: the text if it is a free name.
+
+        The other parameters are those of `ImportedPair`.
+        """
+        name = self.make_unique_name(text, (pair.name for pair in self.pairs))
+        self.pairs.append(ImportedPair(name, links, axis, value, joint))
+        return name
+
+    def _add_joint_pairs(self) -> None:
+        """Add the hinges of all bodies as pairs.
+
+        Several hinges of one body are a chain, with a new link after each but the last.
+        """
+        hinges = [
+            joint for joint in self._turning_joints if joint not in self._removed_hinges
+        ]
+        body_by_joint = self._mj_model.jnt_bodyid.tolist()
+        for body, joints_of_body in groupby(hinges, body_by_joint.__getitem__):
+            joints = [*joints_of_body]
+            first_link = self.link_by_body[self._mj_model.body_parentid[body]]
+            body_link = self.link_by_body[body]
+            if first_link == body_link:
+                joint_names = listing(
+                    self.foreign_model.joint_names[joint] for joint in joints
+                )
+                self.notes.append(f"joint {joint_names} cannot turn: its bodies are welded")
+                continue
+            for joint in joints:
+                second_link = body_link
+                joint_name = self.foreign_model.joint_names[joint]
+                if joint != joints[-1]:
+                    body_name = self.foreign_model.body_names[body]
+                    second_link = self._add_link(f"{body_name}_{joint_name}")
+                axis = self._mj_data.xaxis[joint]
+                value = self._mj_data.qpos[joint]
+                self._add_pair(joint_name, (first_link, second_link), axis, value, joint)
+                first_link = second_link
+
+    def _add_link(self, text: str) -> int:
+        """Add a link that is no body, called by a text, and return its number."""
+        link = len(self.link_by_body)
+        self.link_by_body.append(link)
+        self._name_by_link[link] = self.make_unique_name(text, self._name_by_link.values())
+        return link
+
+    def _add_loop_pairs(self) -> None:
+        """Add a pair for each two links that are held together at points.
+
+        Its axis leads from the centre to the farthest of the points.
+        """
+        for links, points in self.loop_points.items():
+            arms = np.array([point.point for point in points]) - self.centre
+            radii = np.linalg.norm(arms, axis=1)
+            farthest = np.argmax(radii)
+            if radii[farthest] <= self.centre_distance:
+                self.notes.append(
+                    f"loop {points[farthest].name} left out: it holds the centre, which "
+                    "does not move"
+                )
+                continue
+            loop_name = points[0].name
+            value = self.foreign_model.loop_values.get(loop_name, 0.0)
+            axis = arms[farthest] / radii[farthest]
+            pair_name = self._add_pair(loop_name, links, axis, value)
+            link_names = " and ".join(map(self.link_name, links))
+            self.pair_comments[pair_name] = f"Closes a loop: holds {link_names} at a point."
+
+    def _check_connected(self) -> None:
+        """Raise `FileError` unless there are pairs, which join all links to the ground."""
+        if not self.pairs:
+            raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
+        links_of_pairs = [pair.links for pair in self.pairs]
+        part_of_link = component_labels(len(self.link_by_body), links_of_pairs)
+        # The part of the ground has the number 0.
+        separate_links = {
+            link for links in links_of_pairs for link in links if part_of_link[link]
+        }
+        if separate_links:
+            raise FileError(
+                f"{self.where}: link {listing(map(self.link_name, separate_links))} is not "
+                "joined to the ground"
+            )
+
+    def add_idler_wheels(self, idlers: Sequence[IdlerWheel]) -> None:
+        """Add idler wheels of gears as links, each on a pair of its carrier.
+
+        Their numbers must follow those of the links that exist.
+        """
+        for number, idler in enumerate(idlers, 1):
+            link = self._add_link(f"idler_{number}")
+            pair_name = self._add_pair(
+                f"idler_axis_{number}", (idler.carrier, link), idler.axis, 0.0
+            )
+            self.links.append(link)
+            self.pair_comments[pair_name] = (
+                "The idler wheel was added: two coaxial wheels need one for a ratio."
+            )

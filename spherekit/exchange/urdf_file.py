@@ -1,0 +1,121 @@
+"""A URDF file as a MuJoCo model, with its loops and the wheels of its transmissions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from spherekit.arrays import Floats
+from spherekit.errors import FileError
+from spherekit.exchange.urdf_loops import Element, add_loop_joint
+from spherekit.exchange.urdf_transmissions import (
+    DrivenJoint,
+    DrivenWheel,
+    describe_motors,
+    name_wheels,
+    read_transmissions,
+)
+
+
+@dataclass(frozen=True)
+class UrdfContent:
+    """A URDF file as a MuJoCo model that is not compiled yet.
+
+    Attributes
+    ----------
+    spec
+        The `MjSpec` of the model.
+    transmissions
+        The joints and wheels that motors drive.
+    loop_axes
+        Unit axis (3,) of each loop joint that has one, in the axes of its first link, by
+        the name of the joint.
+    notes
+        What was left out or is not known, in sentences.
+    """
+
+    spec: Any
+    transmissions: Sequence[DrivenJoint | DrivenWheel]
+    loop_axes: dict[str, Floats]
+    notes: list[str]
+
+
+def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
+    """Return the MuJoCo model of a URDF, with its loops and transmissions as constraints.
+
+    Parameters
+    ----------
+    mujoco
+        The module.
+    root
+        The element `<robot>`, from which the elements of shapes are removed.
+    path
+        The file, for messages.
+
+    Raises
+    ------
+    FileError
+        If a transmission or a loop joint cannot be read.
+    ValueError
+        If MuJoCo cannot read the file.
+    """
+    # Shapes play no part in a mechanism, and name files that may be missing.
+    for link in root.iter("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            link.remove(shape)
+    transmissions, transmission_notes = read_transmissions(root, path)
+    transmissions = name_wheels(root, transmissions)
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
+    # Links on fixed joints keep their names as bodies of their own.
+    spec.compiler.fusestatic = False
+    for drive in transmissions:
+        if isinstance(drive, DrivenWheel):
+            _add_wheel(mujoco, spec, drive, path)
+    loop_axes: dict[str, Floats] = {}
+    try:
+        for loop_joint in [*root.findall("loop_joint"), *root.findall("loop")]:
+            loop_axes |= add_loop_joint(mujoco, spec, loop_joint, path)
+    except ValueError as error:
+        raise FileError(f"{path}: a loop joint has no numbers: {error}") from None
+    notes = [*transmission_notes, *describe_motors(transmissions)]
+    return UrdfContent(spec, transmissions, loop_axes, notes)
+
+
+def _add_wheel(mujoco: Any, spec: Any, drive: DrivenWheel, path: Path) -> None:
+    """Add the wheel of a motor to a model, and couple it with the two joints it drives.
+
+    The coupling is a tendon of fixed length: wheel - inner - ratio outer = 0.
+
+    Parameters
+    ----------
+    mujoco
+        The module.
+    spec
+        The `MjSpec`, which is changed.
+    drive
+        The wheel.
+    path
+        The file, for messages.
+    """
+    joint = spec.joint(drive.inner_joint)
+    if joint is None or spec.joint(drive.outer_joint) is None:
+        raise FileError(
+            f"{path}: transmission {drive.transmission}: joints "
+            f"{drive.inner_joint} and {drive.outer_joint} do not both turn"
+        )
+    inner_link = joint.parent
+    carrier = inner_link.parent
+    # The wheel is coaxial with the inner joint, so it has the frame of that joint's link.
+    wheel = carrier.add_body(name=drive.wheel, pos=inner_link.pos, quat=inner_link.quat)
+    wheel.add_joint(name=drive.wheel, type=joint.type, pos=joint.pos, axis=joint.axis)
+    tendon = spec.add_tendon(name=drive.wheel)
+    tendon.wrap_joint(drive.wheel, 1.0)
+    tendon.wrap_joint(drive.inner_joint, -1.0)
+    tendon.wrap_joint(drive.outer_joint, -drive.ratio)
+    spec.add_equality(
+        name=f"{drive.wheel}_mesh",
+        type=mujoco.mjtEq.mjEQ_TENDON,
+        objtype=mujoco.mjtObj.mjOBJ_TENDON,
+        name1=drive.wheel,
+    )
