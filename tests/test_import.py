@@ -10,6 +10,7 @@ from refusals import HERE, TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
+from spherekit.errors import FileError
 from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.mechanism_reader import load, loads
@@ -265,3 +266,14 @@ def test_a_loop_that_is_open_in_the_file_is_closed(tmp_path):
     assert axes["left_axle"] == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
     values = found.mechanism.geometry.values
     assert "left_axle" not in values and abs(values["pivot"]) > 0.01
+
+
+def test_a_model_whose_joints_are_all_locked_is_refused(tmp_path):
+    path = written(
+        tmp_path,
+        '<mujoco><worldbody><body name="a"><joint name="j"/>'
+        '<inertial mass="1" pos="0.1 0 0" diaginertia="1 1 1"/></body></worldbody>'
+        '<equality><joint joint1="j"/></equality></mujoco>',
+    )
+    with pytest.raises(FileError, match="nothing moves: all joints are locked"):
+        sk.import_mechanism(path)

@@ -240,6 +240,8 @@ class ImportedLinkage:
             Allowed distance (m) of an axis, None for the default.
         """
         lines = self._list_axis_lines()
+        if not lines:
+            raise FileError(f"{self.where}: nothing moves: all joints are locked")
         points = np.array([line.point for line in lines])
         directions = np.array([line.direction for line in lines])
         size = self._measure_size()
