@@ -131,5 +131,5 @@ def test_curves_followed_side_by_side_are_those_of_each(name):
     together = follow_each(closure, driven, values, *tracer.range)
     for one, curve in zip(values, together, strict=True):
         (alone,) = follow_each(closure, driven, one[None], *tracer.range)
-        assert (curve.ends, curve.tried) == (alone.ends, alone.tried)
+        assert (curve.ends, curve.tried_steps) == (alone.ends, alone.tried_steps)
         assert np.max(np.abs(curve.values - alone.values)) < 1e-12

@@ -516,7 +516,7 @@ def _one_row(
         given = [q, *mode.signs_along(np.array([[q]]))[:, 0].astype(float).tolist()]
         if not kernel.has_closed_form:
             assert mode.guide is not None
-            predicted, _, why = mode.guide.at(np.array([[q]]), None)
+            predicted, _, why = mode.guide.predict(np.array([[q]]), None)
             if why != Status.OK:
                 return None
             given = predicted[0].tolist()

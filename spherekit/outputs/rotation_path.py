@@ -2,7 +2,7 @@
 
 The target orientation turns about the axis by the angle theta, and the path consists of the
 configurations nearest to it (`spherekit.outputs.target_deviation`). It is tracked in steps
-that are verified as `spherekit.positions.path_continuation` describes, with exact first and
+that are verified as `spherekit.positions.verified_steps` describes, with exact first and
 second derivatives by theta. A singular configuration, at which the loops and the target do
 not determine the links, is stepped over at once. This is a *leap*. It is accepted if the
 path continues smoothly on the other side.
@@ -20,7 +20,7 @@ from spherekit.numerics.hermite import quintic_hermite
 from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.target_deviation import OutputLink, TargetDeviation
 from spherekit.positions.loop_closure import newton
-from spherekit.positions.path_continuation import STEP_PARTS, Verification
+from spherekit.positions.verified_steps import STEP_PARTS, Verification
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
@@ -343,7 +343,9 @@ class RotationPath:
         next_node = nodes.rows(slice(1, 2))
 
         change = max_abs(next_node.values - node.values)
-        is_corrected = STEP_VERIFICATION.corrected(step_sizes, change) & nodes.is_valid
+        is_corrected = (
+            STEP_VERIFICATION.accepts_correction(step_sizes, change) & nodes.is_valid
+        )
         if not np.all(is_corrected & (nodes.follows == node.follows)):
             return None
 
@@ -352,13 +354,15 @@ class RotationPath:
             # change has an eigenvalue of -1. Small eigenvalues exclude this on the way.
             relative_change = np.linalg.pinv(node.system[0]) @ (nodes.system - node.system)
             eigenvalues = np.abs(np.linalg.eigvals(relative_change))
-            is_regular = STEP_VERIFICATION.regular(eigenvalues)
+            is_regular = STEP_VERIFICATION.accepts_change(eigenvalues)
         else:
             is_regular = nodes.stability > UNDETERMINED_CONDITION
 
         interpolated, _ = PathNodes.joined([node, next_node]).interpolate(middle_node.theta)
         middle_error = max_abs(interpolated - middle_node.values)
-        is_predicted = STEP_VERIFICATION.predicted(middle_error, change, CLOSURE_TOLERANCE)
+        is_predicted = STEP_VERIFICATION.accepts_middle(
+            middle_error, change, CLOSURE_TOLERANCE
+        )
         return next_node if is_predicted and np.all(is_regular) else None
 
     def leap(self, node: PathNodes, end: float) -> tuple[PathNodes, float] | None:

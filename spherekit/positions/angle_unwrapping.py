@@ -20,10 +20,10 @@ from spherekit.conventions import TURN
 from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.group_conditioning import group_reciprocal_condition
+from spherekit.positions.input_paths import follow_inputs
 from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.mode_predictor import ModeCurve, follow_each
 from spherekit.positions.motion import Motion
-from spherekit.positions.path_continuation import follow_inputs
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_GROUP_CONDITION
@@ -118,7 +118,7 @@ class UnwrappedStretch:
         # before.
         from_low = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         reduced_input = low - DEAD_CENTRE_SLACK_RAD + np.mod(from_low, self.period)
-        followed, _ = self.curve.predict(np.clip(reduced_input, low, high))
+        followed, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
         difference = (followed - values)[:, self.angles]
         revolutions = np.round(difference / TURN)
         deviation = max_abs(difference - TURN * revolutions, axis=1)
@@ -327,7 +327,7 @@ class AngleUnwrapping:
         is_below_reached = low > anchor + DEAD_CENTRE_SLACK_RAD
         if is_below_reached and high > anchor + period - DEAD_CENTRE_SLACK_RAD:
             reference = high
-        reference_values = curve.predict(np.array([reference]))[0][0]
+        reference_values = curve.interpolate(np.array([reference]))[0][0]
         return UnwrappedStretch(
             curve=curve,
             input_variable=driven,
@@ -368,8 +368,8 @@ class AngleUnwrapping:
         whole_periods = whole_laps(q - self.solver.anchor, periods)
         goal = np.full_like(q, self.solver.anchor)
         near_anchor = self.solver.shift_inputs(first, q - whole_periods)
-        nodes, _, _ = follow_inputs(self._closure, self._driven, near_anchor, goal)
-        at_anchor = nodes.values
+        followed = follow_inputs(self._closure, self._driven, near_anchor, goal)
+        at_anchor = followed.nodes.values
         input_error = max_abs(at_anchor[:, self._driven] - goal, axis=1)
         is_connected = input_error < DEAD_CENTRE_SLACK_RAD
         revolutions = np.zeros((len(chain), len(angles)))
@@ -410,14 +410,14 @@ class AngleUnwrapping:
             The revolutions by which the followed angles exceed those of the targets. They
             are not connected if the path or the comparison fails.
         """
-        nodes, status, _ = follow_inputs(
+        followed = follow_inputs(
             self._closure, self._driven, values, targets[:, self._driven]
         )
-        difference = (nodes.values - targets)[:, self._angles]
+        difference = (followed.nodes.values - targets)[:, self._angles]
         revolutions = np.round(difference / TURN)
         deviation = max_abs(difference - TURN * revolutions, axis=1)
         is_same_mode = deviation < SAME_MODE_TOLERANCE_RAD
-        return RevolutionSteps(revolutions, (status == Status.OK) & is_same_mode)
+        return RevolutionSteps(revolutions, (followed.status == Status.OK) & is_same_mode)
 
 
 def continue_angles(

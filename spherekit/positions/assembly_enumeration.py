@@ -29,11 +29,11 @@ from spherekit.positions.group_solutions import (
     find_group_configurations,
     least_complete,
 )
+from spherekit.positions.input_paths import determinant_sign
 from spherekit.positions.input_revolutions import whole_laps
 from spherekit.positions.linear_equations import condition_numbers
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.pair_states import has_penetration
-from spherekit.positions.path_continuation import determinant_sign
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import (
     POLISHING_STEPS,

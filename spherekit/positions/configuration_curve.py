@@ -1,8 +1,8 @@
-"""The configuration curve of a single-DOF mechanism in its own arc length.
+"""The configuration curve of a mechanism with one degree of freedom, in its arc length.
 
-Every configuration that a mechanism can reach without being taken apart is a point of
-one curve in the space of its variables. Where an input has a dead centre the curve runs
-on smoothly, and on a closed curve everything is a periodic function of the arc length.
+Every configuration that a mechanism can reach without being taken apart is a point of one
+curve in the space of its variables. At a dead centre of an input the curve continues
+smoothly. On a closed curve everything is a periodic function of the arc length.
 """
 
 from collections.abc import Callable
@@ -17,15 +17,14 @@ from spherekit.conventions import TURN
 from spherekit.errors import SolveError
 from spherekit.geometry.arc_length import ArcLength, integrate_rate
 from spherekit.geometry.vectors import all_finite, max_abs, nans
-from spherekit.numerics.hermite import quintic_hermite
 from spherekit.numerics.zeros import Zeros, find_zeros
 from spherekit.positions.curve_segment import (
-    LARGEST_MISS,
     CurvePoints,
     bordered,
-    bordered_condition,
+    bordered_reciprocal_condition,
     correct,
     curve_points,
+    interpolate_between,
 )
 from spherekit.positions.input_revolutions import less_periods, whole_laps
 from spherekit.positions.linear_equations import left_inverse
@@ -33,79 +32,138 @@ from spherekit.positions.loop_closure import Closure
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 
-NEAR = 1e-7
-"""Configurations (rad) nearer than this to the curve lie on it."""
-BESIDE = 0.3
-"""A segment of the curve is nowhere farther from its chord than this part of it."""
-AT_ONCE = 64
-"""Configurations that are looked for on all of a curve at once."""
+SAME_POINT_RAD = 1e-7
+"""A configuration nearer to a curve is on it.
+
+Larger: curves that pass each other closely are taken for one. Smaller: configurations near
+crossings, which are less accurate, are followed as curves of their own.
+"""
+MAX_SAGITTA_RATIO = 0.3
+"""Largest distance of a curve from the chord of two nodes, relative to the chord.
+
+Larger: more chords are examined for each configuration. Smaller: configurations on strongly
+curved segments are not recognised.
+"""
+CHORD_OVERHANG = 0.01
+"""Projections on a chord may lie outside it by this part of its length, for rounding.
+
+Smaller: configurations at nodes can be missed. Larger: more chords are examined.
+"""
+MAX_PREDICTION_MISS_RATIO = 0.05
+"""Largest distance of an interpolated point from the curve, relative to the chord.
+
+Larger: Newton's method may lead to another curve. Smaller: a point that was found is NaN.
+"""
+CONFIGURATIONS_PER_BLOCK = 64
+"""Configurations compared with all chords at once. Larger: more memory. Smaller: slower."""
+MIN_VARIATION_RAD = 1e-7
+"""A variable that changes by less along a whole curve is constant on it."""
+POINT_ROUNDING_FACTOR = 8.0
+"""Rounding error of a point, in units of EPS over the reciprocal condition number."""
+
+CurveFunction = Callable[[CurvePoints], tuple[Floats, Floats]]
+"""Takes n points of a curve; returns a function and its derivative by s, both (n,)."""
 
 
-def between(starts: CurvePoints, stops: CurvePoints, along: Floats) -> Floats:
-    """Return quintic Hermite values (n, variables) at parts (n,) of chords, 0 to 1."""
-    ways = stops.values - starts.values
-    chords = np.linalg.norm(ways, axis=1)
-    e = ways / chords[:, None]
+@dataclass(frozen=True)
+class ChordProjections:
+    """Projections of configurations on the chords of a curve near which they are.
 
-    def end(points: CurvePoints) -> tuple[Floats, Floats, Floats]:
-        speed = np.vecdot(points.tangents, e)[:, None]
-        slope = points.tangents / speed
-        swing = np.vecdot(points.bends, e)[:, None]
-        return points.values, slope, (points.bends - slope * swing) / speed**2
+    A configuration that is near several chords occurs several times.
 
-    return quintic_hermite(end(starts), end(stops), chords, along)
+    Attributes
+    ----------
+    configurations
+        (m,) indices of the configurations.
+    chords
+        (m,) indices of the chords.
+    differences
+        (m, variables) differences of the configurations from the starts of the chords, less
+        whole periods (rad).
+    distances
+        (m,) lengths of their projections on the chords (rad), from 0 to the chord length.
+    """
+
+    configurations: Indices
+    chords: Indices
+    differences: Floats
+    distances: Floats
 
 
 @dataclass(frozen=True)
 class Chords:
-    """The chords of the curve through k nodes."""
+    """The straight segments between successive nodes of a curve.
+
+    Attributes
+    ----------
+    nodes
+        k points of the curve in order.
+    """
 
     nodes: CurvePoints
 
     @cached_property
     def chords(self) -> Floats:
-        """Lengths (k - 1,) of the chords (rad)."""
+        """(k - 1,) lengths of the chords (rad)."""
         return np.linalg.norm(np.diff(self.nodes.values, axis=0), axis=1)
 
     @cached_property
     def directions(self) -> Floats:
-        """Unit vectors (k - 1, variables) of the chords."""
+        """(k - 1, variables) unit vectors along the chords."""
         return np.diff(self.nodes.values, axis=0) / self.chords[:, None]
 
-    def predict(self, which: Indices, along: Floats) -> Floats:
-        """Return quintic Hermite values (n, variables) at parts of chords (n,), 0 to 1."""
-        return between(self.nodes.rows(which), self.nodes.rows(which + 1), along)
+    def predict(self, which: Indices, fractions: Floats) -> Floats:
+        """Return interpolated points (n, variables) of the curve (rad).
 
-    def beside(
-        self, values: Floats, periods: Floats
-    ) -> tuple[Indices, Indices, Floats, Floats]:
-        """Return which configurations (n, variables) lie beside which chords (m,).
-
-        With the ways (m, variables) there from the chords' starts, less whole periods, and
-        how far along the chords (m,) that is.
+        Parameters
+        ----------
+        which
+            (n,) indices of chords.
+        fractions
+            (n,) projections on these chords, from 0 at the start to 1 at the stop.
         """
-        half = 0.5 * np.diff(self.nodes.values, axis=0)
-        middles = self.nodes.values[:-1] + half
-        hits = []
-        for first in range(0, max(len(values), 1), AT_ONCE):
-            away = values[first : first + AT_ONCE, None] - middles
-            away = less_periods(away, periods) + half
-            along = np.vecdot(away, self.directions)
-            off = max_abs(away - along[..., None] * self.directions, axis=2)
-            near = off < BESIDE * self.chords + NEAR
-            near &= np.abs(along / self.chords - 0.5) < 0.51
-            which, chord = np.nonzero(near)
-            hits.append((first + which, chord, away[which, chord]))
-        row, number, way = (np.concatenate(part) for part in zip(*hits, strict=True))
-        along = np.vecdot(way, self.directions[number])
-        return row, number, way, np.clip(along, 0.0, self.chords[number])
+        starts = self.nodes.rows(which)
+        stops = self.nodes.rows(which + 1)
+        return interpolate_between(starts, stops, fractions)
 
+    def project(self, values: Floats, periods: Floats) -> ChordProjections:
+        """Return the chords near which configurations are, with projections on these.
 
-AT_REST = 1e-7
-"""A variable that changes by less (rad) along a whole curve stands still on it."""
-
-Along = Callable[[CurvePoints], tuple[Floats, Floats]]
-"""A function along the curve and its derivative by s, both (n,)."""
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad).
+        periods
+            (variables,) growth of each variable (rad) that changes nothing.
+        """
+        half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
+        middles = self.nodes.values[:-1] + half_chords
+        configurations = []
+        chords = []
+        differences = []
+        # At least one block, so that there are arrays to join.
+        for first in range(0, max(len(values), 1), CONFIGURATIONS_PER_BLOCK):
+            # Axes: configuration, chord, variable. Periods are removed from the difference
+            # from the middle, where no rounding can add one.
+            offsets = values[first : first + CONFIGURATIONS_PER_BLOCK, None] - middles
+            offsets = less_periods(offsets, periods) + half_chords
+            distances = np.vecdot(offsets, self.directions)
+            off_chord = max_abs(offsets - distances[..., None] * self.directions, axis=2)
+            is_near = off_chord < MAX_SAGITTA_RATIO * self.chords + SAME_POINT_RAD
+            is_near &= np.abs(distances / self.chords - 0.5) < 0.5 + CHORD_OVERHANG
+            row, chord = np.nonzero(is_near)
+            configurations.append(first + row)
+            chords.append(chord)
+            differences.append(offsets[row, chord])
+        chord_indices = np.concatenate(chords)
+        all_differences = np.concatenate(differences)
+        distances = np.vecdot(all_differences, self.directions[chord_indices])
+        return ChordProjections(
+            configurations=np.concatenate(configurations),
+            chords=chord_indices,
+            differences=all_differences,
+            distances=np.clip(distances, 0.0, self.chords[chord_indices]),
+        )
 
 
 @dataclass(frozen=True)
@@ -115,18 +173,21 @@ class ArcCurve(Chords):
     Attributes
     ----------
     nodes
-        In order of arc length; those of a closed curve end with the first one, its
-        variables grown by `winding` periods.
+        k points in order of arc length. The nodes of a closed curve end with the first one,
+        its variables grown by `rise`.
+    closure
+        The loops of the mechanism.
     periods
-        (variables,) growth of each variable that changes nothing: a turn, the length of
-        a closed profile that a contact slides on, the least common length of two that
-        roll; infinite for open profiles and lengths without a ratio.
+        (variables,) growth of each variable (rad) that changes nothing: one revolution, the
+        length of a closed profile on which a contact slides, or the least common multiple
+        of the lengths of two wheels. Infinite for open profiles and for wheels whose
+        lengths have no rational ratio.
     closed
         Whether the curve closes.
     ends
-        Why the curve goes no further at s = 0 and at s = `length`: OK if it is closed, or
-        a stop or the greatest length was reached; else OFF_PROFILE, CURVATURE,
-        AT_SINGULARITY where two curves cross, MODE_LOST.
+        Why the curve ends at s = 0 and at s = `length`. OK if it is closed, or a limit of
+        the caller or the greatest length was reached; otherwise OFF_PROFILE, CURVATURE,
+        AT_SINGULARITY if two curves cross, or MODE_LOST.
     """
 
     closure: Closure
@@ -136,38 +197,57 @@ class ArcCurve(Chords):
 
     @cached_property
     def starts(self) -> Floats:
-        """The lengths u (k,) of the chords up to each node, the curve's parameter."""
+        """(k,) sum of the chord lengths up to each node (rad), the parameter u."""
         return np.concatenate([[0.0], np.cumsum(self.chords)])
 
-    def _on(self, u: Floats) -> tuple[CurvePoints, Indices]:
-        """Return the curve at lengths u (n,) of chords, and which chords (n,) these are."""
+    def _evaluate_parameter(self, u: Floats) -> tuple[CurvePoints, Indices]:
+        """Return the points of the curve at parameters u (n,), and their chords (n,)."""
         which = np.clip(np.searchsorted(self.starts, u) - 1, 0, len(self.chords) - 1)
-        return self._beside(which, u - self.starts[which]), which
+        return self._evaluate_on_chords(which, u - self.starts[which]), which
 
-    def _beside(self, which: Indices, way: Floats) -> CurvePoints:
-        """Return the curve where its projection on the chord `which` (n,) is `way` (n,)."""
+    def _evaluate_on_chords(self, which: Indices, distances: Floats) -> CurvePoints:
+        """Return the points of the curve with given projections on chords.
+
+        Parameters
+        ----------
+        which
+            (n,) indices of chords.
+        distances
+            (n,) projections on these chords (rad), measured from their starts.
+
+        Returns
+        -------
+        n exact points; NaN if Newton's method fails or ends far from the interpolation.
+        """
         chords = self.chords[which]
-        e = self.directions[which]
-        guess = self.predict(which, way / chords)
-        targets = np.vecdot(e, self.nodes.values[which]) + way
-        values, _ = correct(self.closure, guess, e, targets)
-        points, _ = curve_points(self.closure, values, e)
-        miss = max_abs(values - guess, axis=1)
-        good = (points.residual < CLOSURE_TOLERANCE) & (miss <= LARGEST_MISS * chords)
-        return points.only(good)
+        directions = self.directions[which]
+        prediction = self.predict(which, distances / chords)
+        targets = np.vecdot(directions, self.nodes.values[which]) + distances
+        values, _ = correct(self.closure, prediction, directions, targets)
+        points, _ = curve_points(self.closure, values, directions)
+        miss = max_abs(values - prediction, axis=1)
+        is_good = points.residual < CLOSURE_TOLERANCE
+        is_good &= miss <= MAX_PREDICTION_MISS_RATIO * chords
+        return points.only(is_good)
 
     @cached_property
     def table(self) -> ArcLength:
-        """Arc length against the length of the chords."""
+        """The arc length as a function of the parameter u."""
         jacobian = self.closure.at(self.nodes.values).jacobian
         equations = bordered(jacobian, self.nodes.tangents)
-        condition = bordered_condition(equations, left_inverse(equations))
-        rounding = 8.0 * EPS / np.minimum(condition[:-1], condition[1:])
+        condition = bordered_reciprocal_condition(equations, left_inverse(equations))
+        rounding = POINT_ROUNDING_FACTOR * EPS / np.minimum(condition[:-1], condition[1:])
         return integrate_rate(self._speed, self.starts, rounding)
 
     def _speed(self, u: Floats) -> Floats:
-        """Return ds/du at u of any shape."""
-        points, which = self._on(u.ravel())
+        """Return ds/du at parameters u of any shape.
+
+        Raises
+        ------
+        SolveError
+            If the curve cannot be evaluated at one of them.
+        """
+        points, which = self._evaluate_parameter(u.ravel())
         cosine = np.vecdot(points.tangents, self.directions[which])
         if not all_finite(cosine):
             lost = u.ravel()[~np.isfinite(cosine)][0]
@@ -179,65 +259,84 @@ class ArcCurve(Chords):
 
     @property
     def length(self) -> float:
-        """The arc length of the curve, of one lap if it is closed (rad)."""
+        """The arc length of the curve (rad), of one lap if it is closed."""
         return self.table.length
 
     @cached_property
     def s(self) -> Floats:
-        """Arc lengths (k,) of the nodes (rad)."""
+        """(k,) arc lengths of the nodes (rad)."""
         return self.table.evaluate_at_edges(self.starts)
 
     @cached_property
     def winding(self) -> Floats:
-        """The whole periods (variables,) of one lap, zero on an open curve."""
+        """(variables,) number of periods in one lap, zero on an open curve."""
         return np.round(self.rise / self.periods)
 
     @cached_property
     def rise(self) -> Floats:
-        """Growth (variables,) of the variables in one lap (rad), zero on an open curve."""
-        grown = self.closed * (self.nodes.values[-1] - self.nodes.values[0])
-        return whole_laps(grown, self.periods)
+        """(variables,) growth of the variables in one lap (rad), zero on an open curve."""
+        growth = self.closed * (self.nodes.values[-1] - self.nodes.values[0])
+        return whole_laps(growth, self.periods)
 
     def returns_after(self, variable: int, period: float) -> float:
-        """Return the growth of a variable with which the curve's configurations return.
+        """Return the growth of a variable after which the same configurations return.
 
-        That is `period` where it is finite; where it is not, as with wheels whose rolled
-        length does not follow from the variable alone, a closed curve returns all the same
-        once it went round. One that swings to and fro is where it was after a turn of the
-        variable, if no rolled length depends on it, which a period that is NaN says.
-        Infinite if it does not return.
+        Parameters
+        ----------
+        variable
+            Number of the variable.
+        period
+            Its period (rad) in all configurations of the mechanism. Infinite if rolled
+            lengths of wheels prevent a return; NaN if no rolled length is a function of it.
+
+        Returns
+        -------
+        The period if it is finite. Otherwise the growth of the variable in one lap of a
+        closed curve. If the variable does not grow in a lap, it is one revolution if the
+        period is NaN. In all other cases the growth is infinite: the configurations never
+        return.
         """
         if np.isfinite(period):
             return period
-        once = abs(self.rise[variable])
-        if once == 0.0:
+        growth_in_lap = abs(self.rise[variable])
+        if growth_in_lap == 0.0:
             return TURN if self.closed and np.isnan(period) else np.inf
-        return once
+        return growth_in_lap
 
     def rests(self, variable: int) -> bool:
-        """Return whether a variable stands still along the whole curve."""
-        return bool(np.ptp(self.nodes.values[:, variable]) < AT_REST)
+        """Return whether a variable is constant along the whole curve."""
+        return bool(np.ptp(self.nodes.values[:, variable]) < MIN_VARIATION_RAD)
 
     def at(self, s: ArrayLike) -> CurvePoints:
-        """Return the curve at arc lengths s (n,) in rad, any order.
+        """Return the points of the curve at arc lengths s (n,) in rad, in any order.
 
-        A closed curve goes on lap after lap, its variables growing; off the ends of an
-        open one the points are NaN.
+        A closed curve continues lap after lap, and its variables grow by `rise` in each.
+        Beyond the ends of an open curve the points are NaN.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
         laps = self.closed * np.floor(s / self.length)
         rest = s - laps * self.length
+        # Both ends of the curve belong to it, also with rounding errors.
         inside = np.abs(rest / self.length - 0.5) <= 0.5 + 1e-12
-        points, _ = self._on(self.table.invert(np.where(inside, rest, 0.0)))
+        points, _ = self._evaluate_parameter(self.table.invert(np.where(inside, rest, 0.0)))
         points.values[:] += np.outer(laps, self.rise)
         return points.only(inside)
 
-    def locate(self, function: Along, variable: int | None = None) -> Zeros:
-        """Return all zeros along the curve of a function, its derivative by s known.
+    def locate(self, function: CurveFunction, variable: int | None = None) -> Zeros:
+        """Return all zeros of a function along the curve.
 
-        Zeros are s in [0, length), or [0, length] on an open curve, to rounding. See
-        `spherekit.numerics.zeros` for pairs that are too near to part. None of a function
-        of a `variable` that stands still along the whole curve.
+        Parameters
+        ----------
+        function
+            The function, with its derivative by the arc length.
+        variable
+            Number of the variable of which it is a function, if it is one. If this variable
+            is constant along the curve, no zeros are returned.
+
+        Returns
+        -------
+        Arc lengths of the zeros: in [0, length) on a closed curve, in [0, length] on an
+        open one. `spherekit.numerics.zeros` describes when two zeros are one double zero.
         """
         if variable is not None and self.rests(variable):
             return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
@@ -245,50 +344,73 @@ class ArcCurve(Chords):
         return roots.merge_seam(self.length) if self.closed else roots
 
     def dead_points(self, variable: int) -> Zeros:
-        """Return all s at which a variable stands still: dv/ds = 0.
+        """Return all arc lengths s at which a variable is stationary: dv/ds = 0.
 
-        None if it does so along the whole curve, see `rests`.
+        The result is empty if the variable is constant along the whole curve.
         """
         return self.locate(
-            lambda p: (p.tangents[:, variable], p.bends[:, variable]), variable
+            lambda points: (points.tangents[:, variable], points.bends[:, variable]),
+            variable,
         )
 
     def at_input(self, variable: int, value: float, period: float | None = None) -> Zeros:
-        """Return all s at which a variable has a value (rad), whole periods apart or not.
+        """Return all arc lengths s at which a variable has a value.
 
-        `period` is that of `periods` unless it is given. Double zeros are those at which
-        the variable turns back. None if it stands still along the whole curve.
+        Parameters
+        ----------
+        variable
+            Number of the variable.
+        value
+            The value (rad). Values that differ from it by whole periods count too.
+        period
+            The period (rad), by default that of `periods`.
+
+        Returns
+        -------
+        Arc lengths; double zeros are those at which the variable turns back. The result is
+        empty if the variable is constant along the whole curve.
         """
         period = self.periods[variable] if period is None else period
 
-        def chord(points: CurvePoints) -> tuple[Floats, Floats]:
-            away = points.values[:, variable] - value
-            slope = np.cos(np.pi / period * away) * points.tangents[:, variable]
-            return away * np.sinc(away / period), slope
+        def periodic_difference(points: CurvePoints) -> tuple[Floats, Floats]:
+            """Return period / pi sin(pi difference / period), and its derivative by s."""
+            # sinc is the difference itself if the period is infinite.
+            difference = points.values[:, variable] - value
+            slope = np.cos(np.pi / period * difference) * points.tangents[:, variable]
+            return difference * np.sinc(difference / period), slope
 
-        return self.locate(chord, variable)
+        return self.locate(periodic_difference, variable)
 
     def find(self, values: Floats) -> Floats:
-        """Return s (n,) of configurations (n, variables) on this curve, NaN for others.
+        """Return the arc lengths (n,) of configurations (n, variables) on this curve.
 
-        Whole periods of the variables do not matter.
+        Whole periods of the variables do not matter. Configurations that are not on the
+        curve have NaN.
         """
         lengths = nans(len(values))
-        row, number, along = self._hits(values)
-        lengths[row] = self.table.evaluate(self.starts[number] + along)
+        hits = self._project_points(values)
+        u = self.starts[hits.chords] + hits.distances
+        lengths[hits.configurations] = self.table.evaluate(u)
         return lengths
 
     def passes(self, values: Floats) -> Bools:
-        """Return which configurations (n, variables) are on this curve, as `find` does."""
-        return np.isin(np.arange(len(values)), self._hits(values)[0])
+        """Return (n,) which configurations (n, variables) are on this curve."""
+        hits = self._project_points(values)
+        return np.isin(np.arange(len(values)), hits.configurations)
 
-    def _hits(self, values: Floats) -> tuple[Indices, Indices, Floats]:
-        """Return which configurations are on which chords, and where along these."""
-        row, number, way, along = self.beside(values, self.periods)
-        miss = self._beside(number, along).values - self.nodes.values[number] - way
-        hits = max_abs(miss, axis=1) < NEAR
-        return row[hits], number[hits], along[hits]
+    def _project_points(self, values: Floats) -> ChordProjections:
+        """Return the projections of configurations (n, variables) that are on the curve."""
+        near = self.project(values, self.periods)
+        points = self._evaluate_on_chords(near.chords, near.distances)
+        miss = points.values - self.nodes.values[near.chords] - near.differences
+        is_hit = max_abs(miss, axis=1) < SAME_POINT_RAD
+        return ChordProjections(
+            configurations=near.configurations[is_hit],
+            chords=near.chords[is_hit],
+            differences=near.differences[is_hit],
+            distances=near.distances[is_hit],
+        )
 
     def wrapped(self, differences: Floats) -> Floats:
-        """Return differences of variables (..., variables) less whole periods."""
+        """Return differences (..., variables) of variables, less whole periods (rad)."""
         return less_periods(differences, self.periods)

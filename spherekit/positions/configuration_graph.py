@@ -3,7 +3,7 @@
 Each node of the graph is one configuration at one sample of an `InputGrid`. An edge joins
 two nodes at neighbouring samples if a verified path leads from one to the other. The inputs
 move on a straight line from sample to sample along such a path, and each step of it is
-verified (`spherekit.positions.path_continuation`). A verified path passes no singular
+verified (`spherekit.positions.input_paths`). A verified path passes no singular
 configuration. It can therefore be followed in both directions, and each start has at most
 one end.
 
@@ -30,8 +30,12 @@ from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.input_grid import InputGrid
+from spherekit.positions.input_paths import (
+    determinant_sign,
+    follow_inputs,
+    is_nearly_singular,
+)
 from spherekit.positions.input_revolutions import whole_laps
-from spherekit.positions.path_continuation import determinant_sign, flat, follow_inputs
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.progress import ProgressReporter
 from spherekit.status import Status
@@ -133,7 +137,7 @@ class ConfigurationGraph:
         at = self.solver.closure.at(values[missing])
         square = np.delete(at.jacobian, self._driven, axis=2)
         signs = determinant_sign(square)
-        is_regular = ~flat(at, self._driven, SINGULAR_RATIO)
+        is_regular = ~is_nearly_singular(at, self._driven, SINGULAR_RATIO)
         representative = self._find_equal(
             sample[missing], values[missing], np.where(is_regular, signs, 0.0)
         )
@@ -430,15 +434,15 @@ class ConfigurationGraph:
         starts = self.values[nodes]
         goals = self.input_grid.q[sample]
         goals = goals - whole_laps(goals - starts[:, self._driven], self.solver.periods)
-        reached, status, _ = follow_inputs(
+        followed = follow_inputs(
             self.solver.closure,
             self._driven,
             starts,
             goals,
             smallest_step=SMALLEST_STEP_RAD,
         )
-        values = self.solver.shift_inputs(reached.values, self.input_grid.q[sample])
-        return status == Status.OK, values
+        values = self.solver.shift_inputs(followed.nodes.values, self.input_grid.q[sample])
+        return followed.status == Status.OK, values
 
     def _unite_pieces(self, node: int, other: int) -> None:
         """Unite the pieces of two nodes, unless these pieces share a sample."""

@@ -1,9 +1,9 @@
-"""Following the configuration curve in its own arc length, step by safe step.
+"""Follows configuration curves in their own arc length, step by verified step.
 
-A step is predicted with exact
-first and second derivatives and corrected in the hyperplane normal to the tangent. Two
-curves that pass each other closely have bordered Jacobians of opposite orientation there,
-so that the test of their change keeps them apart.
+A step is predicted with exact first and second derivatives, and corrected in the hyperplane
+normal to the tangent. Two curves that pass each other closely have bordered Jacobians with
+determinants of opposite sign there. The test of the change of the Jacobian therefore keeps
+them apart.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,11 +15,13 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.errors import SolveError
 from spherekit.geometry.vectors import all_finite, max_abs
-from spherekit.positions.configuration_curve import ArcCurve
+from spherekit.positions.configuration_curve import POINT_ROUNDING_FACTOR, ArcCurve
+from spherekit.positions.continuation import NEAR_END_RAD, CurveContinuation, TriedSteps
+from spherekit.positions.curve_limits import CurveLimits
 from spherekit.positions.curve_segment import (
     CurvePoints,
     bordered,
-    bordered_condition,
+    bordered_reciprocal_condition,
     bordered_step,
     correct,
     curve_points,
@@ -28,52 +30,71 @@ from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure, newton
-from spherekit.positions.path_continuation import (
-    NEARLY_THERE,
-    STEP_PARTS,
-    Curves,
-    Limits,
-    Verification,
-    taylor,
-)
+from spherekit.positions.verified_steps import STEP_PARTS, Verification, extrapolate
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 
-LONGEST = 500.0
-"""Length (rad) after which a curve that does not close is ended."""
-LARGEST_STEP = 0.4
-"""Longest step (rad of arc length)."""
-FIRST_STEP = 0.1
-"""The first step that is tried (rad)."""
-LARGEST_TURN = 0.4
-"""Angle (rad) by which the tangent may turn in one step, by the curvature at its start."""
-SINGULAR = 1e-6
-"""A node whose equations have this reciprocal condition is a crossing of curves: nearer to
-one, rounding moves points by more than a small part of the steps left. It is met by
-four-bars that are longer or shorter than a folding one by less than about 1e-11 rad."""
-NEARLY_FLAT = 1e-3
-"""The same for a node that no step leaves, to name the reason."""
-SAME = 1e-9
-"""A lap ends where it started to this (rad)."""
-MOVING = 1e-4
-"""Redundant equations agree to this, relative, where a start is closed as it has to be."""
-CLOSED_START = 1e-6
-"""A configuration to follow may be as far from closed as this (rad)."""
+MAX_CURVE_LENGTH_RAD = 500.0
+"""Length after which a curve that does not close is ended."""
+MAX_ARC_STEP_RAD = 0.4
+"""Longest step of arc length. Larger: more steps fail. Smaller: more steps."""
+FIRST_ARC_STEP_RAD = 0.1
+"""The first step of arc length that is tried."""
+MAX_STEP_ROTATION_RAD = 0.4
+"""Largest angle by which the tangent turns in a step, by the curvature at its start.
+
+Larger: more steps fail. Smaller: more steps are necessary.
+"""
+CROSSING_RECIPROCAL_CONDITION = 1e-6
+"""A node whose bordered Jacobian has a smaller reciprocal condition is a crossing.
+
+Nearer to a crossing, rounding errors move points by more than a small part of the remaining
+steps. Four-bars whose arcs differ from those of a folding one by less than about 1e-11 rad
+reach such a node. Larger: curves that pass each other end. Smaller: a curve may continue on
+another one.
+"""
+NEAR_CROSSING_RECIPROCAL_CONDITION = 1e-3
+"""A node from which no step is verified is near a crossing if its value is smaller."""
+SAME_START_RAD = 1e-9
+"""A lap ends where it started up to this distance.
+
+Larger: a curve that passes its start closely counts as closed. Smaller: rounding errors
+prevent curves from closing.
+"""
+MIN_RIGID_RATIO = 1e-4
+"""Smallest singular value, relative to the largest, with which the loops allow no motion.
+
+Larger: inaccurate starts with redundant constraints are accepted. Smaller: their errors
+count as missing mobility.
+"""
+MAX_START_RESIDUAL_RAD = 1e-6
+"""Largest closure residual of a configuration from which a curve is followed."""
+LANDING_STEPS = 12
+"""Newton steps to the point at which a curve reaches a limit."""
+LANDING_STEP_RAD = 1e-14
+"""These end with a step that is smaller."""
 SINGULAR_START = (
     "the configuration to follow is singular: two curves cross in it, or the mechanism "
     "has more than one freedom; start from another one"
 )
-MOST_TEETH = 10_000
-"""Lengths of rolling profiles have a ratio of whole numbers up to this, or none."""
 
 
 @dataclass(frozen=True)
-class _Nodes(CurvePoints):
-    """Points with their equations (n, 3 loops + 1, variables), bordered by the tangents.
+class _ArcNodes(CurvePoints):
+    """n points of curves with their equations and limits.
 
-    `inverse` and `reciprocal_condition` (n,) are those of the equations; `margins`
-    (n, limits) say how far limits are, `approach` by how much they decrease along the
-    curve.
+    Attributes
+    ----------
+    equations
+        (n, equations + 1, variables) closure Jacobians, bordered by the tangents.
+    inverse
+        (n, variables, equations + 1) their inverses.
+    reciprocal_condition
+        (n,) their reciprocal condition numbers.
+    margins
+        (n, limits) distances from the limits, negative beyond, see `CurveLimits.margins`.
+    approach
+        (n, limits) rates at which the margins decrease along the curve.
     """
 
     equations: Floats
@@ -86,20 +107,35 @@ class _Nodes(CurvePoints):
     def of(
         at: Linearisation,
         points: CurvePoints,
-        limits: Limits,
-        some: slice = slice(None),
-    ) -> "_Nodes":
-        """Return the nodes at some of points, the closure `at` these."""
-        points = points.rows(some)
-        equations = bordered(at.jacobian[some], points.tangents)
+        limits: CurveLimits,
+        chosen: slice = slice(None),
+    ) -> "_ArcNodes":
+        """Return some points as nodes.
+
+        Parameters
+        ----------
+        at
+            The closure at all points.
+        points
+            The points.
+        limits
+            The limits at which curves end.
+        chosen
+            Which of the points become nodes.
+        """
+        points = points.rows(chosen)
+        equations = bordered(at.jacobian[chosen], points.tangents)
         inverse = left_inverse(equations)
-        bends = at.states.curvatures[some], at.states.curvature_rates[some]
-        margins, gradients = limits.margins(points.values, *bends)
-        return _Nodes(
+        margins, gradients = limits.margins(
+            points.values,
+            at.states.curvatures[chosen],
+            at.states.curvature_rates[chosen],
+        )
+        return _ArcNodes(
             **vars(points),
             equations=equations,
             inverse=inverse,
-            reciprocal_condition=bordered_condition(equations, inverse),
+            reciprocal_condition=bordered_reciprocal_condition(equations, inverse),
             margins=margins,
             approach=-np.einsum("nlv,nv->nl", gradients, points.tangents),
         )
@@ -109,202 +145,332 @@ def follow_arc(
     closure: Closure,
     values: Floats,
     stops: Mapping[int, tuple[float, float]] | None = None,
-    longest: float = LONGEST,
+    longest: float = MAX_CURVE_LENGTH_RAD,
 ) -> ArcCurve:
     """Return the configuration curve through a closed configuration.
 
     Parameters
     ----------
     closure
-        Loop closure of the whole mechanism (constant pair frames).
+        The loops of the whole mechanism. Bodies are single links.
     values
-        (variables,) a configuration that closes, to 1e-6 rad or better.
+        (variables,) a configuration (rad) that closes, to 1e-6 rad or better.
     stops
-        Lowest and highest value (rad) of variables by their numbers.
+        Lowest and highest value (rad) of variables, by their numbers, at which the curve
+        is ended.
     longest
-        Length (rad) after which the curve is ended in each sense, open.
+        Length (rad) after which an open curve is ended in each sense.
 
     Raises
     ------
     SolveError
-        If the configuration does not close, does not move, is beyond a limit, or is a
-        singular one.
+        If the configuration does not close, does not move, is beyond a limit, or is
+        singular.
     """
-    limits = Limits.of(closure, stops or {})
-    start = _started(closure, np.asarray(values, dtype=float), limits)
-    return _followed(closure, [start], limits, longest)[0]
+    limits = CurveLimits.of(closure, stops or {})
+    start = _make_start_node(closure, np.asarray(values, dtype=float), limits)
+    return _follow_both_senses(closure, [start], limits, longest)[0]
 
 
 def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCurve | None]:
-    """Return the curves through configurations (n, variables), side by side.
+    """Return the configuration curves through several configurations, side by side.
 
-    What is locked is so at values of each. None where `follow_arc` raises an error.
+    Parameters
+    ----------
+    closure
+        The loops of the whole mechanism, which may have variables locked at n values.
+    starts
+        (n, variables) closed configurations (rad).
+    longest
+        Length (rad) after which an open curve is ended in each sense.
+
+    Returns
+    -------
+    n curves. None for a configuration for which `follow_arc` raises an error.
     """
-    curves: list[ArcCurve | None] = [None] * len(starts)
-    limits, begun = Limits.of(closure, {}), dict[int, _Nodes]()
-    for number, values in enumerate(starts):
+    limits = CurveLimits.of(closure, {})
+    start_nodes: dict[int, _ArcNodes] = {}
+    for row, values in enumerate(starts):
         with suppress(SolveError):
-            begun[number] = _started(closure.take(np.array([number])), values, limits)
-    those = closure.take(np.array([*begun], dtype=np.intp))
-    made = _followed(those, list(begun.values()), limits, longest)
-    for number, curve in zip(begun, made, strict=True):
-        curves[number] = curve
+            start_nodes[row] = _make_start_node(
+                closure.take(np.array([row])), values, limits
+            )
+    rows = np.array([*start_nodes], dtype=np.intp)
+    followed = _follow_both_senses(
+        closure.take(rows), list(start_nodes.values()), limits, longest
+    )
+    curves: list[ArcCurve | None] = [None] * len(starts)
+    for row, curve in zip(start_nodes, followed, strict=True):
+        curves[row] = curve
     return curves
 
 
-def _followed(
+def _follow_both_senses(
     closure: Closure,
-    starts: Sequence[_Nodes],
-    limits: Limits,
+    starts: Sequence[_ArcNodes],
+    limits: CurveLimits,
     longest: float,
 ) -> list[ArcCurve]:
-    """Return the curves through nodes, in both senses where they do not close."""
+    """Return the curves through nodes. Those that do not close are followed in both senses.
+
+    Parameters
+    ----------
+    closure
+        The loops, at n samples if variables are locked.
+    starts
+        n start nodes.
+    limits
+        The limits at which curves end.
+    longest
+        Length (rad) after which an open curve is ended in each sense.
+    """
     if not starts:
         return []
-    start, periods = _Nodes.joined(starts), variable_periods(closure)
-    back = replace(start.plain, tangents=-start.tangents)
-    turned = _Nodes.of(closure.at(start.values), back, limits)
-    ahead = _Arcs(start, periods, longest, LARGEST_STEP, closure, limits)
-    ahead.follow(FIRST_STEP)
-    left = np.flatnonzero(~ahead.closed)
-    given = periods, longest, LARGEST_STEP, closure.take(left), limits
-    behind = _Arcs(turned.rows(left), *given)
-    behind.follow(FIRST_STEP)
-    place = {row: k for k, row in enumerate(left.tolist())}
-    return [_curve(ahead, behind, row, place.get(row)) for row in range(len(starts))]
+    start = _ArcNodes.joined(starts)
+    periods = variable_periods(closure)
+    reversed_start = replace(start.plain, tangents=-start.tangents)
+    backward_start = _ArcNodes.of(closure.at(start.values), reversed_start, limits)
+    forward = _ArcContinuation(
+        start_nodes=start,
+        periods=periods,
+        max_length=longest,
+        max_step=MAX_ARC_STEP_RAD,
+        closure=closure,
+        limits=limits,
+    )
+    forward.follow(FIRST_ARC_STEP_RAD)
+    open_rows = np.flatnonzero(~forward.is_closed)
+    backward = _ArcContinuation(
+        start_nodes=backward_start.rows(open_rows),
+        periods=periods,
+        max_length=longest,
+        max_step=MAX_ARC_STEP_RAD,
+        closure=closure.take(open_rows),
+        limits=limits,
+    )
+    backward.follow(FIRST_ARC_STEP_RAD)
+    backward_row = {row: k for k, row in enumerate(open_rows.tolist())}
+    return [
+        _join_senses(forward, backward, row, backward_row.get(row))
+        for row in range(len(starts))
+    ]
 
 
-def _curve(ahead: "_Arcs", behind: "_Arcs", row: int, other: int | None) -> ArcCurve:
-    """Return the curve of a row that was followed in both senses."""
-    nodes, ends = ahead.nodes_of(row).plain, (Status.OK, Status.OK)
-    closed = other is None or bool(behind.closed[other])
-    if other is not None:
-        back = behind.nodes_of(other).plain
-        if not closed:
-            back = CurvePoints.joined([back.reversed.rows(slice(-1)), nodes])
-            ends = Status(behind.end[other]), Status(ahead.end[row])
-        nodes = back
+def _join_senses(
+    forward: "_ArcContinuation",
+    backward: "_ArcContinuation",
+    row: int,
+    backward_row: int | None,
+) -> ArcCurve:
+    """Return one curve from the parts that were followed in both senses.
+
+    Parameters
+    ----------
+    forward, backward
+        The continuations in both senses.
+    row
+        Index of the curve in `forward`.
+    backward_row
+        Its index in `backward`, None if it closed in the forward sense.
+
+    Raises
+    ------
+    SolveError
+        If no step was possible in either sense.
+    """
+    nodes = forward.collect_nodes(row).plain
+    ends = (Status.OK, Status.OK)
+    closed = True
+    if backward_row is not None:
+        backward_nodes = backward.collect_nodes(backward_row).plain
+        closed = bool(backward.is_closed[backward_row])
+        if closed:
+            nodes = backward_nodes
+        else:
+            # The start is the last node of the reversed part, and is left out there.
+            before_start = backward_nodes.reversed.rows(slice(-1))
+            nodes = CurvePoints.joined([before_start, nodes])
+            ends = (
+                Status(backward.end_status[backward_row]),
+                Status(forward.end_status[row]),
+            )
     if len(nodes.values) == 1:
         raise SolveError(
             "the configuration to follow has its limits on both sides; widen the "
             "joint limits"
         )
-    return ArcCurve(nodes, ahead.closure.take(np.array([row])), ahead.periods, closed, ends)
+    closure = forward.closure.take(np.array([row]))
+    return ArcCurve(nodes, closure, forward.periods, closed, ends)
 
 
-def _started(closure: Closure, values: Floats, limits: Limits) -> _Nodes:
-    """Return the node of a configuration (variables,), after closing it exactly."""
+def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _ArcNodes:
+    """Return the node of a configuration (variables,), after closing it exactly.
+
+    Raises
+    ------
+    SolveError
+        If the configuration does not close, does not move, is beyond a limit, or is
+        singular.
+    """
     if not all_finite(values):
         raise SolveError("the configuration to follow has to be finite, but is not")
-    gap = float(closure.at(values[None]).gap[0])
-    if not gap < CLOSED_START:
+    residual = float(closure.at(values[None]).gap[0])
+    if not residual < MAX_START_RESIDUAL_RAD:
         raise SolveError(
-            f"the configuration to follow does not close: its residual is {gap:.3g} rad, "
-            f"but at most {CLOSED_START:g} is allowed; start from one that was solved for"
+            f"the configuration to follow does not close: its residual is {residual:.3g} "
+            f"rad, but at most {MAX_START_RESIDUAL_RAD:g} is allowed; start from one that "
+            "was solved for"
         )
-    values, border = values[None], _motion(closure, values)[None]
-    values, _ = correct(closure, values, border, np.vecdot(border, values))
-    points, at = curve_points(closure, values, border)
-    node = _Nodes.of(at, points, limits)
-    if not node.reciprocal_condition[0] > SINGULAR:
+    row = values[None]
+    border = _find_motion(closure, values)[None]
+    row, _ = correct(closure, row, border, np.vecdot(border, row))
+    points, at = curve_points(closure, row, border)
+    node = _ArcNodes.of(at, points, limits)
+    if not node.reciprocal_condition[0] > CROSSING_RECIPROCAL_CONDITION:
         raise SolveError(SINGULAR_START)
     for number, margin in enumerate(node.margins[0]):
         if margin < -CLOSURE_TOLERANCE:
             raise SolveError(
                 f"the configuration to follow is {-margin:.3g} beyond "
-                f"{limits.words(number)}; start from one within its limits"
+                f"{limits.describe(number)}; start from one within its limits"
             )
     return node
 
 
-def _motion(closure: Closure, values: Floats) -> Floats:
-    """Return the unit vector (variables,) of the only motion, its largest part positive."""
-    _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
-    sizes = np.append(sizes, np.zeros(len(right) - len(sizes)))
-    if sizes[-1] > MOVING * sizes[0]:
+def _find_motion(closure: Closure, values: Floats) -> Floats:
+    """Return the unit vector (variables,) of the only motion at a configuration.
+
+    Its component of largest absolute value is positive, which defines the sense of the arc
+    length.
+
+    Raises
+    ------
+    SolveError
+        If the loops allow no motion.
+    """
+    _, singular_values, right_vectors = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    missing = len(right_vectors) - len(singular_values)
+    singular_values = np.append(singular_values, np.zeros(missing))
+    if singular_values[-1] > MIN_RIGID_RATIO * singular_values[0]:
         raise SolveError(
             "the configuration to follow cannot move: the loops leave it no freedom"
         )
-    tangent = right[-1]
+    tangent = right_vectors[-1]
     return tangent * np.sign(tangent[np.argmax(np.abs(tangent))])
 
 
 @dataclass
-class _Arcs(Curves[_Nodes]):
-    """Configuration curves in one sense each."""
+class _ArcContinuation(CurveContinuation[_ArcNodes]):
+    """Follows configuration curves in one sense each.
 
-    tests = Verification()
+    Attributes
+    ----------
+    closure
+        The loops, at one sample for each curve if variables are locked.
+    limits
+        The limits at which curves end.
+    """
+
+    step_tests = Verification()
     smallest_step = 1e-12
-    same = SAME
-    most_nodes = 100_000
+    same_point_rad = SAME_START_RAD
+    max_nodes = 100_000
 
     closure: Closure
-    limits: Limits
+    limits: CurveLimits
 
-    def exhaust(self, rows: Indices) -> None:
-        """End curves at crossings, and at limits that they come to."""
-        flat = self.at.reciprocal_condition[rows] < SINGULAR
-        self.end[rows[flat]] = Status.AT_SINGULARITY
-        comes = (self.at.margins[rows] < NEARLY_THERE) & (self.at.approach[rows] > 0.0)
-        for k in np.flatnonzero(np.any(comes, axis=1) & ~flat):
-            margins = np.where(comes[k], self.at.margins[rows[k]], np.inf)
-            self._land(rows[k : k + 1], int(np.argmin(margins)))
+    def end_finished_curves(self, rows: Indices) -> None:
+        """End curves (k,) at crossings, and at limits that they approach."""
+        nodes = self.last_nodes
+        is_crossing = nodes.reciprocal_condition[rows] < CROSSING_RECIPROCAL_CONDITION
+        self.end_status[rows[is_crossing]] = Status.AT_SINGULARITY
+        # Axes: curve, limit.
+        reaches = nodes.margins[rows] < NEAR_END_RAD
+        reaches &= nodes.approach[rows] > 0.0
+        for k in np.flatnonzero(np.any(reaches, axis=1) & ~is_crossing):
+            margins = np.where(reaches[k], nodes.margins[rows[k]], np.inf)
+            self._land_on_limit(rows[k : k + 1], int(np.argmin(margins)))
 
-    def allowed(self, rows: Indices, step: Floats) -> Floats:
-        """Return the steps (k,) that the curvature allows."""
-        bend = np.linalg.norm(self.at.bends[rows], axis=1)
-        largest = np.minimum(self.largest, LARGEST_TURN / (bend + 1e-300))
-        return np.minimum(step, largest)
+    def limit_steps(self, rows: Indices, steps: Floats) -> Floats:
+        """Return the steps (k,) that the curvature at the last nodes allows (rad)."""
+        curvature = np.linalg.norm(self.last_nodes.bends[rows], axis=1)
+        largest = np.minimum(self.max_step, MAX_STEP_ROTATION_RAD / (curvature + 1e-300))
+        return np.minimum(steps, largest)
 
-    def steps_to(
-        self, rows: Indices, at: _Nodes, ways: Floats
-    ) -> tuple[_Nodes, Bools, Floats]:
-        """See `Curves`, as the further methods."""
+    def try_steps(
+        self, rows: Indices, nodes: _ArcNodes, distances: Floats
+    ) -> TriedSteps[_ArcNodes]:
+        """Try a step on each of some curves; see `CurveContinuation`."""
+        # Two points for each step: its middle and its end, one after the other.
         closure = self.closure.take(np.repeat(rows, 2))
-        parts = ways[:, None] * STEP_PARTS
-        guess = taylor(at.values, at.tangents, at.bends, parts)
-        borders = np.repeat(at.tangents, 2, axis=0)
-        targets = np.vecdot(at.tangents, at.values)[:, None] + parts
-        values, steps = correct(closure, guess, borders, targets.ravel())
-        good = all_finite(values, 1)
-        good &= self.tests.corrected(steps, np.repeat(ways, 2))
-        values[~good] = np.repeat(at.values, 2, axis=0)[~good]
-        points, there = curve_points(closure, values, borders)
-        good &= points.residual < CLOSURE_TOLERANCE
-        change = bordered(there.jacobian, borders) - np.repeat(at.equations, 2, axis=0)
-        moved = np.linalg.norm(np.repeat(at.inverse, 2, axis=0) @ change, axis=(1, 2))
-        good &= self.tests.regular(moved, np.vecdot(points.tangents, borders))
-        last = _Nodes.of(there, points, self.limits, slice(1, None, 2))
-        rounding = 8.0 * EPS / at.reciprocal_condition
-        holds = self.judged(at, last, values[::2], ways, good, rounding)
-        return last, holds, np.max(moved.reshape(-1, 2), axis=1)
+        parts = distances[:, None] * STEP_PARTS
+        prediction = extrapolate(nodes.values, nodes.tangents, nodes.bends, parts)
+        borders = np.repeat(nodes.tangents, 2, axis=0)
+        targets = np.vecdot(nodes.tangents, nodes.values)[:, None] + parts
+        values, step_sizes = correct(closure, prediction, borders, targets.ravel())
+        is_good = all_finite(values, 1)
+        is_good &= self.step_tests.accepts_correction(step_sizes, np.repeat(distances, 2))
+        # Points that failed are replaced by the node, at which everything is finite.
+        values[~is_good] = np.repeat(nodes.values, 2, axis=0)[~is_good]
+        points, at = curve_points(closure, values, borders)
+        is_good &= points.residual < CLOSURE_TOLERANCE
+        change = bordered(at.jacobian, borders) - np.repeat(nodes.equations, 2, axis=0)
+        inverse = np.repeat(nodes.inverse, 2, axis=0)
+        relative_change = np.linalg.norm(inverse @ change, axis=(1, 2))
+        cosine = np.vecdot(points.tangents, borders)
+        is_good &= self.step_tests.accepts_change(relative_change, cosine)
+        new_nodes = _ArcNodes.of(at, points, self.limits, slice(1, None, 2))
+        rounding = POINT_ROUNDING_FACTOR * EPS / nodes.reciprocal_condition
+        is_verified = self.verify_steps(
+            nodes, new_nodes, values[::2], distances, is_good, rounding
+        )
+        changes = np.max(relative_change.reshape(-1, 2), axis=1)
+        return TriedSteps(new_nodes, is_verified, changes)
 
-    def within(self, rows: Indices, step: Floats, new: _Nodes, holds: Bools) -> Bools:
-        """Take steps that pass no limit."""
-        return holds & np.all(new.margins >= 0.0, axis=1)
+    def select_steps(
+        self, rows: Indices, steps: Floats, new_nodes: _ArcNodes, is_verified: Bools
+    ) -> Bools:
+        """Return which verified steps (k,) pass no limit."""
+        return is_verified & np.all(new_nodes.margins >= 0.0, axis=1)
 
-    def _land(self, row: Indices, number: int) -> None:
-        """End a curve (1,) on a limit beside its last node, if it comes to it."""
-        at, closure = self.at.rows(row), self.closure.take(row)
-        if at.margins[0, number] > CLOSURE_TOLERANCE:
+    def _land_on_limit(self, row: Indices, number: int) -> None:
+        """End a curve at a limit near its last node, if a verified step leads to it.
 
-            def change(values: Floats, _: Indices) -> Floats:
-                there = closure.at(values)
-                bends = there.states.curvatures, there.states.curvature_rates
-                margins, gradients = self.limits.margins(values, *bends)
-                return bordered_step(there, gradients[:, number], -margins[:, number])
+        Parameters
+        ----------
+        row
+            (1,) index of the curve.
+        number
+            Number of the limit.
+        """
+        node = self.last_nodes.rows(row)
+        closure = self.closure.take(row)
+        if node.margins[0, number] > CLOSURE_TOLERANCE:
 
-            on, _ = newton(change, at.values, 12, 1e-14)
-            way = np.sum(at.tangents * (on - at.values), axis=1)
-            made, (holds,), _ = self.steps_to(row, at, way)
-            if not (way[0] > 0.0 and holds and max_abs(made.values - on) < SAME):
+            def compute_steps(values: Floats, _: Indices) -> Floats:
+                """Return Newton's steps (1, variables) to the limit on the curve."""
+                at = closure.at(values)
+                margins, gradients = self.limits.margins(
+                    values, at.states.curvatures, at.states.curvature_rates
+                )
+                return bordered_step(at, gradients[:, number], -margins[:, number])
+
+            landing, _ = newton(compute_steps, node.values, LANDING_STEPS, LANDING_STEP_RAD)
+            distance = np.sum(node.tangents * (landing - node.values), axis=1)
+            tried = self.try_steps(row, node, distance)
+            miss = max_abs(tried.nodes.values - landing)
+            if not (distance[0] > 0.0 and tried.is_verified[0] and miss < SAME_START_RAD):
                 return
-            self.reach(row, made)
-        self.end[row] = self.limits.statuses[number]
+            self.append_nodes(row, tried.nodes)
+        self.end_status[row] = self.limits.statuses[number]
 
-    def stop(self, row: int) -> None:
-        """End a curve at its last node, by what lies beyond."""
-        flat = self.at.reciprocal_condition[row] < NEARLY_FLAT
-        self.end[row] = Status.AT_SINGULARITY if flat else Status.MODE_LOST
-        for number in np.flatnonzero(self.at.margins[row] < NEARLY_THERE)[:1]:
-            self.end[row] = self.limits.statuses[number]
+    def end_stuck_curve(self, row: int) -> None:
+        """End a curve at its last node, with the status of what lies beyond."""
+        reciprocal_condition = self.last_nodes.reciprocal_condition[row]
+        is_near_crossing = reciprocal_condition < NEAR_CROSSING_RECIPROCAL_CONDITION
+        self.end_status[row] = (
+            Status.AT_SINGULARITY if is_near_crossing else Status.MODE_LOST
+        )
+        near_limits = np.flatnonzero(self.last_nodes.margins[row] < NEAR_END_RAD)
+        if len(near_limits):
+            self.end_status[row] = self.limits.statuses[near_limits[0]]

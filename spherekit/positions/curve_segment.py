@@ -1,10 +1,16 @@
-"""The configuration curve between two nodes, by its projection on their chord.
+"""Points of a configuration curve: position, tangent and second derivative.
 
-With the closure equations one linear equation, border . values = given, is solved: it
-picks one point of the curve. The inverse of both together gives Newton's step, the
-tangent (its last column) and, with the rate of the Jacobian along the tangent, the second
-derivative by arc length. It is regular wherever the motion is unique, at the dead
-centres of every pair too.
+The configurations of a mechanism with one degree of freedom form a curve in the space of
+its variables. A point of the curve is determined by the closure equations together with one
+linear equation, border . values = target. The Jacobian of both is called bordered. Its
+inverse gives
+
+- Newton's step towards the point,
+- the tangent, which is the last column, normalised,
+- with the bias acceleration along the tangent, the second derivative by the arc length.
+
+The bordered Jacobian is regular wherever the motion is unique, also at the dead centres of
+all pairs.
 """
 
 from dataclasses import dataclass, replace
@@ -14,28 +20,41 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.vectors import unit_rows
 from spherekit.numerics.array_rows import ArrayRows
+from spherekit.numerics.hermite import quintic_hermite
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure, newton
 
-MOST_CORRECTIONS = 6
+MAX_CORRECTION_STEPS = 6
+"""Newton steps from a predicted to an exact point of a curve.
 
+Larger: worse predictions are corrected, perhaps to another curve. Smaller: points near
+crossings of curves are not reached.
+"""
+LAST_CORRECTION_RAD = 1e-10
+"""Newton's method ends with a step that is smaller.
 
-CORRECTED = 1e-10
-"""A Newton step (rad) below this leaves an error that its square bounds."""
-
-
-LARGEST_MISS = 0.05
-"""A predicted point may be this part of the chord beside the curve."""
+It converges quadratically, so that the error after the step is about the square of it.
+"""
 
 
 @dataclass(frozen=True)
 class CurvePoints(ArrayRows):
-    """n points of a configuration curve, s its arc length in the variables (rad).
+    """n points of a configuration curve, with derivatives by its arc length s (rad).
 
-    `values`, `tangents` dv/ds of unit length and `bends` d2v/ds2 are (n, variables);
-    `residual` (n,) is the largest component of the closure's residual (rad). A point that
-    is not on the curve is NaN.
+    The arc length is measured in the space of all variables. A point that is not on the
+    curve is NaN.
+
+    Attributes
+    ----------
+    values
+        (n, variables) pair variables (rad).
+    tangents
+        (n, variables) unit vectors dv/ds.
+    bends
+        (n, variables) second derivatives d2v/ds2 (1/rad), normal to the tangents.
+    residual
+        (n,) largest component of the closure residual (rad).
     """
 
     values: Floats
@@ -45,43 +64,116 @@ class CurvePoints(ArrayRows):
 
     @property
     def plain(self) -> "CurvePoints":
-        """The points without what else is known of them."""
+        """The points without the further fields that subclasses have."""
         return CurvePoints(self.values, self.tangents, self.bends, self.residual)
 
     def only(self, good: Bools) -> "CurvePoints":
-        """Return the points, with NaN for those that are not good (n,)."""
+        """Set the points that are not good (n,) to NaN, in place, and return all points."""
         for array in (self.values, self.tangents, self.bends, self.residual):
             array[~good] = np.nan
         return self
 
     @property
     def reversed(self) -> "CurvePoints":
-        """The same points, last first, with the curve run backwards."""
-        back = self.rows(slice(None, None, -1))
-        return replace(back, tangents=-back.tangents)
+        """The points in reverse order, with tangents of the curve run backwards."""
+        reversed_points = self.rows(slice(None, None, -1))
+        return replace(reversed_points, tangents=-reversed_points.tangents)
+
+
+def interpolate_between(
+    starts: CurvePoints, stops: CurvePoints, fractions: Floats
+) -> Floats:
+    """Interpolate curves between two points each, by quintic Hermite polynomials.
+
+    The parameter of a curve is its projection on the chord, which is the straight line from
+    start to stop.
+
+    Parameters
+    ----------
+    starts, stops
+        n points each, with tangents and second derivatives.
+    fractions
+        (n,) projections on the chords, 0 at the start and 1 at the stop.
+
+    Returns
+    -------
+    (n, variables) interpolated variables (rad).
+    """
+    differences = stops.values - starts.values
+    lengths = np.linalg.norm(differences, axis=1)
+    directions = differences / lengths[:, None]
+
+    def end_values(points: CurvePoints) -> tuple[Floats, Floats, Floats]:
+        """Return the variables, and their derivatives by the projection on the chord."""
+        # du/ds and d2u/ds2 of the projection u; the chain rule converts derivatives by s.
+        speed = np.vecdot(points.tangents, directions)[:, None]
+        acceleration = np.vecdot(points.bends, directions)[:, None]
+        first = points.tangents / speed
+        second = (points.bends - first * acceleration) / speed**2
+        return points.values, first, second
+
+    return quintic_hermite(end_values(starts), end_values(stops), lengths, fractions)
 
 
 def bordered(jacobian: Floats, borders: Floats) -> Floats:
-    """Return the equations (n, rows + 1, variables) with the borders as last row."""
+    """Return Jacobians with one more equation, border . rates.
+
+    Parameters
+    ----------
+    jacobian
+        (n, equations, variables) closure Jacobians.
+    borders
+        (n, variables) coefficients of the additional equation.
+
+    Returns
+    -------
+    (n, equations + 1, variables) matrices, the additional equation last.
+    """
     return np.concatenate([jacobian, borders[:, None, :]], axis=1)
 
 
-def bordered_condition(equations: Floats, inverse: Floats) -> Floats:
-    """Return the reciprocal condition (n,) of bordered equations; 0 where singular."""
-    size = np.linalg.norm(equations, axis=(1, 2))
-    return np.nan_to_num(1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * size))
+def bordered_reciprocal_condition(equations: Floats, inverse: Floats) -> Floats:
+    """Return the reciprocal condition numbers (n,) of bordered Jacobians.
+
+    In the Frobenius norm; 0 for singular matrices.
+
+    Parameters
+    ----------
+    equations, inverse
+        (n, rows, variables) bordered Jacobians, and (n, variables, rows) their inverses,
+        which are NaN for singular matrices.
+    """
+    norm = np.linalg.norm(equations, axis=(1, 2))
+    return np.nan_to_num(1.0 / (np.linalg.norm(inverse, axis=(1, 2)) * norm))
 
 
 def curve_points(
     closure: Closure, values: Floats, borders: Floats
 ) -> tuple[CurvePoints, Linearisation]:
-    """Return the curve at closed configurations, its tangents along the borders.
+    """Return the configuration curves at closed configurations.
 
-    `values`, `borders` (n, variables); a border only has to have a part along the curve.
+    Parameters
+    ----------
+    closure
+        The loops.
+    values
+        (n, variables) closed configurations (rad).
+    borders
+        (n, variables) vectors that are not normal to the curve. The tangents have a
+        positive component along them.
+
+    Returns
+    -------
+    points
+        The points with their derivatives.
+    linearisation
+        The closure at the configurations.
     """
     at = closure.at(values)
     inverse = left_inverse(bordered(at.jacobian, borders))
+    # The last column solves J t = 0, border . t = 1.
     tangents = unit_rows(inverse[:, :, -1])
+    # J dt/ds + bias = 0. Then the part along the tangent is removed, since |t| = 1.
     bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], at.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
     return CurvePoints(values, tangents, bends, at.gap), at
@@ -90,24 +182,49 @@ def curve_points(
 def correct(
     closure: Closure, values: Floats, borders: Floats, targets: Floats
 ) -> tuple[Floats, Floats]:
-    """Return values that close the loops with border . values = target, and step sizes.
+    """Correct predicted points to exact points of a configuration curve.
 
-    `values`, `borders` (n, variables), `targets` (n,). What does not converge is NaN or
-    has a residual; the caller judges.
+    Newton's method solves the closure equations with border . values = target.
+
+    Parameters
+    ----------
+    closure
+        The loops.
+    values
+        (n, variables) predicted points (rad).
+    borders
+        (n, variables) coefficients of the linear equation.
+    targets
+        (n,) right-hand sides of the linear equation.
+
+    Returns
+    -------
+    values
+        (n, variables) corrected points (rad). The caller checks whether they have
+        converged: otherwise they are NaN or have a closure residual.
+    step_sizes
+        (2, n) sizes of the first steps, as `newton` returns them.
     """
 
-    def change(here: Floats, rows: Indices) -> Floats:
-        miss = targets[rows] - np.vecdot(borders[rows], here)
-        return bordered_step(closure.take(rows).at(here), borders[rows], miss)
+    def compute_steps(current_values: Floats, rows: Indices) -> Floats:
+        misses = targets[rows] - np.vecdot(borders[rows], current_values)
+        return bordered_step(closure.take(rows).at(current_values), borders[rows], misses)
 
-    return newton(change, values, MOST_CORRECTIONS, CORRECTED)
+    return newton(compute_steps, values, MAX_CORRECTION_STEPS, LAST_CORRECTION_RAD)
 
 
-def bordered_step(at: Linearisation, borders: Floats, miss: Floats) -> Floats:
-    """Return Newton's steps (n, variables) that close the loops and make up for a miss.
+def bordered_step(at: Linearisation, borders: Floats, misses: Floats) -> Floats:
+    """Return Newton's steps (n, variables) for the closure and a linear equation.
 
-    `miss` (n,) is by how much border . values has to grow, `borders` (n, variables).
+    Parameters
+    ----------
+    at
+        The closure at the current configurations.
+    borders
+        (n, variables) coefficients of the linear equation.
+    misses
+        (n,) by how much border . values has to grow.
     """
     inverse = left_inverse(bordered(at.jacobian, borders))
-    change = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
-    return change + inverse[:, :, -1] * miss[:, None]
+    steps = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
+    return steps + inverse[:, :, -1] * misses[:, None]

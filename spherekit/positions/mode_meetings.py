@@ -21,8 +21,8 @@ from spherekit.numerics.angles import wrap
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.curve_crossing import MAX_NULL_RATIO, Crossing, find_crossing
+from spherekit.positions.input_paths import InputPathNodes, nodes_at
 from spherekit.positions.mode_predictor import ModeCurve
-from spherekit.positions.path_continuation import Nodes, nodes_at
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.tolerances import EPS
 from spherekit.wording import listing
@@ -308,7 +308,7 @@ misses that counts as rounding."""
 
 def _evaluate_modes(
     solver: PositionSolver, assembly_modes: Sequence[AssemblyMode], q: float
-) -> Nodes:
+) -> InputPathNodes:
     """Evaluate all modes at input q (rad), with their derivatives with respect to it.
 
     The result has one row per mode, which is NaN if the mode does not exist at the input.
@@ -331,7 +331,7 @@ def _find_coincident_modes(values: Floats) -> Bools:
     return (distance < COINCIDENT_RAD) | np.eye(len(values), dtype=bool)
 
 
-def _measure_misses(nodes: Nodes, step: float, values: Floats) -> Floats:
+def _measure_misses(nodes: InputPathNodes, step: float, values: Floats) -> Floats:
     """Return by how much modes, continued to another input, miss configurations there.
 
     Parameters

@@ -1,11 +1,12 @@
-"""What guides the assembly modes of irreducible groups: verified configurations in order.
+"""Predicts the configurations of an assembly mode from verified configurations of it.
 
-With one input it is a curve, followed step by safe step, from whose nodes any sample is
-predicted. With several it is a sheet over an input grid.
-
-From a known configuration the mode spreads from sample to neighbouring sample by straight
-ways of verified steps, wherever such a way leads: around a region that is out of reach,
-but never through a configuration at which the inputs do not determine the motion.
+Groups that are not dyads are placed by Newton's method, which needs a start value on the
+right assembly mode. With one input, a mode is a curve of verified nodes, and any sample is
+interpolated from it (`ModeCurve`). With several inputs, a mode is known at the samples of
+an input grid (`ModeOverGrid`): from a known configuration it spreads from sample to
+neighbouring sample by verified steps on straight lines. In this way it reaches samples
+behind a region that is out of reach, but it never passes a configuration at which the
+inputs do not determine the motion.
 """
 
 from collections.abc import Sequence
@@ -19,151 +20,277 @@ from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.numerics.hermite import cubic_hermite
 from spherekit.positions.curve_crossing import find_outgoing_points
 from spherekit.positions.input_grid import InputGrid
-from spherekit.positions.loop_closure import Closure
-from spherekit.positions.path_continuation import (
-    Nodes,
+from spherekit.positions.input_paths import (
+    InputPathNodes,
     Trail,
-    flat,
     follow_inputs,
+    is_nearly_singular,
     nodes_at,
 )
+from spherekit.positions.loop_closure import Closure
 from spherekit.status import Status
 
-AT_DEAD_CENTRE = 1e-9
-"""Nodes of a smaller relative singular value are dead centres of the input."""
-NEAR_DEAD_CENTRE = 1e-4
-"""A way into a dead centre ends no farther from it (rad)."""
-NEAREST = 8
-"""Samples nearest to a configuration that straight ways are tried to."""
+DEAD_CENTRE_RATIO = 1e-9
+"""Configurations of a smaller relative singular value are dead centres of the input.
 
-Predicted = tuple[Floats, Floats, SmallIntegers]
-"""Variables (n, variables), how far (n,) rad they may be off, (n,) why there are none."""
+The singular values are those of the closure Jacobian with locked input. The same number is
+the change of the input (rad) below which a curve that leaves a dead centre does not move
+the input. Larger: more modes begin with the slower search for outgoing curves. Smaller:
+slopes at the nodes are rounding errors.
+"""
+DEAD_CENTRE_END_RAD = 1e-4
+"""A curve whose end is nearer to a dead centre has this dead centre as its end.
+
+Larger: a neighbouring mode may be connected with the dead centre. Smaller: the mode of a
+dead centre can end before it.
+"""
+NEAREST_SAMPLES = 8
+"""Nearest samples of a grid to which straight paths from a configuration are tried.
+
+Larger: more time. Smaller: modes in narrow regions may reach no sample.
+"""
+RANGE_END_TOLERANCE = 1e-14
+"""Inputs beyond the end of a curve by less (rad, relative above 1 rad) are at the end."""
+
+
+class ModePrediction(NamedTuple):
+    """Predicted configurations of an assembly mode at n samples.
+
+    Attributes
+    ----------
+    values
+        (n, variables) predicted variables (rad).
+    spread
+        (n,) largest change of a variable between the two nodes around the sample (rad),
+        with which the error of the prediction is compared. Zero if the values are exact.
+    status
+        (n,) OK, or why the mode has no configuration at the sample.
+    """
+
+    values: Floats
+    spread: Floats
+    status: SmallIntegers
 
 
 @dataclass(frozen=True)
 class ModeCurve:
-    """Nodes of one assembly mode in rising input order, with exact slopes.
+    """An assembly mode with one input, as a curve of verified configurations.
 
-    `inputs` (k,), `values` and `slopes` (k, variables) in rad and rad/rad. `ends` say why
-    the curve goes no further at both ends: OK where the range ends, else the status of
-    the samples beyond. `tried` counts the steps that it took to find it, also in vain.
+    Attributes
+    ----------
+    inputs
+        (k,) values of the input (rad) at the nodes, rising.
+    values
+        (k, variables) pair variables at the nodes (rad).
+    slopes
+        (k, variables) exact derivatives of the variables by the input.
+    ends
+        Why the curve ends at the first and at the last node: OK if the range ends,
+        otherwise the status of the samples beyond.
+    tried_steps
+        Number of steps that were tried to find the curve, with those that failed.
     """
 
     inputs: Floats
     values: Floats
     slopes: Floats
     ends: tuple[Status, Status]
-    tried: int = 0
+    tried_steps: int = 0
 
-    def predict(self, q: Floats) -> tuple[Floats, Floats]:
-        """Return Hermite values (n, variables) at inputs q (n,), and the nodes' spread."""
+    def interpolate(self, q: Floats) -> tuple[Floats, Floats]:
+        """Interpolate between the nodes by cubic Hermite polynomials.
+
+        Parameters
+        ----------
+        q
+            (n,) values of the input (rad).
+
+        Returns
+        -------
+        values
+            (n, variables) interpolated variables (rad).
+        spread
+            (n,) largest difference of a variable between the two nodes around q (rad).
+        """
         if len(self.inputs) == 1:
             return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
         k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, len(self.inputs) - 2)
-        h = (self.inputs[k + 1] - self.inputs[k])[:, None]
-        start, stop = ((self.values[end], self.slopes[end]) for end in (k, k + 1))
-        out = cubic_hermite(start, stop, h, (q - self.inputs[k])[:, None] / h)
-        return out, max_abs(stop[0] - start[0], axis=1)
+        width = (self.inputs[k + 1] - self.inputs[k])[:, None]
+        fraction = (q - self.inputs[k])[:, None] / width
+        values = cubic_hermite(
+            (self.values[k], self.slopes[k]),
+            (self.values[k + 1], self.slopes[k + 1]),
+            width,
+            fraction,
+        )
+        return values, max_abs(self.values[k + 1] - self.values[k], axis=1)
 
-    def at(self, q: Floats, rows: Indices | None) -> Predicted:
-        """Return what is predicted at inputs q (n, 1)."""
-        along, why = q[:, 0], np.full(len(q), Status.OK, dtype=np.int8)
-        slack = 1e-14 * np.maximum(1.0, np.abs(along))
-        why[along < self.inputs[0] - slack] = self.ends[0]
-        why[along > self.inputs[-1] + slack] = self.ends[1]
-        return (*self.predict(along), why)
+    def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
+        """Return the prediction at inputs q (n, 1) in rad. The samples do not matter."""
+        inputs = q[:, 0]
+        status = np.full(len(q), Status.OK, dtype=np.int8)
+        slack = RANGE_END_TOLERANCE * np.maximum(1.0, np.abs(inputs))
+        status[inputs < self.inputs[0] - slack] = self.ends[0]
+        status[inputs > self.inputs[-1] + slack] = self.ends[1]
+        values, spread = self.interpolate(inputs)
+        return ModePrediction(values, spread, status)
 
 
 class ModeOverGrid(NamedTuple):
-    """Configurations of one mode at the samples of an input grid.
+    """An assembly mode at the n samples of an input grid.
 
-    `values` (n, variables), NaN where the mode was not reached; `status` (n,): OK, or why
-    the last way tried towards a sample ended.
+    Attributes
+    ----------
+    values
+        (n, variables) pair variables (rad), NaN where the mode was not reached.
+    status
+        (n,) OK, or why the last path towards the sample ended before it.
     """
 
     values: Floats
     status: SmallIntegers
 
-    def at(self, q: Floats, rows: Indices | None) -> Predicted:
-        """Return what is known of samples, rows (n,) of the grid."""
+    def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
+        """Return the configurations at samples, by their numbers `rows` (m,).
+
+        The inputs `q` (m, inputs) of the samples do not matter.
+        """
         assert rows is not None
-        return self.values[rows], np.zeros(len(q)), self.status[rows]
+        return ModePrediction(self.values[rows], np.zeros(len(q)), self.status[rows])
 
 
 def follow_each(
     closure: Closure, driven: int, values: Floats, low: float, high: float
 ) -> list[ModeCurve]:
-    """Return the curves through closed configurations (n, variables), side by side.
+    """Return the assembly modes through configurations, side by side.
 
-    Over an input range (rad) that is made so wide as to hold the input of each. `closure`
-    is that of the whole mechanism (constant pair frames), `driven` the input's variable.
+    Parameters
+    ----------
+    closure
+        The loops of the whole mechanism. Bodies are single links.
+    driven
+        Number of the variable of the input.
+    values
+        (n, variables) closed configurations (rad).
+    low, high
+        Range of the input (rad). For a configuration outside it, the range is extended to
+        the input of the configuration.
+
+    Returns
+    -------
+    n curves.
     """
-    starts = _starts(closure, driven, values)
-    moving = ~flat(closure.at(values), [driven], AT_DEAD_CENTRE)
-    moving &= all_finite(starts.slope, 1)
-    followed = iter(_through(closure, driven, starts.rows(moving), low, high))
-    return [
-        next(followed) if moves else _from_dead_centre(closure, driven, one, low, high)
-        for one, moves in zip(values, moving, strict=True)
-    ]
+    start_nodes = _nodes_with_rising_input(closure, driven, values)
+    is_regular = ~is_nearly_singular(closure.at(values), [driven], DEAD_CENTRE_RATIO)
+    is_regular &= all_finite(start_nodes.slope, 1)
+    regular_starts = start_nodes.rows(is_regular)
+    regular_curves = iter(_follow_from_nodes(closure, driven, regular_starts, low, high))
+    curves = []
+    for configuration, regular in zip(values, is_regular, strict=True):
+        if regular:
+            curves.append(next(regular_curves))
+        else:
+            curves.append(
+                _follow_from_dead_centre(closure, driven, configuration, low, high)
+            )
+    return curves
 
 
-def _from_dead_centre(
+def _follow_from_dead_centre(
     closure: Closure, driven: int, values: Floats, low: float, high: float
 ) -> ModeCurve:
-    """Return the curve through a dead centre (variables,), by a way that leaves it.
+    """Return the assembly mode through a dead centre, by a curve that leaves it.
 
-    It has the dead centre for its end, unless no end is nearer to it than
-    `NEAR_DEAD_CENTRE`. Ways that leave are tried in a definite order.
+    Parameters
+    ----------
+    closure, driven, low, high
+        As in `follow_each`.
+    values
+        (variables,) the dead centre (rad).
+
+    Returns
+    -------
+    The first curve that leaves the dead centre and comes near to it when it is followed
+    back. The dead centre becomes its end. If there is none, the result is the curve from
+    the dead centre itself.
     """
-    around = find_outgoing_points(closure, values)
-    moved = around[np.abs(around[:, driven] - values[driven]) > AT_DEAD_CENTRE]
-    ways = sorted(moved, key=lambda way: tuple(np.round(values - way, 6)))
-    starts = _starts(closure, driven, np.array([*ways, values]))
-    curves = _through(closure, driven, starts, low, high)
-    tried = sum(curve.tried for curve in curves)
+    outgoing = find_outgoing_points(closure, values)
+    input_changes = outgoing[:, driven] - values[driven]
+    moves_input = outgoing[np.abs(input_changes) > DEAD_CENTRE_RATIO]
+    # A definite order, which does not depend on rounding, gives the same mode in each run.
+    ordered = sorted(moves_input, key=lambda point: tuple(np.round(values - point, 6)))
+    starts = _nodes_with_rising_input(closure, driven, np.array([*ordered, values]))
+    curves = _follow_from_nodes(closure, driven, starts, low, high)
+    tried_steps = sum(curve.tried_steps for curve in curves)
     for curve in curves[:-1]:
         for end in (0, -1):
-            away = curve.values[end] - values
-            step = away[driven]
-            if step and max_abs(away) < NEAR_DEAD_CENTRE:
-                place = end % (len(curve.inputs) + 1)
+            difference = curve.values[end] - values
+            input_difference = difference[driven]
+            if input_difference and max_abs(difference) < DEAD_CENTRE_END_RAD:
+                # Insert before the first node, or behind the last one.
+                index = end % (len(curve.inputs) + 1)
+                slope = difference / input_difference
                 return ModeCurve(
-                    np.insert(curve.inputs, place, values[driven]),
-                    np.insert(curve.values, place, values, axis=0),
-                    np.insert(curve.slopes, place, away / step, axis=0),
-                    curve.ends,
-                    tried,
+                    inputs=np.insert(curve.inputs, index, values[driven]),
+                    values=np.insert(curve.values, index, values, axis=0),
+                    slopes=np.insert(curve.slopes, index, slope, axis=0),
+                    ends=curve.ends,
+                    tried_steps=tried_steps,
                 )
-    return replace(curves[-1], tried=tried)
+    return replace(curves[-1], tried_steps=tried_steps)
 
 
-def _starts(closure: Closure, driven: int, values: Floats) -> Nodes:
-    """Return nodes (n, variables) from which the input grows."""
+def _nodes_with_rising_input(
+    closure: Closure, driven: int, values: Floats
+) -> InputPathNodes:
+    """Return the nodes at configurations (n, variables), with derivatives by the input."""
     return nodes_at(closure.at(values), [driven], np.ones((len(values), 1)))
 
 
-def _through(
-    closure: Closure, driven: int, starts: Nodes, low: float, high: float
+def _follow_from_nodes(
+    closure: Closure, driven: int, starts: InputPathNodes, low: float, high: float
 ) -> list[ModeCurve]:
-    """Return the curves through nodes at which the input moves."""
-    here, count = starts.values[:, driven], len(starts.values)
-    goals = np.concatenate([np.minimum(low, here), np.maximum(high, here)])
-    both, trail = np.tile(starts.values, (2, 1)), Trail()
-    _, status, tried = follow_inputs(closure, [driven], both, goals[:, None], trail)
-    every = Nodes.joined([starts, *(made for _, made in trail)])
-    ways = np.concatenate([np.arange(count), *(moved % count for moved, _ in trail)])
-    order = np.argsort(every.values[:, driven], kind="stable")
+    """Return the assembly modes through nodes at which the input moves.
+
+    Parameters
+    ----------
+    closure, driven, low, high
+        As in `follow_each`.
+    starts
+        n nodes.
+    """
+    start_inputs = starts.values[:, driven]
+    count = len(starts.values)
+    # Each node is the start of two paths: path k to the low end of the range, and path
+    # k + count to the high end.
+    goals = np.concatenate([np.minimum(low, start_inputs), np.maximum(high, start_inputs)])
+    trail = Trail()
+    followed = follow_inputs(
+        closure, [driven], np.tile(starts.values, (2, 1)), goals[:, None], trail
+    )
+    all_nodes = InputPathNodes.joined([starts, *(nodes for _, nodes in trail)])
+    curve_numbers = np.concatenate(
+        [np.arange(count), *(paths % count for paths, _ in trail)]
+    )
+    order = np.argsort(all_nodes.values[:, driven], kind="stable")
     curves = []
     for row in range(count):
-        nodes = every.rows(order[ways[order] == row])
+        nodes = all_nodes.rows(order[curve_numbers[order] == row])
+        low_path = row
+        high_path = row + count
         curves.append(
             ModeCurve(
-                nodes.values[:, driven].copy(),
-                nodes.values,
-                nodes.slope * nodes.direction,
-                (Status(status[row]), Status(status[count + row])),
-                int(tried[row] + tried[count + row]),
+                inputs=nodes.values[:, driven].copy(),
+                values=nodes.values,
+                # The direction is -1 on paths to the low end.
+                slopes=nodes.slope * nodes.direction,
+                ends=(
+                    Status(followed.status[low_path]),
+                    Status(followed.status[high_path]),
+                ),
+                tried_steps=int(
+                    followed.tried_steps[low_path] + followed.tried_steps[high_path]
+                ),
             )
         )
     return curves
@@ -172,34 +299,64 @@ def _through(
 def sheets_through(
     closure: Closure, driven: Sequence[int], input_grid: InputGrid, values: Floats
 ) -> list[ModeOverGrid | None]:
-    """Return the sheets through closed configurations (k, variables), side by side.
+    """Spread configurations over the samples of an input grid, by verified paths.
 
-    They start at the nearest samples to which a straight way leads, None if there is none.
+    Parameters
+    ----------
+    closure
+        The loops of the whole mechanism.
+    driven
+        Numbers of the variables of the inputs.
+    input_grid
+        The n samples.
+    values
+        (k, variables) closed configurations (rad). Straight paths lead from each to its
+        nearest samples, and from there on to neighbouring samples.
+
+    Returns
+    -------
+    k sheets; None for a configuration from which no sample is reached.
     """
-    n, count = len(input_grid), len(values)
+    n = len(input_grid)
+    count = len(values)
     if not count:
         return []
-    near = np.array([input_grid.nearest(one[list(driven)], NEAREST) for one in values])
-    beside = input_grid.neighbours()
-    inside, shift = beside >= 0, n * np.arange(count)[:, None]
-    first = np.repeat(count * n + np.arange(count), near.shape[1])
-    start = np.append(first, np.nonzero(inside)[1] + shift)
-    stop = np.append(near + shift, beside[inside] + shift)
-    sheets = np.concatenate([nans((count * n, values.shape[1])), values])
-    status = np.full(len(sheets), Status.OUT_OF_REACH, dtype=np.int8)
+    # All points of all sheets are in one list: first the samples of sheet 0, then those of
+    # sheet 1, and so on, and behind them the k configurations.
+    points = np.concatenate([nans((count * n, values.shape[1])), values])
+    status = np.full(len(points), Status.OUT_OF_REACH, dtype=np.int8)
     status[count * n :] = Status.OK
-    left = np.ones(len(stop), dtype=bool)
-    while np.any(ways := left & (status[start] == Status.OK) & (status[stop] != Status.OK)):
-        (once,) = np.nonzero(ways)
-        once = once[np.unique(stop[once], return_index=True)[1]]
-        left[once] = False
-        to = stop[once]
-        goals = input_grid.q[to % n]
-        reached, status[to], _ = follow_inputs(closure, driven, sheets[start[once]], goals)
-        arrived = status[to] == Status.OK
-        sheets[to[arrived]] = reached.values[arrived]
-    parts = (part[: count * n].reshape(count, n, -1) for part in (sheets, status))
-    return [
-        ModeOverGrid(there, why[:, 0]) if np.any(why == Status.OK) else None
-        for there, why in zip(*parts, strict=True)
-    ]
+    sheet_offsets = n * np.arange(count)[:, None]
+    nearest = np.array(
+        [input_grid.nearest(row[list(driven)], NEAREST_SAMPLES) for row in values]
+    )
+    configurations = np.repeat(count * n + np.arange(count), nearest.shape[1])
+    neighbours = input_grid.neighbours()
+    exists = neighbours >= 0
+    # Each path is an index in `points` of its start, and one of its stop.
+    starts = np.append(configurations, np.nonzero(exists)[1] + sheet_offsets)
+    stops = np.append(nearest + sheet_offsets, neighbours[exists] + sheet_offsets)
+    is_untried = np.ones(len(stops), dtype=bool)
+    while True:
+        is_useful = (status[starts] == Status.OK) & (status[stops] != Status.OK)
+        (paths,) = np.nonzero(is_untried & is_useful)
+        if not len(paths):
+            break
+        # Only one path to each point at a time.
+        paths = paths[np.unique(stops[paths], return_index=True)[1]]
+        is_untried[paths] = False
+        targets = stops[paths]
+        followed = follow_inputs(
+            closure, driven, points[starts[paths]], input_grid.q[targets % n]
+        )
+        status[targets] = followed.status
+        has_arrived = followed.status == Status.OK
+        points[targets[has_arrived]] = followed.nodes.values[has_arrived]
+    sheets: list[ModeOverGrid | None] = []
+    for sheet in range(count):
+        samples = slice(sheet * n, (sheet + 1) * n)
+        if np.any(status[samples] == Status.OK):
+            sheets.append(ModeOverGrid(points[samples], status[samples]))
+        else:
+            sheets.append(None)
+    return sheets

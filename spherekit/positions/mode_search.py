@@ -30,7 +30,7 @@ from spherekit.positions.assembly_enumeration import (
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.configuration_space import monotone_pieces
-from spherekit.positions.curve_continuation import LONGEST, follow_arc
+from spherekit.positions.curve_continuation import MAX_CURVE_LENGTH_RAD, follow_arc
 from spherekit.positions.curve_crossing import Crossing
 from spherekit.positions.elimination_order import has_elimination
 from spherekit.positions.group_assembly import place_dyad
@@ -293,7 +293,7 @@ class ModeSearch:
     ) -> None:
         """Add the mode through a configuration, if it is in the range."""
         if isinstance(guide, ModeCurve):
-            self._tried += guide.tried
+            self._tried += guide.tried_steps
             low, high = self.input_grid.range
             if guide.inputs[0] > high or guide.inputs[-1] < low:
                 return
@@ -421,7 +421,7 @@ class ModeSearch:
         ):
             (left,) = np.nonzero(families < 0)
             assert mode.guide is not None
-            start, spread, why = mode.guide.at(q[left], rows[left])
+            start, spread, why = mode.guide.predict(q[left], rows[left])
             off = max_abs(wrap(start - values[left])[:, turning], axis=1)
             left = left[(off < spread + NEAR_GUIDE) & (why == Status.OK)]
             if len(left):
@@ -444,7 +444,9 @@ class ModeSearch:
     def _add_along(self, values: Floats, family: int | None = None) -> None:
         """Add the modes in the range that lie on the curve through a configuration."""
         meshes = self.solver.gear_phases
-        longest = LONGEST if meshes is None or meshes.all_known else LONGEST_ROLLED
+        longest = (
+            MAX_CURVE_LENGTH_RAD if meshes is None or meshes.all_known else LONGEST_ROLLED
+        )
         try:
             curve = follow_arc(self.solver.closure, values, longest=longest)
         except SolveError:

@@ -32,12 +32,12 @@ from spherekit.positions.group_assembly import (
     place_train_bodies,
 )
 from spherekit.positions.group_conditioning import group_reciprocal_condition
+from spherekit.positions.input_paths import determinant_sign
 from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import RANK_TOLERANCE, rank_mobility
 from spherekit.positions.mode_predictor import ModeCurve
 from spherekit.positions.pair_states import has_penetration
-from spherekit.positions.path_continuation import determinant_sign
 from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD, QuadAssembly
 from spherekit.status import Status
 from spherekit.tolerances import (
@@ -366,7 +366,7 @@ class PositionSolver:
             _set_status(status, is_open, Status.NOT_CONVERGED)
         else:
             assert assembly_mode.guide is not None
-            predicted, spread, mode_status = assembly_mode.guide.at(q, rows)
+            predicted, spread, mode_status = assembly_mode.guide.predict(q, rows)
             lost = has_configuration(status) & (mode_status != Status.OK)
             status[lost] = mode_status[lost]
             start = predicted[:, group_variables(state, group)]
@@ -451,7 +451,7 @@ class PositionSolver:
         if isinstance(guide, ModeCurve) and np.any(is_out):
             nearest = np.clip(q[:, 0], guide.inputs[0], guide.inputs[-1])
             is_past_end = is_out & (np.abs(q[:, 0] - nearest) < LAST_NODE_DISTANCE_RAD)
-            state.values[is_past_end] = guide.predict(nearest[is_past_end])[0]
+            state.values[is_past_end] = guide.interpolate(nearest[is_past_end])[0]
         return is_past_end
 
     def _place_singular(

@@ -207,7 +207,7 @@ class BlockRows:
             is_out_of_reach = np.isnan(arguments[self.kernel.passive_variables[0]])
             guide = assembly_mode.guide
             if isinstance(guide, ModeCurve) and not assembly_mode.pieces:
-                status = guide.at(q[:, is_out_of_reach].T, None)[2]
+                status = guide.predict(q[:, is_out_of_reach].T, None).status
                 is_out_of_reach[is_out_of_reach] = status == Status.OUT_OF_REACH
             else:
                 is_out_of_reach[:] = False

@@ -22,8 +22,8 @@ from spherekit.numerics.connectivity import label_components
 from spherekit.positions import input_grid as grids
 from spherekit.positions.gear_phases import variable_periods
 from spherekit.positions.input_grid import InputGrid
+from spherekit.positions.input_paths import follow_inputs
 from spherekit.positions.input_revolutions import less_periods
-from spherekit.positions.path_continuation import follow_inputs
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.locus import SingularityLocus
 from spherekit.singularities.singularity_report import LocusName
@@ -399,10 +399,9 @@ class _AspectGraph:
         goals = self.input_grid.q[goal_samples]
         # The variables may have grown by whole revolutions.
         goals += TURN * np.round((values[:, self.driven] - goals) / TURN)
-        end_nodes, status, _ = follow_inputs(
-            self.solver.closure, self.driven, values, goals
-        )
-        arrived = status == Status.OK
+        followed = follow_inputs(self.solver.closure, self.driven, values, goals)
+        end_nodes = followed.nodes
+        arrived = followed.status == Status.OK
         ends = self.add_configurations(end_nodes.values[arrived], goal_samples[arrived])
         # The opposite direction of 2 k is 2 k + 1, and the reverse.
         self.is_path_known[ends, directions[arrived] ^ 1] = True

@@ -1,6 +1,6 @@
 """Curves of singular configurations, followed by verified steps.
 
-The method is that of `spherekit.positions.path_continuation`. The second derivative of a
+The method is that of `spherekit.positions.continuation`. The second derivative of a
 curve at a node is estimated from the last step.
 """
 
@@ -10,15 +10,10 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.completeness import TimeLimit
+from spherekit.positions.continuation import UNFINISHED, CurveContinuation, TriedSteps
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.positions.gear_phases import variable_periods
-from spherekit.positions.path_continuation import (
-    GOING,
-    STEP_PARTS,
-    Curves,
-    Verification,
-    taylor,
-)
+from spherekit.positions.verified_steps import STEP_PARTS, Verification, extrapolate
 from spherekit.singularities.locus import LocusPoints, SingularityLocus
 from spherekit.singularities.singular_curve import (
     SingularCurve,
@@ -115,7 +110,7 @@ def _bordered_equations(points: LocusPoints, tangents: Floats) -> Floats:
 
 
 @dataclass
-class _LocusCurves(Curves[_LocusNodes]):
+class _LocusCurves(CurveContinuation[_LocusNodes]):
     """Curves of a locus that are followed at the same time.
 
     The first half of the rows follows each curve in one direction from its start, the
@@ -129,62 +124,49 @@ class _LocusCurves(Curves[_LocusNodes]):
         Time after which all curves end.
     """
 
-    tests = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
+    step_tests = Verification(slack=1e-9, settled=1e-6, middle=1e-3)
     smallest_step = 2e-6
-    same = 1e-8
-    most_nodes = 20_000
+    same_point_rad = 1e-8
+    max_nodes = 20_000
 
     locus: SingularityLocus
     time_limit: TimeLimit
 
-    def exhaust(self, rows: Indices) -> None:
+    def end_finished_curves(self, rows: Indices) -> None:
         """End curves that closed in the first direction, and all when time is over."""
-        half = len(self.end) // 2
+        half = len(self.end_status) // 2
         second_half = rows[rows >= half]
-        is_closed = self.closed[second_half - half]
-        self.end[second_half[is_closed]] = Status.OK
-        going = rows[self.end[rows] == GOING]
+        is_closed = self.is_closed[second_half - half]
+        self.end_status[second_half[is_closed]] = Status.OK
+        going = rows[self.end_status[rows] == UNFINISHED]
         if len(going) and not self.time_limit.goes_on("the rest of a singular curve"):
-            self.end[going] = Status.MODE_LOST
+            self.end_status[going] = Status.MODE_LOST
 
-    def steps_to(
-        self, rows: Indices, at: _LocusNodes, ways: Floats
-    ) -> tuple[_LocusNodes, Bools, Floats]:
-        """Return the nodes after one step, and the result of their verification.
+    def try_steps(
+        self, rows: Indices, nodes: _LocusNodes, distances: Floats
+    ) -> TriedSteps[_LocusNodes]:
+        """Try a step on each of some curves.
 
         Parameters
         ----------
         rows
             (k,) rows of the curves.
-        at
-            Their last nodes.
-        ways
-            (k,) lengths of the steps along the tangents (rad).
-
-        Returns
-        -------
         nodes
-            The k new nodes.
-        holds
-            (k,) whether the step passed all tests.
-        change
-            (k,) relative change of the equations, at 1 of which they may be singular on
-            the way.
+            (k) nodes from which the steps start.
+        distances
+            (k,) lengths of the steps along the tangents (rad).
         """
-        start = at.points
+        start = nodes.points
         # Each step is verified at its middle and at its end; rows 2 j and 2 j + 1 belong
         # to step j.
-        distances = ways[:, None] * STEP_PARTS
-        borders = np.repeat(at.tangents, 2, axis=0)
+        parts = distances[:, None] * STEP_PARTS
+        borders = np.repeat(nodes.tangents, 2, axis=0)
         motion_derivatives = start.motion_derivatives[:, :, 0]
-        targets = np.vecdot(at.tangents, start.values)[:, None] + distances
+        targets = np.vecdot(nodes.tangents, start.values)[:, None] + parts
         points = self.locus.correct(
-            values=taylor(start.values, at.tangents, at.bends, distances),
-            motions=taylor(
-                start.motions,
-                motion_derivatives,
-                np.zeros_like(motion_derivatives),
-                distances,
+            values=extrapolate(start.values, nodes.tangents, nodes.bends, parts),
+            motions=extrapolate(
+                start.motions, motion_derivatives, np.zeros_like(motion_derivatives), parts
             ),
             borders=borders[:, None],
             targets=targets.reshape(-1, 1),
@@ -192,39 +174,42 @@ class _LocusCurves(Curves[_LocusNodes]):
         )
         # The size of a step includes the change of the singular motion, which is fast where
         # curves pass each other.
-        step_sizes = ways * np.hypot(1.0, np.linalg.norm(motion_derivatives, axis=1))
-        good = points.is_on_locus & self.tests.corrected(
+        step_sizes = distances * np.hypot(1.0, np.linalg.norm(motion_derivatives, axis=1))
+        good = points.is_on_locus & self.step_tests.accepts_correction(
             (points.first_step, points.step_ratio), np.repeat(step_sizes, 2)
         )
         tangent_cosine = np.vecdot(points.tangents[:, :, 0], borders)
         points = orient_tangents(points, np.sign(tangent_cosine))
-        equations_before = np.repeat(_bordered_equations(start, at.tangents), 2, axis=0)
+        equations_before = np.repeat(_bordered_equations(start, nodes.tangents), 2, axis=0)
         equations_after = _bordered_equations(points, borders)
         relative_change = np.linalg.pinv(equations_before) @ (
             equations_after - equations_before
         )
         change = np.linalg.norm(relative_change, axis=(1, 2))
-        good &= self.tests.regular(change, np.abs(tangent_cosine))
+        good &= self.step_tests.accepts_change(change, np.abs(tangent_cosine))
 
         middles = points.values[::2]
         end_points = points.rows(slice(1, None, 2))
-        holds = self.judged(
+        is_verified = self.verify_steps(
             to_curve_points(start),
             to_curve_points(end_points),
             middles,
-            ways,
+            distances,
             good,
-            self.tests.slack,
+            self.step_tests.slack,
         )
         end_tangents = end_points.tangents[:, :, 0]
         lengths = np.linalg.norm(end_points.values - start.values, axis=1, keepdims=True)
-        bends = (end_tangents - at.tangents) / lengths
-        nodes = _LocusNodes(
+        bends = (end_tangents - nodes.tangents) / lengths
+        new_nodes = _LocusNodes(
             end_points.values, end_tangents, bends, end_points.residual, end_points
         )
-        return nodes, holds, np.max(change.reshape(-1, 2), axis=1)
+        changes = np.max(change.reshape(-1, 2), axis=1)
+        return TriedSteps(new_nodes, is_verified, changes)
 
-    def again(self, start: _LocusNodes, at: _LocusNodes, values: Floats) -> _LocusNodes:
+    def start_after_periods(
+        self, starts: _LocusNodes, nodes: _LocusNodes, values: Floats
+    ) -> _LocusNodes:
         """Return the starts of curves, moved by whole periods, to test whether laps close.
 
         The sign of a singular motion is arbitrary; it becomes that of the last node. If the
@@ -232,42 +217,44 @@ class _LocusCurves(Curves[_LocusNodes]):
 
         Parameters
         ----------
-        start, at
+        starts, nodes
             First and last nodes of k curves.
         values
             (k, V) variables of the starts, moved by whole periods (rad).
         """
-        cosine = np.vecdot(start.points.motions, at.points.motions)[:, None]
+        cosine = np.vecdot(starts.points.motions, nodes.points.motions)[:, None]
         sense = np.where(np.abs(cosine) < SAME_LAP_COSINE, np.nan, np.sign(cosine))
         # sense^2 is 1, or NaN for another motion.
         points = replace(
-            start.points,
+            starts.points,
             values=sense**2 * values,
-            motions=sense * start.points.motions,
-            motion_derivatives=sense[:, None] * start.points.motion_derivatives,
+            motions=sense * starts.points.motions,
+            motion_derivatives=sense[:, None] * starts.points.motion_derivatives,
         )
-        return replace(start, values=points.values, points=points)
+        return replace(starts, values=points.values, points=points)
 
-    def within(self, rows: Indices, step: Floats, new: _LocusNodes, holds: Bools) -> Bools:
-        """Return which steps (k,) that hold are taken; end curves that leave a profile.
+    def select_steps(
+        self, rows: Indices, steps: Floats, new_nodes: _LocusNodes, is_verified: Bools
+    ) -> Bools:
+        """Return which verified steps (k,) are taken; end curves that leave a profile.
 
         Parameters
         ----------
-        rows, step, new, holds
+        rows, steps, new_nodes, is_verified
             (k,) rows of the curves, lengths of the steps (not used), new nodes, and whether
             each step passed all tests.
         """
-        is_taken = holds.copy()
-        states = self.locus.closure.at(new.values[holds]).states
-        is_taken[holds] = np.all(states.inside, axis=1)
-        self.end[rows[holds & ~is_taken]] = Status.OFF_PROFILE
+        is_taken = is_verified.copy()
+        states = self.locus.closure.at(new_nodes.values[is_verified]).states
+        is_taken[is_verified] = np.all(states.inside, axis=1)
+        self.end_status[rows[is_verified & ~is_taken]] = Status.OFF_PROFILE
         return is_taken
 
-    def stop(self, row: int) -> None:
+    def end_stuck_curve(self, row: int) -> None:
         """End a curve from whose last node no step succeeds."""
-        reciprocal_condition = self.at.points.reciprocal_condition[row]
+        reciprocal_condition = self.last_nodes.points.reciprocal_condition[row]
         is_crossing = reciprocal_condition < NEAR_CROSSING_CONDITION
-        self.end[row] = Status.AT_SINGULARITY if is_crossing else Status.MODE_LOST
+        self.end_status[row] = Status.AT_SINGULARITY if is_crossing else Status.MODE_LOST
 
     def join_halves(self, ahead: int, behind: int) -> SingularCurve | None:
         """Return the curve that two rows followed in both directions from one start.
@@ -275,16 +262,16 @@ class _LocusCurves(Curves[_LocusNodes]):
         None if no step succeeded in either direction.
         """
         for row in (ahead, behind):
-            if self.closed[row]:
-                points = self.nodes_of(row).points
+            if self.is_closed[row]:
+                points = self.collect_nodes(row).points
                 ends = (Status.OK, Status.OK)
                 return SingularCurve(self.locus, points, self.periods, True, ends)
         # The nodes behind, in reversed order, without the start.
-        nodes_behind = self.nodes_of(behind).points.rows(slice(None, 0, -1))
+        nodes_behind = self.collect_nodes(behind).points.rows(slice(None, 0, -1))
         points = LocusPoints.joined(
-            [orient_tangents(nodes_behind, -1.0), self.nodes_of(ahead).points]
+            [orient_tangents(nodes_behind, -1.0), self.collect_nodes(ahead).points]
         )
         if len(points) < 2:
             return None
-        ends = (Status(self.end[behind]), Status(self.end[ahead]))
+        ends = (Status(self.end_status[behind]), Status(self.end_status[ahead]))
         return SingularCurve(self.locus, points, self.periods, False, ends)

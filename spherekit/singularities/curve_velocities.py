@@ -14,7 +14,7 @@ from spherekit.arrays import Bools, Floats
 from spherekit.numerics.zeros import find_zeros
 from spherekit.planning.pole_plan import Plan, Pole
 from spherekit.positions.configuration_curve import ArcCurve
-from spherekit.positions.curve_segment import bordered, bordered_condition
+from spherekit.positions.curve_segment import bordered, bordered_reciprocal_condition
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.motion import make_motion
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -68,7 +68,9 @@ class LinkMotion:
         self.dw = at.body_rates(bends)
         self.dw += at.tree.body_rates(at.turned(self.w), tangents)
         equations = bordered(at.jacobian, tangents)
-        flat = np.maximum(bordered_condition(equations, left_inverse(equations)), EPS)
+        flat = np.maximum(
+            bordered_reciprocal_condition(equations, left_inverse(equations)), EPS
+        )
         flat[np.isnan(bends[:, 0])] = 1.0  # a motion that is given
         size = np.linalg.norm(self.w, axis=2).max(axis=1, initial=1.0)
         self.rounding = EPS * size * (8.0 / flat + 0.25 / flat**2)

@@ -20,7 +20,7 @@ from spherekit.geometry.vectors import cross, max_abs, nans
 from spherekit.planning.pole_plan import Plan, Pole, ordered_pole, pole_of
 from spherekit.planning.pole_planner import plan
 from spherekit.positions.configuration_curve import ArcCurve
-from spherekit.positions.curve_continuation import SINGULAR
+from spherekit.positions.curve_continuation import CROSSING_RECIPROCAL_CONDITION
 from spherekit.positions.curve_crossing import Crossing, find_crossing
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.curve_velocities import AT_REST, AlongCurve, LinkMotion
@@ -330,7 +330,11 @@ class SingleFreedom:
         if solver.closure.at(reference).gap[0] < CLOSURE_TOLERANCE:
             closed = np.concatenate([reference, closed])
         least = min(
-            (solver.compute_mobility(values, SINGULAR) for values in closed), default=0
+            (
+                solver.compute_mobility(values, CROSSING_RECIPROCAL_CONDITION)
+                for values in closed
+            ),
+            default=0,
         )
         return least if least > 1 else None
 

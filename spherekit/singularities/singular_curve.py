@@ -9,7 +9,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
-from spherekit.positions.configuration_curve import NEAR, Chords
+from spherekit.positions.configuration_curve import SAME_POINT_RAD, Chords
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.singularities.locus import LocusPoints, SingularityLocus
 from spherekit.status import Status
@@ -120,14 +120,16 @@ class SingularCurve:
         """
         # Chords beside which a configuration lies, with its position relative to the start
         # of the chord; one configuration may be beside several chords.
-        row, chord_numbers, offset, along_chord = self.chords.beside(values, self.periods)
-        parts = along_chord / self.chords.chords[chord_numbers]
+        near = self.chords.project(values, self.periods)
+        chord_numbers = near.chords
+        parts = near.distances / self.chords.chords[chord_numbers]
         points = self.points_on_chords(chord_numbers, parts)
-        shifted_values = self.nodes.values[chord_numbers] + offset
+        shifted_values = self.nodes.values[chord_numbers] + near.differences
         distance = max_abs(shifted_values - points.values, axis=1)
-        motion_cosine = np.abs(np.vecdot(points.motions, motions[row]))
-        is_on_curve = (distance < NEAR) & (motion_cosine > SAME_MOTION_COSINE)
-        return np.isin(np.arange(len(values)), row[is_on_curve])
+        configurations = near.configurations
+        motion_cosine = np.abs(np.vecdot(points.motions, motions[configurations]))
+        is_on_curve = (distance < SAME_POINT_RAD) & (motion_cosine > SAME_MOTION_COSINE)
+        return np.isin(np.arange(len(values)), configurations[is_on_curve])
 
     def zeros(self, function: LocusFunction) -> LocusPoints:
         """Return the points at which a function changes its sign along the curve.

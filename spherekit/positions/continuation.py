@@ -1,0 +1,331 @@
+"""Base class for following curves by verified steps, many curves side by side.
+
+The steps are tested as `spherekit.positions.verified_steps` describes. After a step that
+failed, half the step is tried; after a good one the next may be longer. A curve ends when
+it closes, when a subclass ends it (at a limit, for example), or when no step is accepted.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import ClassVar, Generic, TypeVar
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices
+from spherekit.geometry.vectors import all_finite, max_abs
+from spherekit.positions.curve_segment import CurvePoints, interpolate_between
+from spherekit.positions.input_revolutions import whole_laps
+from spherekit.positions.verified_steps import Verification, extrapolate
+from spherekit.status import Status
+
+NEAR_END_RAD = 1e-6
+"""A node nearer than this to the start of a lap, or to a limit, has reached it.
+
+Larger: curves end earlier before a limit. Smaller: tiny last steps are tried.
+"""
+AIMED_CHANGE_RATIO = 0.6
+"""Part of the allowed change of the equations at which the next step aims.
+
+Larger: more steps fail. Smaller: more steps are necessary.
+"""
+MIN_LAP_COSINE = 0.8
+"""Least cosine between the tangents at the end and at the start of a lap.
+
+Larger: a lap whose tangent turns in its last step is not seen to close. Smaller: a curve
+that crosses its start at an angle counts as closed.
+"""
+UNFINISHED = -1
+"""Stands for the status of a curve that has not ended."""
+Node = TypeVar("Node", bound=CurvePoints)
+
+
+@dataclass(frozen=True)
+class TriedSteps(Generic[Node]):
+    """The results of k steps, one on each of k curves.
+
+    Attributes
+    ----------
+    nodes
+        The points at which the steps end.
+    is_verified
+        (k,) whether the step passed all tests.
+    changes
+        (k,) relative changes of the equations, which limit the length of the next step.
+    """
+
+    nodes: Node
+    is_verified: Bools
+    changes: Floats
+
+
+@dataclass
+class CurveContinuation(ABC, Generic[Node]):
+    """Follows n curves in the space of the variables, each in one sense.
+
+    Attributes
+    ----------
+    step_tests
+        Limits for the tests of a step.
+    smallest_step
+        A curve ends at a node from which not even such a step (rad) is verified.
+    same_point_rad
+        A lap ends at its start if it returns to it up to this distance.
+    max_nodes
+        A curve with so many nodes ends.
+    start_nodes
+        (n) first node of each curve.
+    periods
+        (variables,) growth of each variable (rad) that changes nothing.
+    max_length
+        Length (rad) after which a curve ends.
+    max_step
+        Longest step (rad).
+    last_nodes
+        (n) last node of each curve.
+    end_status
+        (n,) status of what lies beyond the last node, or `UNFINISHED`.
+    is_closed
+        (n,) whether the last node is the first one again, whole periods on.
+    lengths
+        (n,) length of each curve (rad), as the sum of its chords.
+    """
+
+    step_tests: ClassVar[Verification]
+    smallest_step: ClassVar[float]
+    same_point_rad: ClassVar[float]
+    max_nodes: ClassVar[int]
+
+    start_nodes: Node
+    periods: Floats
+    max_length: float
+    max_step: float
+
+    def __post_init__(self) -> None:
+        n = len(self.start_nodes.values)
+        self.last_nodes = self.start_nodes.rows(np.arange(n))
+        self.end_status = np.full(n, UNFINISHED, dtype=np.int8)
+        self.is_closed = np.zeros(n, dtype=bool)
+        self.lengths = np.zeros(n)
+        self._node_counts = np.zeros(n, dtype=np.intp)
+        # Curves (k,) and their new nodes (k), step after step.
+        self._trail: list[tuple[Indices, Node]] = []
+
+    @abstractmethod
+    def try_steps(self, rows: Indices, nodes: Node, distances: Floats) -> TriedSteps[Node]:
+        """Try a step on each of some curves.
+
+        Parameters
+        ----------
+        rows
+            (k,) indices of the curves.
+        nodes
+            (k) nodes from which the steps start.
+        distances
+            (k,) lengths of the steps (rad), measured along the tangents at the nodes.
+        """
+
+    @abstractmethod
+    def select_steps(
+        self, rows: Indices, steps: Floats, new_nodes: Node, is_verified: Bools
+    ) -> Bools:
+        """Return which verified steps (k,) are taken; end curves that reach a limit.
+
+        Parameters
+        ----------
+        rows
+            (k,) indices of the curves.
+        steps
+            (k,) lengths of the steps (rad).
+        new_nodes
+            (k) nodes at which the steps end.
+        is_verified
+            (k,) which steps passed all tests.
+        """
+
+    @abstractmethod
+    def end_finished_curves(self, rows: Indices) -> None:
+        """Set the status of curves (k,) that must not continue from their last node."""
+
+    @abstractmethod
+    def end_stuck_curve(self, row: int) -> None:
+        """Set the status of a curve from whose last node no step is verified."""
+
+    def start_after_periods(self, starts: Node, nodes: Node, values: Floats) -> Node:
+        """Return start nodes of curves as they look when a lap returns to them.
+
+        Parameters
+        ----------
+        starts
+            (k) first nodes.
+        nodes
+            (k) last nodes, from which a step may lead to the start.
+        values
+            (k, variables) variables of the first nodes, whole periods on (rad).
+
+        Returns
+        -------
+        (k) nodes with these values. They are NaN if the start has another state, so that
+        the lap does not close.
+        """
+        return replace(starts, values=values)
+
+    def _end_and_find_unfinished(self) -> Indices:
+        """End curves that are finished or too long; return the indices of the others."""
+        rows = np.flatnonzero(self.end_status == UNFINISHED)
+        self.end_finished_curves(rows)
+        has_max_nodes = self._node_counts[rows] >= self.max_nodes
+        self.end_status[rows[has_max_nodes]] = Status.MODE_LOST
+        self.end_status[rows[self.lengths[rows] >= self.max_length]] = Status.OK
+        return np.flatnonzero(self.end_status == UNFINISHED)
+
+    def limit_steps(self, rows: Indices, steps: Floats) -> Floats:
+        """Return steps (k,) of curves, no longer than is allowed at their last nodes."""
+        return np.minimum(steps, self.max_step)
+
+    def follow(self, first_step: float) -> None:
+        """Follow all curves to their ends, beginning with a first step (rad)."""
+        steps = np.full(len(self.end_status), first_step)
+        while len(rows := self._end_and_find_unfinished()):
+            steps[rows] = self.limit_steps(rows, steps[rows])
+            growth = self._advance(rows, steps[rows])
+            failed_rows = rows[growth == 0.0]
+            for row in failed_rows[steps[failed_rows] <= self.smallest_step]:
+                self.end_stuck_curve(int(row))
+            steps[rows] *= np.where(growth > 0.0, growth, 0.5)
+
+    def _advance(self, rows: Indices, steps: Floats) -> Floats:
+        """Try a step on each curve, and append the new nodes.
+
+        Parameters
+        ----------
+        rows
+            (k,) indices of the curves.
+        steps
+            (k,) lengths of the steps (rad).
+
+        Returns
+        -------
+        (k,) factors for the next steps: between 0.5 and 2 after a step that was taken, 0
+        after one that failed, 1 if the curve has ended.
+        """
+        nodes = self.last_nodes.rows(rows)
+        tried = self.try_steps(rows, nodes, steps)
+        end_nodes, closes = self._find_closing_laps(rows, nodes, steps, tried)
+        self.append_nodes(rows[closes], end_nodes.rows(closes))
+        self.end_status[rows[closes]] = Status.OK
+        self.is_closed[rows[closes]] = True
+        is_taken = self.select_steps(rows, steps, tried.nodes, tried.is_verified & ~closes)
+        self.append_nodes(rows[is_taken], tried.nodes.rows(is_taken))
+        # The tiny number prevents a division by zero on straight curves.
+        aimed_change = AIMED_CHANGE_RATIO * self.step_tests.change
+        growth = np.clip(aimed_change / (tried.changes + 1e-300), 0.5, 2.0)
+        is_unfinished = self.end_status[rows] == UNFINISHED
+        return np.where(is_taken, growth, np.where(is_unfinished, 0.0, 1.0))
+
+    def append_nodes(self, rows: Indices, new_nodes: Node) -> None:
+        """Append one node to each of some curves (k,)."""
+        if len(rows):
+            chords = new_nodes.values - self.last_nodes.values[rows]
+            self.lengths[rows] += np.linalg.norm(chords, axis=1)
+            self._node_counts[rows] += 1
+            self.last_nodes.put(rows, new_nodes)
+            self._trail.append((rows, new_nodes))
+
+    def _find_closing_laps(
+        self, rows: Indices, nodes: Node, steps: Floats, tried: TriedSteps[Node]
+    ) -> tuple[Node, Bools]:
+        """Find the curves whose step passes their start, whole periods on.
+
+        Parameters
+        ----------
+        rows
+            (k,) indices of the curves.
+        nodes
+            (k) last nodes of the curves.
+        steps
+            (k,) lengths of the steps (rad).
+        tried
+            The steps from these nodes.
+
+        Returns
+        -------
+        end_nodes
+            (k) start nodes, shifted by whole periods to be near the step.
+        closes
+            (k,) whether the lap closes.
+        """
+        starts = self.start_nodes.rows(rows)
+        middle = 0.5 * (nodes.values + tried.nodes.values)
+        values = starts.values + whole_laps(middle - starts.values, self.periods)
+        end_nodes = self.start_after_periods(starts, nodes, values)
+        # Projection of the start on the tangent, and its distance from the extrapolation.
+        distances = np.sum(nodes.tangents * (values - nodes.values), axis=1)
+        predicted = extrapolate(
+            nodes.values, nodes.tangents, nodes.bends, distances[:, None]
+        )
+        miss = max_abs(values - predicted, axis=1)
+        # The first nodes are near the start, too, but have not been away from it.
+        was_away = self.lengths[rows] > 4.0 * NEAR_END_RAD
+        closes = tried.is_verified & all_finite(end_nodes.values, 1) & was_away
+        closes &= (distances > -NEAR_END_RAD) & (distances <= steps)
+        closes &= miss <= self.step_tests.correction * steps
+        closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE
+        # A start that is practically the last node needs no step; the others are reached
+        # by an exact step, which has to end at the start.
+        needs_step = np.abs(distances) > NEAR_END_RAD
+        closes &= needs_step | (miss <= self.same_point_rad)
+        last_steps = np.flatnonzero(closes & needs_step)
+        if len(last_steps):
+            last = self.try_steps(
+                rows[last_steps], nodes.rows(last_steps), distances[last_steps]
+            )
+            miss_of_start = max_abs(last.nodes.values - values[last_steps], axis=1)
+            closes[last_steps] = last.is_verified & (miss_of_start <= self.same_point_rad)
+        return end_nodes, closes
+
+    def verify_steps(
+        self,
+        starts: CurvePoints,
+        stops: CurvePoints,
+        middles: Floats,
+        distances: Floats,
+        is_good: Bools,
+        rounding: Floats | float,
+    ) -> Bools:
+        """Return which steps (k,) pass the last test, that both ends predict the middle.
+
+        Parameters
+        ----------
+        starts, stops
+            (k) points at both ends of the steps.
+        middles
+            (k, variables) corrected points in the middles of the steps (rad).
+        distances
+            (k,) lengths of the steps (rad).
+        is_good
+            (2 k,) whether the middle and the end of each step passed the other tests.
+        rounding
+            (k,) rounding errors of the middles (rad).
+        """
+        chords = stops.values - starts.values
+        with np.errstate(all="ignore"):  # Steps that failed can have chords of length 0.
+            fractions = np.vecdot(middles - starts.values, chords)
+            fractions = fractions / np.vecdot(chords, chords)
+            predicted = interpolate_between(starts, stops, fractions)
+            miss = max_abs(predicted - middles, axis=1)
+            is_verified = self.step_tests.accepts_middle(miss, distances, rounding)
+        return is_verified & np.all(is_good.reshape(-1, 2), axis=1)
+
+    def collect_nodes(self, row: int) -> Node:
+        """Return all nodes of a curve in order, the first node included."""
+        nodes = [self.start_nodes.rows(slice(row, row + 1))]
+        for rows, new_nodes in self._trail:
+            if row in rows:
+                nodes.append(new_nodes.rows(rows == row))
+        all_nodes = self.start_nodes.joined(nodes)
+        is_kept = np.ones(len(all_nodes.values), dtype=bool)
+        if self.is_closed[row]:
+            # The node before the start is left out if it is practically the same point.
+            last_chord = max_abs(all_nodes.values[-1] - all_nodes.values[-2])
+            is_kept[-2] = last_chord >= NEAR_END_RAD
+        return all_nodes.rows(is_kept)

@@ -1,0 +1,335 @@
+"""Follows configurations while the inputs move along straight lines, by verified steps.
+
+The steps are tested as `spherekit.positions.verified_steps` describes, and in addition the
+determinant of the closure Jacobian with locked inputs must keep its sign. A path therefore
+never passes a configuration at which the inputs do not determine the motion.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
+from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
+from spherekit.numerics.array_rows import ArrayRows
+from spherekit.positions.curve_limits import CurveLimits
+from spherekit.positions.linear_equations import condition_numbers, left_inverse
+from spherekit.positions.linearisation import Linearisation
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.verified_steps import Verification, extrapolate
+from spherekit.status import Status
+from spherekit.tolerances import CLOSURE_TOLERANCE
+
+LARGEST_INPUT_STEP_RAD = 0.2
+"""Longest step of the inputs.
+
+Larger: fewer steps, of which more fail. Smaller: more steps.
+"""
+AIMED_SECOND_ORDER_RAD = 0.02
+"""Second-order part of the Taylor polynomial in a step, at which the step length aims.
+
+Larger: more steps fail. Smaller: more steps are necessary.
+"""
+SLOPE_TO_BEND_RATIO = 0.3
+"""Longest step, relative to the ratio of first to second derivative of the variables.
+
+Near a dead centre a variable grows like the square root of the remaining input, and this
+ratio is twice the remaining input. The step is then 0.6 of it.
+"""
+INPUT_STEP_TESTS = Verification(correction=0.1, slack=1e-9, settled=1e-6, turn=0.95)
+"""Limits for the tests of a step."""
+LARGEST_PREDICTED_MOVE_RAD = 0.5
+"""The error of a prediction is compared with the predicted move, or with this if less.
+
+Larger: more steps near dead centres are accepted, perhaps on another path.
+"""
+MAX_TRIED_STEPS = 20000
+"""Steps of one path that are tried, with those that fail. Then the mode counts as lost."""
+SMALLEST_INPUT_STEP_RAD = 4e-13
+"""If not even a smaller step is verified, the input has reached a dead centre.
+
+Larger: paths end farther from dead centres. Smaller: steps are rounding errors of the
+inputs.
+"""
+NEARLY_SINGULAR_RATIO = 1e-3
+"""A last node of smaller relative singular value is named as near a dead centre."""
+NEARLY_EQUAL_CURVATURE = 1e-3
+"""A last node whose profiles' curvatures differ by less ends for that reason."""
+NEARLY_OFF_PROFILE_RAD = 1e-6
+"""A last node nearer to the end of an open profile ends for that reason."""
+ARRIVAL_TOLERANCE = 1e-9
+"""A step is extended to the goal if the rest, relative to the step, is smaller."""
+MAX_CORRECTION_ITERATIONS = 6
+"""Newton steps from a prediction. Smaller: more steps along the path fail."""
+
+
+@dataclass(frozen=True)
+class InputPathNodes(ArrayRows):
+    """n closed configurations with derivatives along the paths of their inputs.
+
+    Attributes
+    ----------
+    direction
+        (n, inputs) unit vectors along which the inputs move.
+    values
+        (n, variables) pair variables (rad).
+    slope, bend
+        (n, variables) first and second derivatives of the variables by the distance that
+        the inputs move.
+    sign
+        (n,) sign of the determinant of the closure Jacobian with locked inputs.
+    """
+
+    direction: Floats
+    values: Floats
+    slope: Floats
+    bend: Floats
+    sign: Floats
+
+
+def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> InputPathNodes:
+    """Return the nodes at closed configurations.
+
+    Parameters
+    ----------
+    at
+        The closure at the configurations.
+    driven
+        Numbers of the variables of the inputs.
+    direction
+        (n, inputs) directions in which the inputs move.
+    """
+    passive = np.delete(np.arange(at.values.shape[1]), driven)
+    passive_jacobian = at.jacobian[:, :, passive]
+    inverse = left_inverse(passive_jacobian)
+    slope = np.zeros_like(at.values)
+    bend = slope.copy()
+    slope[:, driven] = direction
+    # The inputs open the loops at this rate, and the passive variables close them.
+    opening_rate = np.einsum("nij,nj->ni", at.jacobian, slope)
+    slope[:, passive] = -np.einsum("nij,nj->ni", inverse, opening_rate)
+    bend[:, passive] = -np.einsum("nij,nj->ni", inverse, at.bias(slope))
+    sign = determinant_sign(passive_jacobian)
+    return InputPathNodes(direction, at.values, slope, bend, sign)
+
+
+def determinant_sign(matrices: Floats) -> Floats:
+    """Return the signs (n,) of the determinants of matrices (n, rows, columns).
+
+    They are NaN for matrices that are NaN, and 1 for matrices that are not square, which
+    have no determinant.
+    """
+    if matrices.shape[1] != matrices.shape[2]:
+        return np.ones(len(matrices))
+    with np.errstate(invalid="ignore"):
+        return np.linalg.slogdet(matrices)[0]
+
+
+def is_nearly_singular(at: Linearisation, driven: Sequence[int], ratio: float) -> Bools:
+    """Return (n,) whether the closure Jacobian with locked inputs is nearly singular.
+
+    Parameters
+    ----------
+    at
+        The closure at n configurations.
+    driven
+        Numbers of the variables of the inputs.
+    ratio
+        The Jacobian is nearly singular if its smallest singular value, relative to the
+        largest, is not larger.
+    """
+    passive_jacobian = np.delete(at.jacobian, driven, axis=2)
+    return ~(condition_numbers(passive_jacobian) < 1.0 / ratio)
+
+
+@dataclass(frozen=True)
+class _InputSteps:
+    """The results of one step on each of k paths.
+
+    Attributes
+    ----------
+    nodes
+        The configurations at which the steps end.
+    is_verified
+        (k,) whether the step passed all tests.
+    is_last
+        (k,) whether the step leads exactly to the goal of the path.
+    """
+
+    nodes: InputPathNodes
+    is_verified: Bools
+    is_last: Bools
+
+
+def _try_steps(
+    closure: Closure,
+    driven: Sequence[int],
+    nodes: InputPathNodes,
+    steps: Floats,
+    q: Floats,
+) -> _InputSteps:
+    """Try one step on each of k paths.
+
+    Parameters
+    ----------
+    closure
+        The loops of the whole mechanism.
+    driven
+        Numbers of the variables of the inputs.
+    nodes
+        (k) nodes from which the steps start.
+    steps
+        (k,) lengths of the steps (rad). A step that would pass the goal is shortened.
+    q
+        (k, inputs) goals of the inputs (rad).
+    """
+    inputs = nodes.values[:, driven]
+    rest = np.vecdot(q - inputs, nodes.direction)
+    is_last = steps >= rest * (1 - ARRIVAL_TOLERANCE)
+    lengths = np.where(is_last, rest, steps)[:, None]
+    prediction = extrapolate(nodes.values, nodes.slope, nodes.bend, lengths)
+    # At the goal the inputs are exact, without rounding errors of the steps.
+    prediction[:, driven] = np.where(
+        is_last[:, None], q, inputs + lengths * nodes.direction
+    )
+    is_finite = all_finite(prediction, 1)  # A slope is infinite at a dead centre.
+    prediction[~is_finite] = nodes.values[~is_finite]
+    at, step_sizes = closure.solve_with_step_sizes(
+        prediction, driven, iterations=MAX_CORRECTION_ITERATIONS
+    )
+    is_verified = is_finite & (at.gap < CLOSURE_TOLERANCE)
+    predicted_move = max_abs(prediction - nodes.values, axis=1)
+    predicted_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
+    is_verified &= INPUT_STEP_TESTS.accepts_correction(step_sizes, predicted_move)
+    new_nodes = nodes_at(at, driven, nodes.direction)
+    is_verified &= (new_nodes.sign == nodes.sign) & all_finite(new_nodes.slope, 1)
+    is_verified &= np.all(at.states.inside, axis=1)
+    cosine = np.vecdot(unit_rows(nodes.slope), unit_rows(new_nodes.slope))
+    is_verified = is_verified & (cosine > INPUT_STEP_TESTS.turn)
+    return _InputSteps(new_nodes, is_verified, is_last)
+
+
+def _limit_steps(nodes: InputPathNodes, steps: Floats, smallest_step: float) -> Floats:
+    """Return steps (n,), shortened to what the second derivatives at the nodes allow.
+
+    `steps` (n,) and `smallest_step` are lengths in rad. No step is made smaller than the
+    latter.
+    """
+    bend = max_abs(nodes.bend, axis=1) + 1e-300  # The tiny number avoids a division by 0.
+    steps = np.minimum(steps, LARGEST_INPUT_STEP_RAD)
+    steps = np.minimum(steps, np.sqrt(2 * AIMED_SECOND_ORDER_RAD / bend))
+    steps = np.minimum(steps, SLOPE_TO_BEND_RATIO * max_abs(nodes.slope, axis=1) / bend)
+    return np.fmax(steps, smallest_step)
+
+
+def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Status:
+    """Return the status of the samples beyond the last node of a path.
+
+    Parameters
+    ----------
+    closure
+        The loops of the whole mechanism.
+    driven
+        Numbers of the variables of the inputs.
+    values
+        (1, variables) the last node (rad).
+
+    Returns
+    -------
+    OFF_PROFILE or CURVATURE near a limit of a contact, OUT_OF_REACH near a dead centre,
+    otherwise MODE_LOST.
+    """
+    at = closure.at(values)
+    states = at.states
+    limits = CurveLimits.of(closure, {})
+    margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
+    # Equal curvatures come last in the limits, and are examined first.
+    for status, margin in zip(reversed(limits.statuses), reversed(margins[0]), strict=True):
+        is_contact_limit = status == Status.CURVATURE
+        if margin < (
+            NEARLY_EQUAL_CURVATURE if is_contact_limit else NEARLY_OFF_PROFILE_RAD
+        ):
+            return status
+    is_singular = is_nearly_singular(at, driven, NEARLY_SINGULAR_RATIO)
+    return Status.OUT_OF_REACH if is_singular else Status.MODE_LOST
+
+
+@dataclass(frozen=True)
+class FollowedPaths:
+    """The ends of n paths along which inputs were moved.
+
+    Attributes
+    ----------
+    nodes
+        (n) last node of each path.
+    status
+        (n,) OK if the path reached its goal, otherwise why it ended before.
+    tried_steps
+        (n,) number of steps that were tried, with those that failed.
+    """
+
+    nodes: InputPathNodes
+    status: SmallIntegers
+    tried_steps: Indices
+
+
+Trail = list[tuple[Indices, InputPathNodes]]
+"""Nodes that were reached: for each step the paths (k,), and their new nodes (k)."""
+
+
+def follow_inputs(
+    closure: Closure,
+    driven: Sequence[int],
+    values: Floats,
+    q: Floats,
+    trail: Trail | None = None,
+    smallest_step: float = SMALLEST_INPUT_STEP_RAD,
+) -> FollowedPaths:
+    """Move the inputs along straight lines, and follow the configurations.
+
+    Parameters
+    ----------
+    closure
+        The loops of the whole mechanism.
+    driven
+        Numbers of the variables of the inputs.
+    values
+        (n, variables) closed configurations (rad) from which the paths start.
+    q
+        (n, inputs) goals of the inputs (rad).
+    trail
+        All nodes after the first ones are appended to this list.
+    smallest_step
+        A path ends where not even such a step (rad) is verified.
+    """
+    way = q - values[:, driven]
+    length = np.linalg.norm(way, axis=1)
+    direction = way / np.maximum(length, 1e-300)[:, None]
+    nodes = nodes_at(closure.at(values.copy()), driven, direction)
+    status = np.full(len(q), Status.OK, dtype=np.int8)
+    steps = np.full(len(q), np.inf)
+    tried_steps = np.zeros(len(q), dtype=np.intp)
+    active = np.flatnonzero(length > 0.0)
+    while len(active):
+        active_nodes = nodes.rows(active)
+        tried_steps[active] += 1
+        steps[active] = _limit_steps(active_nodes, steps[active], smallest_step)
+        tried = _try_steps(closure, driven, active_nodes, steps[active], q[active])
+        is_verified = tried.is_verified
+        moved = active[is_verified]
+        new_nodes = tried.nodes.rows(is_verified)
+        nodes.put(moved, new_nodes)
+        if trail is not None:
+            trail.append((moved, new_nodes))
+        has_arrived = is_verified & tried.is_last
+        is_given_up = ~has_arrived & (tried_steps[active] == MAX_TRIED_STEPS)
+        status[active[is_given_up]] = Status.MODE_LOST
+        # Large inputs have larger rounding errors, so their smallest step is larger.
+        input_size = np.maximum(1.0, max_abs(active_nodes.values[:, driven], axis=1))
+        is_stuck = ~is_verified & (steps[active] <= 2 * smallest_step * input_size)
+        for row in active[is_stuck]:
+            status[row] = _explain_end(closure, driven, nodes.values[row : row + 1])
+        steps[active] *= np.where(is_verified, 2.0, 0.5)
+        active = active[~(has_arrived | is_given_up | is_stuck)]
+    return FollowedPaths(nodes, status, tried_steps)

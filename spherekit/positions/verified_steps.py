@@ -1,0 +1,131 @@
+"""Tests that a step along a path of configurations must pass to be accepted.
+
+A step is predicted from a node by its derivatives and corrected by Newton's method. A small
+closure residual does not prove that the result is on the same path, because Newton's method
+may close the loops on a neighbouring one. A step is therefore accepted only if
+
+- the prediction was nearly right,
+- Newton's method contracted at once,
+- the equations changed by less than would make them singular on the way,
+- the tangent turned little,
+- the Hermite polynomial through both ends predicts the middle.
+
+Otherwise the step is tried again with half its length. All paths use these tests, whatever
+their parameter: inputs on a straight line, the arc length of a curve, or the angle of a
+rotation.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Bools, Floats
+from spherekit.tolerances import CLOSURE_TOLERANCE
+
+MAX_CONTRACTION = 0.1
+"""Largest ratio of the second step of Newton's method to the first.
+
+Larger: steps are accepted at which the method hardly converges, perhaps to another path.
+Smaller: more steps are tried.
+"""
+STEP_PARTS = np.array([0.5, 1.0])
+"""Fractions of a step at which it is verified: its middle and its end."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Limits for the tests of a step. Larger limits accept longer, less certain steps.
+
+    Attributes
+    ----------
+    correction, slack
+        The prediction may be wrong by `correction` times the length of the step, and in
+        addition by `slack` (rad), which allows for rounding.
+    settled
+        Newton's method need not contract after a first step smaller than this (rad), which
+        is rounding.
+    change
+        Largest change of the equations, relative to the size at which they may be singular
+        on the way (Frobenius norm of the inverse times the change).
+    turn
+        Least cosine of the angle between the tangents at both ends.
+    middle
+        The prediction of the middle from both ends may be wrong by `middle` times the
+        length of the step.
+    """
+
+    correction: float = 0.05
+    slack: float = CLOSURE_TOLERANCE
+    settled: float = 1e-7
+    change: float = 0.6
+    turn: float = 0.9
+    middle: float = 1e-4
+
+    def accepts_correction(
+        self, step_sizes: Iterable[Floats], length: Floats | float
+    ) -> Bools:
+        """Return (n,) whether predictions were nearly right and Newton's method contracted.
+
+        Parameters
+        ----------
+        step_sizes
+            Sizes (n,) of the first Newton steps (rad), and (n,) ratios of the second to the
+            first, as `spherekit.positions.loop_closure.newton` returns them.
+        length
+            (n,) lengths of the steps along the path (rad).
+        """
+        first, ratio = step_sizes
+        is_near = first <= self.correction * length + self.slack
+        return is_near & ((first <= self.settled) | (ratio <= MAX_CONTRACTION))
+
+    def accepts_change(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:
+        """Return (n,) whether equations and tangents changed little enough.
+
+        Parameters
+        ----------
+        change
+            (n,) relative changes of the equations. They can be singular on the way if the
+            change exceeds 1.
+        cosine
+            (n,) cosines of the angles between the tangents at both ends.
+        """
+        return (change < self.change) & (np.asarray(cosine) > self.turn)
+
+    def accepts_middle(
+        self, miss: Floats | float, length: Floats | float, rounding: Floats | float = 0.0
+    ) -> Bools:
+        """Return (n,) whether the middles of steps are where both ends predict them.
+
+        Parameters
+        ----------
+        miss
+            (n,) distances of the middles from their predictions (rad).
+        length
+            (n,) lengths of the steps (rad).
+        rounding
+            (n,) rounding errors of the middles (rad).
+        """
+        return np.asarray(miss <= self.middle * length + rounding)
+
+
+def extrapolate(
+    values: Floats, tangents: Floats, bends: Floats, distances: Floats
+) -> Floats:
+    """Return Taylor polynomials of second order from points of curves.
+
+    Parameters
+    ----------
+    values, tangents, bends
+        (n, variables) points (rad), with their first and second derivatives.
+    distances
+        (n, k) distances from each point along its tangent.
+
+    Returns
+    -------
+    (n k, variables) predicted points (rad): those of the first curve, those of the second,
+    and so on.
+    """
+    step = distances[:, :, None]
+    points = values[:, None] + step * tangents[:, None] + 0.5 * step**2 * bends[:, None]
+    return points.reshape(-1, values.shape[1])
