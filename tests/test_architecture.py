@@ -260,7 +260,7 @@ def test_every_package_is_in_the_distribution():
 
 INHERITED = """
 AbstractAnalysis AnalysisError ArrayRows BearingFriction Chords
-ClosedKinematics CurvePoints Curves InputMotion Joint JointReactions Load
+ClosedKinematics CurvePoints CurveContinuation InputMotion Joint JointReactions Load
 OutputKinematics CommandLineParser PlanError Problem RotationPath Sampler SpherekitError
 VelocityEquations Zone
 """
