@@ -414,7 +414,7 @@ def test_any_text_survives(plain, tmp_path):
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
     """Pieces of 32 rows cut across blocks and assembly modes."""
     for module in (table_store, table_files):
-        monkeypatch.setattr(module, "CHUNK", 32)
+        monkeypatch.setattr(module, "CHUNK_ROWS", 32)
     four_bar(tmp_path)
     parquet = pq.ParquetFile(tmp_path / "motion.parquet")
     rows = [parquet.metadata.row_group(k).num_rows for k in range(parquet.num_row_groups)]
@@ -432,7 +432,7 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
     """Four times as many rows: less than a tenth of their bytes beside the inputs."""
     for module in (table_store, table_files):
-        monkeypatch.setattr(module, "CHUNK", 1024)
+        monkeypatch.setattr(module, "CHUNK_ROWS", 1024)
 
     def peak(samples):
         pool = pa.default_memory_pool()
@@ -542,7 +542,7 @@ def test_two_runs_do_not_record_into_one_file(tmp_path):
 
 def test_much_csv_is_written_when_asked_for(tmp_path, monkeypatch):
     """By default Parquet alone where CSV would be too large, and the summary says so."""
-    monkeypatch.setattr("spherekit.tables.table.MOST_CSV", 1e4)
+    monkeypatch.setattr("spherekit.tables.table.MAX_CSV_BYTES", 1e4)
     left = sk.run("four_bar", samples=40, folder=tmp_path / "one")
     asked = sk.run("four_bar", samples=40, folder=tmp_path / "two", formats=["csv"])
     few = sk.run("four_bar", samples=2, folder=tmp_path / "three")

@@ -103,20 +103,24 @@ def execute(options: Namespace) -> int:
 def _check_places(options: Namespace) -> None:
     """Refuse what cannot be written before minutes are spent on measuring it."""
     from spherekit.display.rerun.destination import check_place
-    from spherekit.storage.atomic_write import MARK, check_folder, check_own
+    from spherekit.storage.atomic_write import (
+        SOFTWARE_MARK,
+        check_folder,
+        check_made_by_spherekit,
+    )
 
     if options.save:
         check_place(options.save)
     if options.output:
         check_folder(options.output)
-        check_own(options.output / "trade.json", b"worst_column")
-        check_own(options.output / "trade.csv", b"worst_column")
-        check_own(options.output / "trade.png", MARK.encode())
+        check_made_by_spherekit(options.output / "trade.json", b"worst_column")
+        check_made_by_spherekit(options.output / "trade.csv", b"worst_column")
+        check_made_by_spherekit(options.output / "trade.png", SOFTWARE_MARK.encode())
 
 
 def _write(result: Any, options: Namespace) -> None:
     from spherekit.runs.trade_text import as_csv
-    from spherekit.storage.atomic_write import MARK, make_folder, write_text
+    from spherekit.storage.atomic_write import SOFTWARE_MARK, make_folder, write_text
 
     folder = make_folder(options.output)
     data = json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False)
@@ -127,7 +131,9 @@ def _write(result: Any, options: Namespace) -> None:
         files = "2 files, and no figure without matplotlib: pip install "
         files += '"spherekit-mechanisms[plot]",'
     else:
-        result.plot(options.tol).savefig(folder / "trade.png", metadata={"Creator": MARK})
+        result.plot(options.tol).savefig(
+            folder / "trade.png", metadata={"Creator": SOFTWARE_MARK}
+        )
     note(options, f"{files} in {folder}")
 
 

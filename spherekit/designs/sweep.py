@@ -41,10 +41,10 @@ from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.run_identity import code_identity
 from spherekit.runs.run_state import describe_analyses
-from spherekit.storage.atomic_write import make_folder, refused
+from spherekit.storage.atomic_write import make_folder, output_error
 from spherekit.storage.json_data import as_json
 from spherekit.tables.table import Table, TableArrays, Units
-from spherekit.tables.table_files import notes_of, part_tables, write_columns
+from spherekit.tables.table_files import open_part_tables, read_notes, write_columns
 from spherekit.velocities.row_quantities import row_quantities
 from spherekit.wording import listing
 
@@ -315,7 +315,7 @@ class Sweep:
         number
             Number of the part, counted from 0.
         take
-            Function that stores the tables of a run; `part_tables` returns one. It is
+            Function that stores the tables of a run; `open_part_tables` returns one. It is
             called with the number of the design, the name of the table, its description and
             its columns, for each design that has a row in the table of designs. By default
             the tables are not stored.
@@ -512,7 +512,7 @@ class Sweep:
             If the file belongs to another sweep, or to another part of this one.
         """
         path = self.path_of(folder, number)
-        notes = notes_of(path)
+        notes = read_notes(path)
         # All notes that identify the part must be among those of the file.
         if not self.part_notes(number).items() <= notes.items():
             raise OutputError(
@@ -559,7 +559,7 @@ class Sweep:
         rows = Counter[str]()
         place = Path(folder) / TABLES
         identification = self.part_notes(number)
-        with part_tables(place, path.name, self.degrees, rows, identification) as take:
+        with open_part_tables(place, path.name, self.degrees, rows, identification) as take:
             columns = self.part(number, take)
         # The table of designs is written last: if it exists, the part is complete. `rows`
         # now has the number of rows of each table of runs.
@@ -602,5 +602,5 @@ class Sweep:
             try:
                 path.replace(target)
             except OSError as error:
-                raise refused(target, "written", error) from None
+                raise output_error(target, "written", error) from None
         return sum(path.stat().st_size for path in self.files_of(folder, number))

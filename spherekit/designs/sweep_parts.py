@@ -26,9 +26,9 @@ from spherekit.errors import DesignError, OutputError
 from spherekit.progress import ProgressReporter
 from spherekit.runs.resource_checks import need_disk
 from spherekit.storage.atomic_write import make_folder
-from spherekit.storage.file_lock import locked
+from spherekit.storage.file_lock import acquire_lock
 from spherekit.storage.json_data import as_json
-from spherekit.tables.table_files import frame_of_parts
+from spherekit.tables.table_files import read_frame
 from spherekit.wording import counted, listing, nearest
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class SweepResult:
             If the file of a part is damaged, or does not belong to this sweep.
         """
         numbers = range(self.sweep.parts)
-        frame = frame_of_parts(
+        frame = read_frame(
             [self.sweep.path_of(self._store, number) for number in numbers],
             [self.sweep.part_notes(number) for number in numbers],
         )
@@ -193,7 +193,7 @@ class SweepResult:
             )
         paths = tables[name].values()
         notes = [self.sweep.part_notes(number) for number in tables[name]]
-        frame = frame_of_parts([*paths], notes)
+        frame = read_frame([*paths], notes)
         # The other notes (sweep, part number) are those of a single part.
         frame.attrs = {"units": frame.attrs["units"]}
         return frame
@@ -295,7 +295,7 @@ def _lock_folder(parts_folder: Path) -> Iterator[None]:
     OutputError
         If another program has locked the folder.
     """
-    lock = locked(parts_folder / LOCK)
+    lock = acquire_lock(parts_folder / LOCK)
     if isinstance(lock, str):
         raise OutputError(f"{parts_folder}: another sweep is at work in it ({lock})")
     try:

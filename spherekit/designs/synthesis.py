@@ -89,13 +89,13 @@ class Synthesis:
 
     def frame(self) -> "pd.DataFrame":
         """Return the designs as a pandas frame."""
-        from spherekit.tables.table_files import frame_of
+        from spherekit.tables.table_files import make_frame
 
         sweep = self.synthesis.sweep
         columns = {"mode": np.array(self.modes, object)}
         columns |= dict(zip(self.headings, self.objectives.T, strict=True))
         columns |= dict(zip([x.name for x in sweep.variables], self.values.T, strict=True))
-        return frame_of(columns | dict(self.figures), {"units": sweep.units()})
+        return make_frame(columns | dict(self.figures), {"units": sweep.units()})
 
     @property
     def headings(self) -> list[str]:

@@ -13,7 +13,7 @@ from spherekit.conventions import AnyPath, Names
 from spherekit.dynamics.reduced_model_archive import read_archive, write_archive
 from spherekit.errors import FileError, SolveError
 from spherekit.storage.atomic_write import write_text
-from spherekit.tables.table_files import frame_of
+from spherekit.tables.table_files import make_frame
 from spherekit.wording import counted, listing
 
 KIND = ("spherekit coupling table", 1, "write one with `--to coupling`")
@@ -233,4 +233,6 @@ def write_csv(table: CouplingTable, path: AnyPath) -> None:
     OutputError
         If it cannot be written.
     """
-    write_text(path, frame_of(columns(table), {}).to_csv(index=False, lineterminator="\n"))
+    write_text(
+        path, make_frame(columns(table), {}).to_csv(index=False, lineterminator="\n")
+    )

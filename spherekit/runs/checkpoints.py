@@ -10,7 +10,7 @@ from spherekit.runs.run_identity import differences
 from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.run_state import RunState
 from spherekit.runs.table_store import StoredTables, TableStore
-from spherekit.tables.table_rows import InMemory
+from spherekit.tables.table_rows import MemoryTables
 from spherekit.velocities.direction_signs import SignContinuation
 from spherekit.wording import listing
 
@@ -59,13 +59,13 @@ def resume_or_start(
         [SignContinuation() for _ in run_plan.requests], failures=dict(run_plan.refused)
     )
     if run_folder is None:
-        return new_state, InMemory() if keeps_tables else None
+        return new_state, MemoryTables() if keeps_tables else None
     if not run_folder.has_unfinished_work or unfinished == "discard":
         run_folder.discard_work()
         if run_plan.is_single_block and not run_plan.whole_analyses:
             # A run that stops before the end of its only block has nothing to resume, so
             # its rows stay in memory.
-            return new_state, InMemory()
+            return new_state, MemoryTables()
         return new_state, _make_store(run_plan, run_folder, [])
 
     journal = run_folder.read_journal()

@@ -20,7 +20,7 @@ from spherekit.runs.contract import CONTRACT, AbstractAnalysis, BrokenAnalysis
 from spherekit.runs.needs import Needs
 from spherekit.runs.parameter_text import parameters
 from spherekit.runs.run_result import MOTION
-from spherekit.tables.column_units import SYMBOLS, is_unit
+from spherekit.tables.column_units import UNIT_SYMBOLS, is_unit
 from spherekit.tables.table import COLUMNS, Table
 from spherekit.type_checks import type_fault
 from spherekit.wording import choices, listing
@@ -77,7 +77,8 @@ def _tables(tables: Sequence[Table]) -> Iterator[str]:
                 yield (
                     f"{where}: {column.unit!r} is not a unit; tables are in SI units and "
                     "rad, such as rad, rad/s or kg m2/rad, of "
-                    f"{listing(sorted(SYMBOLS), len(SYMBOLS))} (--deg converts angles)"
+                    f"{listing(sorted(UNIT_SYMBOLS), len(UNIT_SYMBOLS))} "
+                    "(--deg converts angles)"
                 )
         ways = groupby(column.turns for column in table.columns)
         if any(len(list(group)) % 3 for way, group in ways if way == "vector"):

@@ -22,7 +22,7 @@ from spherekit.proof.decimal_mechanism import Written
 from spherekit.proof.enclosed_poles import enclosed_poles
 from spherekit.proof.root_ball import root_near
 from spherekit.status import Status
-from spherekit.storage.atomic_write import check_own
+from spherekit.storage.atomic_write import check_made_by_spherekit
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
     FILE_SIZE,
@@ -33,7 +33,7 @@ from spherekit.tables.table import (
     Table,
     TableArrays,
 )
-from spherekit.tables.table_rows import pieces_of
+from spherekit.tables.table_rows import split_into_chunks
 
 PRECISION = 80
 PROVES = "poles"
@@ -124,10 +124,10 @@ class ProvenPoles:
         from spherekit.tables.table_files import write_table
 
         for kind in FILE_SIZE:
-            check_own(folder / f"{PROVEN.name}.{kind}", b"proven_u")
+            check_made_by_spherekit(folder / f"{PROVEN.name}.{kind}", b"proven_u")
         notes = {"analysis": "poles", "mechanism_hash": mechanism_hash}
         stem = folder / PROVEN.name
-        pieces = pieces_of(PROVEN, self.data)
+        pieces = split_into_chunks(PROVEN, self.data)
         return write_table(stem, PROVEN, pieces, notes, degrees, formats)
 
 

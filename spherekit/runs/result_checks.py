@@ -14,7 +14,7 @@ from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis, Findings
 from spherekit.scenes.scene import Scene
 from spherekit.scenes.scene_checks import check_scene
-from spherekit.tables.table import TYPES, Column, Table, TableData, row_count
+from spherekit.tables.table import DTYPE_BY_KIND, Column, Table, TableData, row_count
 from spherekit.wording import listing
 
 _WORDS = {
@@ -86,7 +86,7 @@ def _columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleav
 def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
     kind = column.kind
     if isinstance(data, Interleaved) and (
-        data.dtype.kind == "U" if kind == "text" else data.dtype == TYPES[kind]
+        data.dtype.kind == "U" if kind == "text" else data.dtype == DTYPE_BY_KIND[kind]
     ):
         return data
     try:
@@ -105,7 +105,7 @@ def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
         raise PluginError(
             f"{where} was declared to hold {_WORDS[kind]}, but holds {first!r}"
         )
-    return values.astype(TYPES.get(kind, str), copy=False)
+    return values.astype(DTYPE_BY_KIND.get(kind, str), copy=False)
 
 
 def findings_of(

@@ -17,8 +17,8 @@ from typing import Any, Literal
 
 from spherekit.conventions import AnyPath
 from spherekit.errors import OutputError
-from spherekit.storage.atomic_write import make_folder, refused, write_bytes
-from spherekit.storage.file_lock import locked
+from spherekit.storage.atomic_write import make_folder, output_error, write_bytes
+from spherekit.storage.file_lock import acquire_lock
 from spherekit.wording import listing
 
 WORK = ".spherekit-run"
@@ -92,7 +92,7 @@ class RunFolder:
                 ": it stays as it is; choose another folder for the results, or move it "
                 "away"
             )
-        lock = locked(run_folder.work / LOCK)
+        lock = acquire_lock(run_folder.work / LOCK)
         if isinstance(lock, str):
             raise OutputError(
                 f"{str(run_folder.path)!r}: {lock} is writing there; wait for its end, or "
@@ -230,7 +230,7 @@ class RunFolder:
                 if (finished_folder / name).exists():
                     (finished_folder / name).replace(self.path / name)
         except OSError as error:
-            raise refused(self.path, "written", error) from None
+            raise output_error(self.path, "written", error) from None
         return [self.path / name for name in names]
 
 

@@ -27,15 +27,15 @@ from spherekit.runs.table_store import TableStore
 from spherekit.storage.atomic_write import make_folder, write_bytes
 from spherekit.tables.table import (
     COLUMNS,
+    DTYPE_BY_KIND,
     FILE_SIZE,
-    TYPES,
     Declared,
     Format,
     Table,
     TableArrays,
     formats_of,
 )
-from spherekit.tables.table_rows import InMemory, pieces_of
+from spherekit.tables.table_rows import MemoryTables, split_into_chunks
 from spherekit.wording import choices, counted, listing, size_text, with_units
 
 if TYPE_CHECKING:
@@ -271,7 +271,7 @@ class RunResult:
         """
         declared = {name: result.tables for name, result in self.results.items()}
         rows = {
-            stem: pieces_of(table, self._data(name, table.name))
+            stem: split_into_chunks(table, self._data(name, table.name))
             for stem, (name, table) in stems(declared).items()
         }
         with RunFolder.open(folder) as place:
@@ -340,7 +340,7 @@ def result_of(
             if path in files:
                 # The absolute path is the same for processes that stand elsewhere.
                 data[name][table.name] = ParquetColumns(path.absolute(), table, degrees)
-    elif isinstance(store, InMemory):
+    elif isinstance(store, MemoryTables):
         for name, table in by_stem.values():
             data[name][table.name] = store.table(name, table)
     results = {
@@ -367,13 +367,13 @@ def write_results(
     OutputError
         If the disk is full; the folder then has what it had.
     """
-    from spherekit.tables.table_files import csv_text, write_table
+    from spherekit.tables.table_files import format_csv, write_table
 
     started = time.perf_counter()
     by_stem = stems(declared)
     cost = summary["cost"]["tables"]
     in_memory = sum(  # texts as numbers of words
-        np.dtype(TYPES.get(column.kind, np.int32)).itemsize * cost[stem]["rows"]
+        np.dtype(DTYPE_BY_KIND.get(column.kind, np.int32)).itemsize * cost[stem]["rows"]
         for stem, (_, table) in by_stem.items()
         for column in table.columns
     )
@@ -397,7 +397,7 @@ def write_results(
         for stem, (_, table) in by_stem.items()
         for column in table.columns
     ]
-    headed = csv_text([("table", "column", "unit", "meaning"), *columns])
+    headed = format_csv([("table", "column", "unit", "meaning"), *columns])
     write_bytes(made / COLUMNS, headed)
     sizes[COLUMNS] = len(headed)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - started

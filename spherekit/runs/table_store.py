@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from spherekit.tables.table import CHUNK, Table, TableData, arrays
-from spherekit.tables.table_rows import InMemory, in_modes, typed
+from spherekit.tables.table import CHUNK_ROWS, Table, TableData, arrays
+from spherekit.tables.table_rows import MemoryTables, convert_columns, sort_by_mode
 
 MODES = "modes"
 """Key in a block file of the assembly modes of its groups of rows."""
@@ -58,17 +58,17 @@ class StoredTables:
         from spherekit.tables.table_files import write_columns
 
         by_mode = self._has_several_blocks and table.in_assembly_modes
-        columns, mode_rows = in_modes(typed(table, arrays(data)), by_mode)
+        mode_rows = sort_by_mode(convert_columns(table, arrays(data)), by_mode)
         group_modes = []
         group_rows = []
-        for mode, rows in mode_rows:
-            for start in range(rows.start, rows.stop, CHUNK):
+        for mode, rows in mode_rows.mode_rows:
+            for start in range(rows.start, rows.stop, CHUNK_ROWS):
                 group_modes.append(mode)
-                group_rows.append(slice(start, min(start + CHUNK, rows.stop)))
+                group_rows.append(slice(start, min(start + CHUNK_ROWS, rows.stop)))
         key = (analysis, table.name)
         write_columns(
             self._path(key, self._file_counts[key]),
-            columns,
+            mode_rows.columns,
             {MODES: group_modes},
             group_rows,
             "none",
@@ -83,7 +83,7 @@ class StoredTables:
         FileError
             If a file is missing or damaged.
         """
-        from spherekit.tables.table_files import notes_of, pieces_in
+        from spherekit.tables.table_files import read_chunks, read_notes
 
         key = (analysis, table.name)
         paths = [self._path(key, block) for block in range(self._file_counts[key])]
@@ -91,9 +91,9 @@ class StoredTables:
         groups = sorted(
             (mode, block, group)
             for block, path in enumerate(paths)
-            for group, mode in enumerate(notes_of(path)[MODES])
+            for group, mode in enumerate(read_notes(path)[MODES])
         )
-        return pieces_in((paths[block], group) for _, block, group in groups)
+        return read_chunks((paths[block], group) for _, block, group in groups)
 
     @property
     def size(self) -> int:
@@ -104,5 +104,5 @@ class StoredTables:
         return self.folder / f"{'.'.join(key)}.{block:06d}.parquet"
 
 
-TableStore = StoredTables | InMemory
+TableStore = StoredTables | MemoryTables
 """Receives the rows of each block, in a folder or in memory."""

@@ -19,7 +19,7 @@ from spherekit.runs.trade import trade
 from spherekit.runs.trade_files import read_trade, run_of
 from spherekit.runs.trade_measurement import measure_run, reads_poles
 from spherekit.runs.trade_record import MARGIN, Trade, check_tolerance, recommended
-from spherekit.storage.json_data import finite
+from spherekit.storage.json_data import finite_or_none
 from spherekit.wording import listing
 
 WORTH = 50_000
@@ -91,8 +91,8 @@ def choose(
         "setting": str(setting),
         "what": setting.describe(),
         "why": why,
-        "predicted_error": finite(predicted),
-        "achieved_error": finite(achieved),
+        "predicted_error": finite_or_none(predicted),
+        "achieved_error": finite_or_none(achieved),
         "worst_column": "" if largest is None else largest.column,
         "check_rows": rows,
         "met": bool((achieved if rows else predicted) <= tolerance),

@@ -11,7 +11,7 @@ from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.run_result import Columns
-from spherekit.storage.json_data import finite
+from spherekit.storage.json_data import finite_or_none
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -164,7 +164,7 @@ class Trade:
                     **{k: None if x != x else x for k, x in asdict(measured).items()},
                     "what": "" if measured.setting is None else measured.setting.describe(),
                     "applies": not measured.reason,
-                    "microseconds_per_sample": finite(
+                    "microseconds_per_sample": finite_or_none(
                         1e6 * (measured.seconds - measured.first_seconds) / self.samples
                     ),
                     "pareto": measured in self.pareto,

@@ -4,7 +4,7 @@ import numpy as np
 
 from spherekit.conventions import Names
 from spherekit.runs.trade_record import MARGIN, Measured, Trade, seconds
-from spherekit.tables.table_files import csv_text
+from spherekit.tables.table_files import format_csv
 from spherekit.wording import without_numbers
 
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
@@ -80,7 +80,9 @@ def as_csv(trade: Trade) -> str:
     """Return all settings, a row each, with a heading."""
     rows = trade.as_dict()["settings"]
     columns = [name for name in rows[0] if name != "setting"]
-    return csv_text([columns, *([row[name] for name in columns] for row in rows)]).decode()
+    return format_csv(
+        [columns, *([row[name] for name in columns] for row in rows)]
+    ).decode()
 
 
 def _cells(measured: Measured, front: bool) -> Names:

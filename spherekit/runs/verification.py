@@ -39,7 +39,7 @@ from spherekit.runs.run_plan import RunPlan, motion_rows, motion_table
 from spherekit.runs.run_result import MOTION
 from spherekit.runs.verification_text import BOUNDED_QUANTITIES
 from spherekit.status import Status
-from spherekit.storage.json_data import finite
+from spherekit.storage.json_data import finite_or_none
 from spherekit.tables.table import ASSEMBLY_MODE, RESIDUAL, SAMPLE, Table, TableData, arrays
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 from spherekit.velocities.pole_field import PoleField
@@ -277,7 +277,7 @@ class Verifier:
                     "sample": int(motion.sample[row]),
                     "assembly_mode": int(motion.assembly_mode[row]),
                     "status": Status(status[row]).name,
-                    "distance_rad": finite(exact[0].distance[row]),
+                    "distance_rad": finite_or_none(exact[0].distance[row]),
                 }
                 for row in np.flatnonzero(~self._has_reference)
             ],
@@ -383,8 +383,8 @@ class Verifier:
                     "subject": {
                         name: str(values_by_column[name][index]) for name in text_columns
                     },
-                    "value": finite(values[index]),
-                    "reference": finite(reference[index]),
+                    "value": finite_or_none(values[index]),
+                    "reference": finite_or_none(reference[index]),
                 }
 
             yield {

@@ -17,7 +17,7 @@ from spherekit.arrays import Bools, Floats, Integers
 from spherekit.conventions import Facts, Names
 from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.vectors import all_finite
-from spherekit.tables.column_units import in_signs
+from spherekit.tables.column_units import format_unit
 from spherekit.tables.table import IN_DEGREES
 
 TINY = 1e-300
@@ -523,7 +523,7 @@ class Scene:
 
 def titled(label: str, unit: str) -> str:
     """Return the name of a quantity with its unit, as people print it."""
-    return f"{label}, {in_signs(unit)}" if unit else label
+    return f"{label}, {format_unit(unit)}" if unit else label
 
 
 def in_degrees(scene: Scene) -> Scene:

@@ -1,4 +1,4 @@
-"""Writing a file so that it is there completely or not at all."""
+"""Writing files so that they are complete or absent, and checks before computations."""
 
 import errno
 import os
@@ -10,11 +10,15 @@ from typing import BinaryIO
 from spherekit.conventions import AnyPath
 from spherekit.errors import OutputError
 
-MARK = "spherekit"
-"""What pictures say who has made them."""
+SOFTWARE_MARK = "spherekit"
+"""Name of the program in pictures, by which its files are recognised."""
 
-MOST = 1 << 24
-"""Bytes of a file in which its mark is looked for."""
+MAX_MARK_OFFSET_BYTES = 1 << 24
+"""Beginning of a file in which its mark is looked for.
+
+Larger: more time for large files. Smaller: marks in large files are not found, and the
+files are not replaced.
+"""
 
 _REASONS = {
     errno.ENOSPC: "the disk is full; free some space or choose another folder",
@@ -30,77 +34,113 @@ _REASONS = {
     errno.EEXIST: "is a file, not a folder; choose another name",
     errno.ENAMETOOLONG: "the name is too long",
 }
+"""What to tell the user, by the error number of the operating system."""
 
 
 @contextmanager
-def _refusing(path: AnyPath, what: str) -> Iterator[None]:
-    """Raise `OutputError` where the block fails: a file or folder cannot be `what`."""
+def _raise_output_error(path: AnyPath, what: str) -> Iterator[None]:
+    """Convert errors of a block into `OutputError`, and refuse impossible names first.
+
+    Parameters
+    ----------
+    path
+        The file or folder that the block makes.
+    what
+        What cannot be done if the block fails: ``made`` or ``written``.
+    """
     try:
-        _named(path)
+        _check_name(path)
         yield
     except (OSError, ValueError) as error:
-        raise refused(path, what, error) from None
+        raise output_error(path, what, error) from None
 
 
 def make_folder(path: AnyPath) -> Path:
-    """Return a folder as a path, made with the folders around it if it is not there.
+    """Create a folder and the folders around it, if necessary; return its path.
 
     Raises
     ------
     OutputError
-        If it cannot be made.
+        If it cannot be created.
     """
-    with _refusing(path, "made"):
+    with _raise_output_error(path, "made"):
         Path(path).mkdir(parents=True, exist_ok=True)
     return Path(path)
 
 
 def check_folder(path: AnyPath) -> None:
-    """Raise `OutputError` unless a folder is there or can be made; nothing is made."""
-    with _refusing(path, "made"):
-        places = (Path(path), *Path(path).parents)
-        nearest = next(folder for folder in places if folder.exists())
-        _writable(nearest, errno.EEXIST if nearest == Path(path) else errno.ENOTDIR)
+    """Check that a folder exists or can be created, without creating it.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be created, or cannot be changed.
+    """
+    with _raise_output_error(path, "made"):
+        folders = (Path(path), *Path(path).parents)
+        existing = next(folder for folder in folders if folder.exists())
+        is_target = existing == Path(path)
+        _check_writable(existing, errno.EEXIST if is_target else errno.ENOTDIR)
 
 
 def check_file(path: AnyPath) -> None:
-    """Raise `OutputError` unless a file can be made there; nothing is made."""
-    with _refusing(path, "written"):
-        _replaceable(Path(path))
-        around = Path(path).parent
-        _writable(around, errno.ENOTDIR if around.exists() else errno.ENOENT)
+    """Check that a file can be created or replaced, without doing so.
+
+    Raises
+    ------
+    OutputError
+        If it cannot.
+    """
+    with _raise_output_error(path, "written"):
+        _check_replaceable(Path(path))
+        folder = Path(path).parent
+        _check_writable(folder, errno.ENOTDIR if folder.exists() else errno.ENOENT)
 
 
-def _writable(folder: Path, fault: int) -> None:
-    """Raise `OSError` with `fault` if there is no folder, or none that can be changed."""
+def _check_writable(folder: Path, error_if_no_folder: int) -> None:
+    """Raise `OSError` if a path is no folder (with this number), or cannot be changed."""
     if not folder.is_dir():
-        raise OSError(fault, "")
+        raise OSError(error_if_no_folder, "")
     if not os.access(folder, os.W_OK | os.X_OK):
         raise OSError(errno.EACCES, "")
 
 
-def _named(path: AnyPath) -> None:
-    """Raise `ValueError` if no file can have a name, or none was given."""
+def _check_name(path: AnyPath) -> None:
+    """Raise `ValueError` if a path is empty or contains a null character."""
     if not os.fspath(path).strip():
         raise ValueError("the name is empty (an unset variable?)")
     if "\0" in os.fspath(path):
         raise ValueError("a null character is in the name")
 
 
-def _replaceable(target: Path) -> None:
-    """Raise an error if what is there is no file: a device would be gone."""
+def _check_replaceable(target: Path) -> None:
+    """Raise an error if a path is a folder, or a device, which replacing would destroy."""
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder")
     if target.exists() and not target.is_file():
         raise ValueError("is a device or a pipe; give the name of a file")
 
 
-def check_own(path: Path, mark: bytes) -> None:
-    """Raise `OutputError` if a link, or a file without our mark, has a name of ours."""
+def check_made_by_spherekit(path: Path, mark: bytes) -> None:
+    """Check that a path is free, or is a file of spherekit, which may be replaced.
+
+    Parameters
+    ----------
+    path
+        The file that will be written.
+    mark
+        Bytes that such a file contains if spherekit has made it. Empty files are also
+        accepted.
+
+    Raises
+    ------
+    OutputError
+        If the path is a link, a folder or a file without the mark.
+    """
     with suppress(OSError):
         if path.is_file() and not path.is_symlink():
             with path.open("rb") as stream:
-                data = stream.read(MOST)
+                data = stream.read(MAX_MARK_OFFSET_BYTES)
             if not data or mark in data:
                 return
     if os.path.lexists(path):
@@ -111,12 +151,12 @@ def check_own(path: Path, mark: bytes) -> None:
 
 
 def write_text(path: AnyPath, text: str) -> None:
-    """Write a text file in UTF-8, replacing an older one only when complete.
+    """Write a text file in UTF-8; an older file is replaced only when it is complete.
 
     Raises
     ------
     OutputError
-        If it cannot be written; an older file is then unchanged.
+        If the file cannot be written; an older file is then unchanged.
     """
     try:
         data = text.encode("utf-8")
@@ -126,44 +166,58 @@ def write_text(path: AnyPath, text: str) -> None:
 
 
 def write_bytes(path: AnyPath, data: bytes) -> None:
-    """Write a file, replacing an older one only when complete.
+    """Write a file; an older file is replaced only when it is complete.
 
     Raises
     ------
     OutputError
-        If it cannot be written; an older file is then unchanged.
+        If the file cannot be written; an older file is then unchanged.
     """
-    with writing(path) as stream:
+    with open_for_writing(path) as stream:
         stream.write(data)
 
 
 @contextmanager
-def writing(path: AnyPath) -> Iterator[BinaryIO]:
-    """Give a stream whose bytes become the file when the block is left without a fault.
+def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
+    """Open a stream whose bytes become a file when the block ends without error.
+
+    Until then they are in a hidden file in the same folder. An older file is replaced in
+    one step, so other programs see one of the two complete files.
 
     Raises
     ------
     OutputError
-        If it cannot be written; an older file is then unchanged.
+        If the file cannot be written; an older file is then unchanged.
     """
-    with _refusing(path, "written"):
+    with _raise_output_error(path, "written"):
         target = Path(path).resolve()
-        _replaceable(target)
+        _check_replaceable(target)
         unfinished = target.with_name(f".{target.name[:100]}.{os.urandom(4).hex()}.part")
-        handle = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         try:
-            with open(handle, "wb") as stream:  # noqa: PTH123 (an open descriptor)
+            with open(descriptor, "wb") as stream:  # noqa: PTH123 (an open descriptor)
                 yield stream
                 stream.flush()
-                os.fsync(handle)
+                os.fsync(descriptor)
             unfinished.replace(target)
         finally:
-            # After success the name is gone; after a fault or Ctrl-C the rest goes too.
+            # After success the name does not exist. After an error or an interrupt the
+            # unfinished file is removed.
             unfinished.unlink(missing_ok=True)
 
 
-def refused(path: object, what: str, error: OSError | ValueError) -> OutputError:
-    """Return the error that says why a file or folder cannot be `what`."""
+def output_error(path: object, what: str, error: OSError | ValueError) -> OutputError:
+    """Return the error for users if a file or folder cannot be made or written.
+
+    Parameters
+    ----------
+    path
+        The file or folder.
+    what
+        What cannot be done: ``made``, ``written`` or ``locked``.
+    error
+        The error of the operating system, or of a check of the name.
+    """
     reason = str(error)
     if isinstance(error, OSError):
         reason = _REASONS.get(error.errno or 0, error.strerror or reason)

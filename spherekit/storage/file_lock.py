@@ -1,4 +1,7 @@
-"""A lock on a file that one program holds; the system releases it when the program ends."""
+"""Locks on files, of which one program at a time can have one.
+
+The operating system releases a lock when the program ends, whatever the reason.
+"""
 
 import errno
 import os
@@ -11,65 +14,76 @@ from filelock import BaseFileLock as BaseFileLock
 from filelock import FileLock, Timeout, lock_descriptor
 
 from spherekit.errors import OutputError
-from spherekit.storage.atomic_write import refused
+from spherekit.storage.atomic_write import output_error
 
-NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
-"""What systems answer where a disk knows no locks."""
+NO_LOCKS_ERRORS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
+"""Error numbers of the operating system on a disk that does not support locks."""
 
 
-def locked(path: Path) -> BaseFileLock | str:
-    """Return the lock on a file, held until it is released, or who holds it, in words.
+def acquire_lock(path: Path) -> BaseFileLock | str:
+    """Lock a file and return the lock; if another program has it, return who that is.
 
-    The file says who holds it; one that was left behind locks nothing.
+    The program that has the lock writes its name into the file. A file that is left behind
+    by an ended program locks nothing.
+
+    Parameters
+    ----------
+    path
+        The lock file, which is created with the folders around it.
 
     Raises
     ------
     OutputError
-        If the file cannot be made, is one that no lock has made, or the disk knows no
-        locks.
+        If the file cannot be created, if it is a file of another kind, or if the disk does
+        not support locks.
     """
-    if path.is_symlink() or (path.exists() and not _is_lock(path)):
+    if path.is_symlink() or (path.exists() and not _is_lock_file(path)):
         raise OutputError(
             f"{str(path)!r} is not the lock of spherekit that belongs there; choose "
             "another folder, or move it away"
         )
-    lock = FileLock(path, 0.1, fallback_to_soft=False, on_acquired=_sign)
+    lock = FileLock(path, 0.1, fallback_to_soft=False, on_acquired=_write_owner)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire(poll_interval=0.01)
     except Timeout:
-        return _holder(path)
+        return _read_owner(path)
     except OSError as error:
-        what = "locked" if error.errno in NO_LOCKS else "written"
-        raise refused(path.parent, what, error) from None
+        what = "locked" if error.errno in NO_LOCKS_ERRORS else "written"
+        raise output_error(path.parent, what, error) from None
     return lock
 
 
-def take(handle: int) -> bool:
-    """Lock an open file until it is closed; return whether no other program holds it."""
-    return lock_descriptor(handle, blocking=False)
+def try_lock(descriptor: int) -> bool:
+    """Lock an open file until it is closed; return whether that was possible.
+
+    It is not possible if another program has locked the file.
+    """
+    return lock_descriptor(descriptor, blocking=False)
 
 
-def _sign(handle: int) -> None:
+def _write_owner(descriptor: int) -> None:
+    """Write into an open lock file which process has locked it, and since when."""
     since = time.strftime("%Y-%m-%d %H:%M:%S")
     text = f"process {os.getpid()} on {socket.gethostname()} since {since}\n"
-    with suppress(OSError):  # a full disk: the lock holds without words
-        os.ftruncate(handle, 0)
-        os.lseek(handle, 0, os.SEEK_SET)
-        os.write(handle, text.encode())
+    with suppress(OSError):  # on a full disk the lock works without the text
+        os.ftruncate(descriptor, 0)
+        os.lseek(descriptor, 0, os.SEEK_SET)
+        os.write(descriptor, text.encode())
 
 
-def _is_lock(path: Path) -> bool:
-    """Return whether what is there is a lock: empty, or signed."""
+def _is_lock_file(path: Path) -> bool:
+    """Return whether an existing file is a lock file: empty, or with an owner."""
     try:
         return path.is_file() and path.read_bytes()[:8] in (b"", b"process ")
-    except OSError:  # Windows lends no locked file
+    except OSError:  # Windows does not let others read a locked file
         return True
 
 
-def _holder(path: Path) -> str:
+def _read_owner(path: Path) -> str:
+    """Return the text of a lock file that says who has locked it."""
     try:
-        words = path.read_text(encoding="utf-8", errors="replace")[:200].strip()
-    except OSError:  # Windows lends no locked file
-        words = ""
-    return words if words.startswith("process ") else "another program"
+        text = path.read_text(encoding="utf-8", errors="replace")[:200].strip()
+    except OSError:  # Windows does not let others read a locked file
+        text = ""
+    return text if text.startswith("process ") else "another program"

@@ -1,4 +1,4 @@
-"""Parameters and data as JSON has them, the same in every process."""
+"""Conversion of parameters and data to values of JSON, equal in every process."""
 
 import math
 from collections.abc import Mapping
@@ -6,7 +6,10 @@ from typing import Any
 
 
 def as_json(value: Any) -> Any:
-    """Return a value as JSON gives it back: sets in order, other things by their words."""
+    """Return a value as JSON would give it back.
+
+    Sets become sorted lists, and objects of other types become their `repr`.
+    """
     if isinstance(value, Mapping):
         return {str(key): as_json(item) for key, item in value.items()}
     if isinstance(value, set | frozenset):
@@ -14,10 +17,10 @@ def as_json(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [as_json(item) for item in value]
     if isinstance(value, float):
-        return float(value)  # numbers of files remember how they are written
+        return float(value)  # numbers read from files are of a subclass
     return value if isinstance(value, str | int | None) else repr(value)
 
 
-def finite(value: float) -> float | None:
-    """Return a number as JSON has it, None where there is none."""
+def finite_or_none(value: float) -> float | None:
+    """Return a finite number, and None for NaN and infinity, which JSON does not have."""
     return float(value) if math.isfinite(value) else None

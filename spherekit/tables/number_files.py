@@ -1,4 +1,4 @@
-"""Numbers from the columns of CSV and Parquet files, bad cells named by their place."""
+"""Numbers from the columns of CSV and Parquet files, with the positions of bad cells."""
 
 import io
 import re
@@ -19,16 +19,28 @@ from spherekit.tables.table_files import read_csv, read_parquet
 if TYPE_CHECKING:
     import pandas as pd
 
-PARQUET = ".parquet"
-MOST_SHOWN = 5
-"""Bad cells of a file that are named; of the others only the number."""
-_NAMED = re.compile(r" \[(deg|rad)\]$")
-"""The unit of an angle at the end of a header."""
+PARQUET_SUFFIX = ".parquet"
+
+MAX_BAD_CELLS_SHOWN = 5
+"""Bad cells of a file that a message names. Of the others it gives the number."""
+
+_UNIT_IN_HEADER = re.compile(r" \[(deg|rad)\]$")
+"""The unit of an angle at the end of a header, as in ``q [deg]``."""
 
 
 @dataclass(frozen=True)
-class Numbers:
-    """Columns (n, names) of a file, the place of each row in it, and units if it says."""
+class FileNumbers:
+    """Columns of a file, as numbers.
+
+    Attributes
+    ----------
+    values
+        (rows, columns) numbers as in the file.
+    places
+        Position of each row in the file, such as ``line 2``.
+    units
+        Units by the name of the column, as far as the file or its folder states them.
+    """
 
     values: Floats
     places: Sequence[str]
@@ -36,79 +48,106 @@ class Numbers:
 
 
 def columns_of(path: Path) -> dict[str, str]:
-    """Return the headers of the columns of a CSV or Parquet file by their names.
+    """Return the headers of the columns of a CSV or Parquet file, by their names.
 
-    A header may say a unit, as that of ``q`` in ``q [deg]``.
+    A header may have a unit after the name, such as ``q [deg]``.
 
     Raises
     ------
     FileError
-        If it cannot be read, or is no such file.
+        If the file cannot be read, or is neither CSV nor Parquet.
     """
-    return {_NAMED.sub("", header): header for header in map(str, _frame(path).columns)}
+    headers = map(str, _read_cells(path).columns)
+    return {_UNIT_IN_HEADER.sub("", header): header for header in headers}
 
 
-def read_numbers(path: Path, names: Sequence[str]) -> Numbers:
+def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
     """Return columns of a CSV or Parquet file.
 
+    Parameters
+    ----------
+    path
+        The file.
+    names
+        Headers of the columns.
+
     Raises
     ------
     FileError
-        If it cannot be read, or a cell is not a finite number, with line or row.
+        If the file cannot be read, or if a cell is not a finite number. The message names
+        the lines or rows.
     """
-    cells = _frame(path)[list(names)]
-    word = "line"
-    first = 2
-    units = cells.attrs.get("units", {})
-    if path.suffix == PARQUET:
-        word = "row"
-        first = 1
+    cells = _read_cells(path)[list(names)]
+    if path.suffix == PARQUET_SUFFIX:
+        row_word = "row"
+        first_number = 1
+        units = cells.attrs.get("units", {})
     else:
-        with suppress(FileError, KeyError):  # what the folder of a run states
-            stated = _frame(path.with_name(COLUMNS)).set_index("table").loc[[path.stem]]
-            units = dict(zip(stated["column"], stated["unit"], strict=True))
-    values = np.array([[_number(x) for x in row] for row in cells.itertuples(index=False)])
+        row_word = "line"
+        first_number = 2  # after the header
+        units = _read_units_of_folder(path)
+    values = np.array(
+        [[_parse_number(x) for x in row] for row in cells.itertuples(index=False)]
+    )
     values = values.reshape(-1, len(names))
-    places = [f"{word} {number + first}" for number in cells.index]
-    bad = [
-        f"{places[row]}, column {names[k]}: {_shown(cells.iat[row, k])}"
+    places = [f"{row_word} {index + first_number}" for index in cells.index]
+    bad_cells = [
+        f"{places[row]}, column {names[k]}: {_describe_bad_cell(cells.iat[row, k])}"
         for row, k in np.argwhere(~np.isfinite(values)).tolist()
     ]
-    if bad:
-        more = f" and {len(bad) - MOST_SHOWN} more" if len(bad) > MOST_SHOWN else ""
+    if bad_cells:
+        unnamed = len(bad_cells) - MAX_BAD_CELLS_SHOWN
+        more = f" and {unnamed} more" if unnamed > 0 else ""
         raise FileError(
-            f"{path}: {'; '.join(bad[:MOST_SHOWN])}{more}; every cell has to be a number"
+            f"{path}: {'; '.join(bad_cells[:MAX_BAD_CELLS_SHOWN])}{more}; every cell has "
+            "to be a number"
         )
-    return Numbers(
-        values,
-        places,
-        units | {name: match[1] for name in names if (match := _NAMED.search(name))},
-    )
+    for name in names:
+        if unit_in_header := _UNIT_IN_HEADER.search(name):
+            units = units | {name: unit_in_header[1]}
+    return FileNumbers(values, places, units)
 
 
-def _number(cell: Any) -> float:
+def _read_units_of_folder(path: Path) -> dict[str, str]:
+    """Return the units that the folder of a run states for the columns of a CSV file.
+
+    The dictionary is empty if the folder has no such statement.
+    """
+    with suppress(FileError, KeyError):
+        descriptions = _read_cells(path.with_name(COLUMNS)).set_index("table")
+        columns = descriptions.loc[[path.stem]]
+        return dict(zip(columns["column"], columns["unit"], strict=True))
+    return {}
+
+
+def _parse_number(cell: Any) -> float:
+    """Return a cell as a number; NaN if it is none."""
     try:
         return float(cell)
     except (TypeError, ValueError):
         return np.nan
 
 
-def _shown(cell: object) -> str:
+def _describe_bad_cell(cell: object) -> str:
+    """Return what is wrong with a cell, for a message."""
     text = str(cell).strip()
     return "empty" if text in ("nan", "") else f'"{text[:40]}" is not a finite number'
 
 
-def _frame(path: Path) -> "pd.DataFrame":
-    """Return the cells of a file; of CSV as text, by lines after the header."""
-    if path.suffix == PARQUET:
+def _read_cells(path: Path) -> "pd.DataFrame":
+    """Return the cells of a file.
+
+    Those of a CSV file are text. Their index is the number of the line after the header.
+    """
+    if path.suffix == PARQUET_SUFFIX:
         return read_parquet(path)
     try:
         data = piped(path)
         return read_csv(path if data is None else io.BytesIO(data))
-    except OSError as problem:
+    except OSError as error:
         raise FileError(
-            f"{path}: cannot be read: {problem.strerror or problem}; give the path of a "
+            f"{path}: cannot be read: {error.strerror or error}; give the path of a "
             "CSV or Parquet file"
         ) from None
-    except ValueError as problem:
-        raise FileError(f"{path}: is not a CSV file with a header: {problem}") from None
+    except ValueError as error:
+        raise FileError(f"{path}: is not a CSV file with a header: {error}") from None

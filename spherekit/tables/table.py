@@ -1,4 +1,4 @@
-"""Declared tables: every column's name, unit and meaning, stated once."""
+"""Declarations of tables: the name, unit and meaning of every column, stated once."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,63 +13,90 @@ from spherekit.numerics.lazy_columns import Interleaved, once, read
 from spherekit.wording import listing
 
 Kind = Literal["number", "integer", "text", "status"]
-Scale = Literal["unit", "absolute", "largest", "none"]
-Turns = Literal["no", "vector", "otherwise"]
+"""What the cells of a column are."""
 
-TYPES = {"number": np.float64, "integer": np.int64, "status": np.int8}
-"""Types of the columns of each kind but text."""
-BLANK = {"number": np.nan, "text": ""}
-"""What stands where a part of a table lacks a column."""
+Scale = Literal["unit", "absolute", "largest", "none"]
+"""By what errors of a column are measured, see `Column`."""
+
+Turns = Literal["no", "vector", "otherwise"]
+"""How a column changes if the whole mechanism is rotated, see `Column`."""
+
+DTYPE_BY_KIND = {"number": np.float64, "integer": np.int64, "status": np.int8}
+"""Array types of the columns of each kind, except text."""
+
+BLANK_BY_KIND = {"number": np.nan, "text": ""}
+"""Values of the rows of a part of a table that lacks a column."""
 
 Format = Literal["csv", "parquet"]
+"""File formats of tables."""
 
 FILE_SIZE: Mapping[Format, float] = {"csv": 2.2, "parquet": 0.6}
-"""About how large files are, over packed rows; measured on motions and poles."""
+"""Approximate size of files over that of packed rows, measured on motions and poles."""
 
+MAX_CSV_BYTES = 1e8
+"""Size of a CSV file up to which it is written without being requested.
 
-MOST_CSV = 1e8
-"""Bytes of CSV that are written without being asked for."""
+Larger: long runs write large text files. Smaller: more runs write Parquet files only.
+"""
 
 
 def formats_of(asked: Sequence[Format] | None, csv_bytes: float) -> Sequence[Format]:
-    """Return the formats of tables that take about so many bytes as CSV.
+    """Return the formats in which tables are written.
 
-    Where none is asked for: CSV only up to `MOST_CSV`.
+    Parameters
+    ----------
+    asked
+        Formats that the user requests. By default all formats, but CSV only up to
+        `MAX_CSV_BYTES`.
+    csv_bytes
+        Approximate size of the tables as CSV.
     """
     if asked is not None:
         return asked
-    return tuple(FILE_SIZE) if csv_bytes <= MOST_CSV else ("parquet",)
+    return tuple(FILE_SIZE) if csv_bytes <= MAX_CSV_BYTES else ("parquet",)
 
 
 IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}
-"""Units of angles, and those in which tables give them if asked for degrees. Quantities per
-angle stay per rad."""
+"""Units of angles, and those in tables in degrees. Quantities per angle stay per rad."""
 
 COLUMNS = "columns.csv"
-"""The file in which a folder of tables says of every column its unit and meaning."""
+"""Name of the file with the unit and meaning of every column in a folder of tables."""
 
-CHUNK = 1 << 17
-"""Rows that are written and read at once."""
+CHUNK_ROWS = 1 << 17
+"""Rows that are written and read at once. Larger: more memory. Smaller: more time."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table; `unit` is SI, rad, 1/rad, or empty for pure numbers.
+    """Declaration of one column of a table.
 
-    With several inputs a column that is there `per_input` becomes one for each, its name
-    followed by that of the pair: ``q_left``, ``q_right``.
-
-    One that is there `per_passive` becomes one for each variable of the pairs that are not
-    driven, with the name of that variable.
-
-    `scale` says how errors of its numbers are measured: ``"absolute"``, over the
-    ``"largest"`` number of the run, or ``"none"`` for what describes the computation and
-    is not a result. By the ``"unit"``: absolute for rad, within one turn, else the largest.
-
-    `turns` says what becomes of it where the mechanism is turned as a whole: ``"no"`` for
-    what no turn changes, ``"vector"`` for a component of a vector in ground axes, x, y, z
-    in successive columns, ``"otherwise"`` for what else depends on the ground's axes. Rows
-    of a table without samples, or with a text that does, are then others too.
+    Attributes
+    ----------
+    name
+        Name of the column.
+    unit
+        SI unit, with angles in rad; empty for pure numbers.
+    meaning
+        Description for users.
+    kind
+        What the cells are.
+    per_input
+        Whether a mechanism with several inputs has one column for each. Their names end
+        with the name of the pair: ``q_left``, ``q_right``.
+    per_passive
+        Whether the column stands for one column per variable of the passive pairs, called
+        like the variable.
+    scale
+        By what errors are measured. ``"absolute"``: not divided. ``"largest"``: divided by
+        the largest number of the run. ``"unit"``: for rad as ``"absolute"`` and within one
+        turn, for other units as ``"largest"``. ``"none"``: the column describes the
+        computation and is not a result.
+    turns
+        How the column changes if the whole mechanism is rotated. ``"no"``: not at all.
+        ``"vector"``: it is a component of a vector in ground axes; the components x, y, z
+        are in successive columns. ``"otherwise"``: it depends on the ground axes in another
+        way. The rows of a table without samples, or with a text of this sort, may then also
+        be others.
     """
 
     name: str
@@ -82,42 +109,70 @@ class Column:
     turns: Turns = "no"
 
     def unit_in(self, degrees: bool) -> str:
-        """Return the unit of its numbers in a table with angles in rad or degrees."""
+        """Return the unit in a table with angles in degrees, or in rad."""
         return IN_DEGREES.get(self.unit, self.unit) if degrees else self.unit
 
     def header(self, degrees: bool) -> str:
-        """Return what files call it: with its unit, ``q [deg]``, where that is not SI."""
+        """Return the header in files; it contains the unit if that is not SI: ``q [deg]``.
+
+        The argument says whether angles of the table are in degrees.
+        """
         unit = self.unit_in(degrees)
         return self.name if unit == self.unit else f"{self.name} [{unit}]"
 
     def stated_unit(self, degrees: bool) -> str:
-        """Return that unit as files say it: 1 of a pure number, empty of a name."""
+        """Return the unit as files state it: ``1`` for a pure number, empty for a name.
+
+        The argument says whether angles of the table are in degrees.
+        """
         return self.unit_in(degrees) or ("1" if self.kind == "number" else "")
 
 
 @dataclass(frozen=True)
 class Table:
-    """A tidy table: one row per (sample, assembly mode, subject)."""
+    """Declaration of a tidy table: one row per sample, assembly mode and subject.
+
+    Attributes
+    ----------
+    name
+        Name of the table.
+    meaning
+        Description for users.
+    columns
+        Its columns in their order.
+    """
 
     name: str
     meaning: str
     columns: tuple[Column, ...]
 
     def of(self, mechanism: Mechanism) -> "Table":
-        """Return the table with a column for each input or variable where it says so."""
+        """Return the table as it is for a mechanism.
+
+        Columns that are declared `per_input` or `per_passive` are replaced by the columns
+        for which they stand.
+        """
+        driven_pairs = mechanism.input_pairs
+        pair_of_variable = dict(
+            zip(
+                mechanism.variable_names,
+                mechanism.names_of(mechanism.variable_owners),
+                strict=True,
+            )
+        )
         columns: list[Column] = []
-        driven = mechanism.input_pairs
-        owners = mechanism.names_of(mechanism.variable_owners)
         for column in self.columns:
-            named = {column.name: ""}
+            pair_by_name = {column.name: ""}
             if column.per_passive:
-                named = {
-                    name: f" {pair}"
-                    for name, pair in zip(mechanism.variable_names, owners, strict=True)
-                    if pair not in driven
+                pair_by_name = {
+                    variable: f" {pair}"
+                    for variable, pair in pair_of_variable.items()
+                    if pair not in driven_pairs
                 }
-            elif column.per_input and len(driven) > 1:
-                named = {f"{column.name}_{pair}": f" {pair}" for pair in driven}
+            elif column.per_input and len(driven_pairs) > 1:
+                pair_by_name = {
+                    f"{column.name}_{pair}": f" {pair}" for pair in driven_pairs
+                }
             columns += [
                 replace(
                     column,
@@ -126,12 +181,15 @@ class Table:
                     per_input=False,
                     per_passive=False,
                 )
-                for name, pair in named.items()
+                for name, pair in pair_by_name.items()
             ]
         return replace(self, columns=tuple(columns))
 
     def units(self, degrees: bool) -> dict[str, str]:
-        """Return the unit of every column by what files call it."""
+        """Return the unit of every column by its header in files.
+
+        The argument says whether angles of the table are in degrees.
+        """
         return {c.header(degrees): c.stated_unit(degrees) for c in self.columns}
 
     def stacked(
@@ -139,8 +197,14 @@ class Table:
     ) -> dict[str, Array]:
         """Return the rows of all parts, one part after another, by column.
 
-        A part has columns (n,), or a single value for all of its rows; if it has no
-        column, it is one row. Numbers and texts that it lacks are blank.
+        Parameters
+        ----------
+        mechanism
+            The mechanism whose columns the table has.
+        parts
+            Values by the name of the column. A value is a column (n,), or one value for all
+            rows of the part. A part without a column (n,) is one row. Numbers and texts
+            that are missing are blank.
 
         Raises
         ------
@@ -148,38 +212,50 @@ class Table:
             If a part has a column that is not declared.
         """
         columns = self.of(mechanism).columns
-        blank = {c.name: BLANK[c.kind] for c in columns if c.kind in BLANK}
-        made: dict[str, list[Array]] = {
-            c.name: [np.zeros(0, TYPES.get(c.kind, str))] for c in columns
+        blanks = {c.name: BLANK_BY_KIND[c.kind] for c in columns if c.kind in BLANK_BY_KIND}
+        pieces: dict[str, list[Array]] = {
+            c.name: [np.zeros(0, DTYPE_BY_KIND.get(c.kind, str))] for c in columns
         }
         for part in parts:
-            if undeclared := part.keys() - made.keys():
+            if undeclared := part.keys() - pieces.keys():
                 raise AnalysisError(f"table {self.name} has no {listing(undeclared)}")
             count = next((len(values) for values in part.values() if np.ndim(values)), 1)
-            row = {**blank, **part}
+            complete_part = {**blanks, **part}
             for c in columns:
-                values = np.asarray(row[c.name], dtype=TYPES.get(c.kind, str))
-                made[c.name].append(np.broadcast_to(values, (count,)))
-        return {name: np.concatenate(arrays) for name, arrays in made.items()}
+                dtype = DTYPE_BY_KIND.get(c.kind, str)
+                values = np.asarray(complete_part[c.name], dtype=dtype)
+                pieces[c.name].append(np.broadcast_to(values, (count,)))
+        return {name: np.concatenate(arrays) for name, arrays in pieces.items()}
 
     def with_names(self, mechanism: Mechanism) -> "Table":
-        """Return the table with the names of assembly modes, where the file has some."""
+        """Return the table with a column for the names of assembly modes.
+
+        Nothing is added if the mechanism names no modes or the table has no mode numbers.
+        """
         if not mechanism.modes or ASSEMBLY_MODE not in self.columns:
             return self
-        place = self.columns.index(ASSEMBLY_MODE) + 1
+        index = self.columns.index(ASSEMBLY_MODE) + 1
         return replace(
-            self, columns=(*self.columns[:place], MODE_NAME, *self.columns[place:])
+            self, columns=(*self.columns[:index], MODE_NAME, *self.columns[index:])
         )
 
     def named(self, data: "TableData", names: Mapping[int, str]) -> "TableData":
-        """Return rows with the names of their assembly modes, where the table has these."""
+        """Return rows with the names of their assembly modes, if the table has that column.
+
+        Parameters
+        ----------
+        data
+            The other columns of the table.
+        names
+            Names of modes by the number of the mode. Other modes have an empty name.
+        """
         if MODE_NAME not in self.columns:
             return data
-        numbers, repeats = once(data[ASSEMBLY_MODE.name])
-        texts = [names.get(k, "") for k in range(np.max(numbers, initial=-1) + 1)]
-        words = np.array(texts, str)[numbers]
-        made = Interleaved([words] * repeats) if repeats > 1 else words
-        return {c.name: made if c == MODE_NAME else data[c.name] for c in self.columns}
+        mode_numbers, repeats = once(data[ASSEMBLY_MODE.name])
+        mode_count = np.max(mode_numbers, initial=-1) + 1
+        texts = np.array([names.get(k, "") for k in range(mode_count)], str)[mode_numbers]
+        column = Interleaved([texts] * repeats) if repeats > 1 else texts
+        return {c.name: column if c == MODE_NAME else data[c.name] for c in self.columns}
 
     @property
     def in_assembly_modes(self) -> bool:
@@ -188,11 +264,13 @@ class Table:
 
 
 TableArrays = Mapping[str, Array]
+"""The columns (n,) of a table, by name."""
+
 TableData = Mapping[str, Array | Interleaved]
-"""A table's columns, and these as an analysis may give them."""
+"""The columns of a table as an analysis may return them; they may be computed lazily."""
 
 Tables = Mapping[str, TableData]
-"""Tables by name, as an analysis may give them."""
+"""Tables by name, as an analysis may return them."""
 
 Declared = Mapping[str, Sequence[Table]]
 """The tables that are declared, by the name of their analysis."""
@@ -202,17 +280,27 @@ Units = Mapping[str, str]
 
 
 def row_count(data: TableData) -> int:
-    """Return how many rows a table has."""
+    """Return the number of rows of a table."""
     return len(next(iter(data.values())))
 
 
 def arrays(data: TableData) -> dict[str, Array]:
-    """Return all columns as arrays."""
+    """Return all columns as arrays; lazy columns are computed."""
     return dict(zip(data, read(data.values()), strict=True))
 
 
 def input_columns(mechanism: Mechanism, values: Floats, name: str = "q") -> dict[str, Any]:
-    """Return the columns that a name has by input, of values (n, inputs)."""
+    """Return the columns of a quantity that every input has.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    values
+        (n, inputs) values of the quantity.
+    name
+        Name of the column, to which the names of several inputs are appended.
+    """
     columns = Table("", "", (Column(name, "", "", per_input=True),)).of(mechanism).columns
     return {c.name: values[:, k] for k, c in enumerate(columns)}
 

@@ -1,7 +1,7 @@
-"""Tables as pandas frames and files; the only module that imports pandas.
+"""Tables as pandas frames and as CSV and Parquet files; the only module that uses pandas.
 
-A Parquet file has checksums of its pages, and one of its headings: what has changed in it
-is told. It is there whole, or not at all.
+A Parquet file has checksums of its pages, and one of its headings and notes, so changes in
+it are noticed. Files are written completely or not at all.
 """
 
 import csv
@@ -19,81 +19,123 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from spherekit.arrays import Array
-from spherekit.conventions import Lines
 from spherekit.errors import FileError
 from spherekit.status import Status
-from spherekit.storage.atomic_write import make_folder, writing
-from spherekit.tables.table import CHUNK, FILE_SIZE, TYPES, Format, Table, TableArrays
-from spherekit.tables.table_rows import JoinedBlocks, typed
+from spherekit.storage.atomic_write import make_folder, open_for_writing
+from spherekit.tables.table import (
+    CHUNK_ROWS,
+    DTYPE_BY_KIND,
+    FILE_SIZE,
+    Format,
+    Table,
+    TableArrays,
+)
+from spherekit.tables.table_rows import JoinedBlocks, convert_columns
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-NOTES = b"spherekit"
-"""Where a Parquet file keeps the units of its columns and what it came from."""
+NOTES_KEY = b"spherekit"
+"""Key of a Parquet file for notes: the units of its columns and its origin."""
 
-CHECKSUM = b"spherekit checksum"
-"""Where it keeps that of these and of the names of its columns."""
+CHECKSUM_KEY = b"spherekit checksum"
+"""Key of a Parquet file for the checksum of the notes and the names of its columns."""
 
-SPECIAL = set(',"\r\n')
+QUOTED_CHARACTERS = set(',"\r\n')
+"""Characters of a text that make quotes necessary in a CSV file."""
 
-STATUSES = [status.name for status in Status]
+STATUS_NAMES = [status.name for status in Status]
+"""Names of the codes of a sample."""
+
+DESIGN_COLUMN = "design"
+"""The column with the number of the design, in tables of the rows of many designs."""
 
 
 def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.DataFrame":
-    """Return a table as a frame, its units in ``attrs["units"]``.
+    """Return a table as a frame, with its units in ``attrs["units"]``.
 
-    With `degrees`, angles and their rates are in degrees; what is per rad stays so.
+    Parameters
+    ----------
+    table
+        Declaration of the table.
+    data
+        Its columns.
+    degrees
+        Whether angles and their rates are converted to degrees. Quantities per rad are not.
     """
     import pandas as pd
 
-    columns: dict[str, Any] = typed(table, data)
+    columns: dict[str, Any] = convert_columns(table, data)
     for column in table.columns:
         values = columns[column.name]
         if column.kind == "status":
-            columns[column.name] = pd.Categorical.from_codes(values, pd.Index(STATUSES))
+            columns[column.name] = pd.Categorical.from_codes(values, pd.Index(STATUS_NAMES))
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
     units = {column.name: column.stated_unit(degrees) for column in table.columns}
-    return frame_of(columns, {"units": units}, not isinstance(data, JoinedBlocks))
+    # Joined blocks have made new arrays for the frame.
+    return make_frame(columns, {"units": units}, copy=not isinstance(data, JoinedBlocks))
 
 
-def frame_of(
+def make_frame(
     columns: Mapping[str, Any], notes: Mapping[str, Any], copy: bool = True
 ) -> "pd.DataFrame":
-    """Return columns as a frame, texts as categories, with notes in its `attrs`."""
+    """Return columns as a frame, with texts as categories.
+
+    Parameters
+    ----------
+    columns
+        Arrays (n,) by the name of the column.
+    notes
+        Values for the `attrs` of the frame.
+    copy
+        Whether arrays are copied.
+    """
     import pandas as pd
 
-    made = {
-        name: _categories(x) if x.dtype.kind in "OU" else x for name, x in columns.items()
+    frame_columns = {
+        name: _make_categories(x) if x.dtype.kind in "OU" else x
+        for name, x in columns.items()
     }
-    frame = pd.DataFrame(made, copy=copy)
+    frame = pd.DataFrame(frame_columns, copy=copy)
     frame.attrs.update(notes)
     return frame
 
 
-def _categories(texts: Array) -> "pd.Categorical[Any]":
-    """Return texts as categories, told apart letter by letter: strings take longer."""
+def _make_categories(texts: Array) -> "pd.Categorical[Any]":
+    """Return texts (n,) as categories in alphabetical order.
+
+    Texts of fixed width are compared letter by letter, as integers. This is faster than
+    making a string of each.
+    """
     import pandas as pd
 
     if texts.dtype.kind == "O":
         return pd.Categorical(texts)
+    # Texts get equal codes if all letters so far are equal. Codes count the distinct texts
+    # in the order of their first rows.
     codes = np.zeros(len(texts), dtype=np.int64)
     letters = np.ascontiguousarray(texts).view(np.uint32)
-    for column in letters.reshape(len(texts), texts.itemsize // 4).T:
-        if np.any(column != column[:1]):
-            here, kinds = pd.factorize(column)
-            codes, _ = pd.factorize(codes * len(kinds) + here)
-    first = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
-    words: Lines = texts[first].tolist()
-    places = np.argsort(np.argsort(words))
-    return pd.Categorical.from_codes(places[codes], pd.Index(sorted(words), dtype=str))
+    for letter_column in letters.reshape(len(texts), texts.itemsize // 4).T:
+        if np.any(letter_column != letter_column[:1]):
+            letter_codes, distinct_letters = pd.factorize(letter_column)
+            codes, _ = pd.factorize(codes * len(distinct_letters) + letter_codes)
+    first_rows = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
+    distinct_texts: list[str] = texts[first_rows].tolist()
+    alphabetical_index = np.argsort(np.argsort(distinct_texts))
+    return pd.Categorical.from_codes(
+        alphabetical_index[codes], pd.Index(sorted(distinct_texts), dtype=str)
+    )
 
 
-def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
-    """Return rows with columns named as in files; NaN is null, status a dictionary."""
+def _make_arrow_table(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
+    """Return rows as an Arrow table.
+
+    Columns have their headers in files, numbers that are NaN are null, and a status is a
+    dictionary of names. With `degrees`, angles are converted.
+    """
     import pyarrow as pa
 
     columns: dict[str, Any] = {}
@@ -101,11 +143,11 @@ def _arrow(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
         values = data[column.name]
         if column.kind == "status":
             codes = pa.array(values, pa.int8())
-            values = pa.DictionaryArray.from_arrays(codes, pa.array(STATUSES))
+            values = pa.DictionaryArray.from_arrays(codes, pa.array(STATUS_NAMES))
         elif column.kind == "number":
             if column.unit_in(degrees) != column.unit:
                 values = np.degrees(values)
-            values = pa.array(values + 0.0, from_pandas=True)  # -0 is 0
+            values = pa.array(values + 0.0, from_pandas=True)  # without negative zeros
         columns[column.header(degrees)] = values
     return pa.table(columns)
 
@@ -118,97 +160,144 @@ def write_table(
     degrees: bool,
     formats: Sequence[Format] | None,
 ) -> list[str]:
-    """Write the pieces of a table, CSV and Parquet side by side; return the files' names.
+    """Write a table as CSV and Parquet files; return the names of the files.
 
-    The `stem` is their path without an ending.
+    CSV has every number with the fewest digits that give it back, and empty cells for NaN.
+    Parquet has the units and notes. The memory does not grow with the number of rows.
 
-    CSV holds every number with the fewest digits that give it back, and empty cells for
-    NaN. Parquet carries units and `notes`. Memory does not grow with the rows.
+    Parameters
+    ----------
+    stem
+        Path of the files without a suffix.
+    table
+        Declaration of the table.
+    pieces
+        Columns of the rows, piece after piece.
+    notes
+        Notes for the Parquet file.
+    degrees
+        Whether angles are converted to degrees.
+    formats
+        Formats to write, by default both.
 
     Raises
     ------
     OutputError
-        If the disk is full; no file of this table is then left.
+        If a file cannot be written; no file of this table is then left.
     """
-    import pyarrow as pa
     import pyarrow.csv as pc
 
-    none = {
-        column.name: np.zeros(0, TYPES.get(column.kind, str)) for column in table.columns
+    arrow_pieces = (_make_arrow_table(table, piece, degrees) for piece in pieces)
+    first_piece = next(arrow_pieces, None)
+    if first_piece is None:
+        no_rows = {
+            column.name: np.zeros(0, DTYPE_BY_KIND.get(column.kind, str))
+            for column in table.columns
+        }
+        first_piece = _make_arrow_table(table, no_rows, degrees)
+    paths = {
+        file_format: stem.with_name(f"{stem.name}.{file_format}")
+        for file_format in formats or FILE_SIZE
     }
-    rest = (_arrow(table, piece, degrees) for piece in pieces)
-    first = next(rest, None) or _arrow(table, none, degrees)
-    paths = {kind: stem.with_name(f"{stem.name}.{kind}") for kind in formats or FILE_SIZE}
-    with ExitStack() as stack:
+    with ExitStack() as open_files:
         if "parquet" in paths:
-            schema = _noted(first.schema, {"units": table.units(degrees), **notes})
-            parquet = stack.enter_context(_parquet(paths["parquet"], schema))
+            schema = _add_notes(
+                first_piece.schema, {"units": table.units(degrees), **notes}
+            )
+            parquet_writer = open_files.enter_context(
+                _open_parquet_writer(paths["parquet"], schema)
+            )
         if "csv" in paths:
-            text = stack.enter_context(writing(paths["csv"]))
-            text.write(csv_text([first.column_names]))
-        for piece in chain([first], rest):
+            csv_stream = open_files.enter_context(open_for_writing(paths["csv"]))
+            csv_stream.write(format_csv([first_piece.column_names]))
+        for piece in chain([first_piece], arrow_pieces):
             if "parquet" in paths:
-                parquet.write_table(piece.cast(schema))
+                parquet_writer.write_table(piece.cast(schema))
             if "csv" in paths:
-                texts = [x.unique() for x in piece.columns if pa.types.is_string(x.type)]
-                words = "".join(word for x in texts for word in x.to_pylist())
                 options = pc.WriteOptions(
                     include_header=False,
-                    quoting_style="none" if SPECIAL.isdisjoint(words) else "needed",
+                    quoting_style="needed" if _needs_quotes(piece) else "none",
                 )
-                pc.write_csv(_with_words(piece), text, options)
+                pc.write_csv(_replace_codes_by_texts(piece), csv_stream, options)
     return [path.name for path in paths.values()]
 
 
-def pieces_in(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
-    """Yield rows in such pieces from row groups of files that `write_columns` wrote.
+def _needs_quotes(rows: "pa.Table") -> bool:
+    """Return whether a text in some rows has a character that CSV has to quote."""
+    import pyarrow as pa
+
+    distinct_texts = [x.unique() for x in rows.columns if pa.types.is_string(x.type)]
+    characters = "".join(text for x in distinct_texts for text in x.to_pylist())
+    return not QUOTED_CHARACTERS.isdisjoint(characters)
+
+
+def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
+    """Yield the columns of row groups in pieces of `CHUNK_ROWS` rows.
+
+    Parameters
+    ----------
+    groups
+        Path of a file that `write_columns` wrote, and index of a row group in it, for all
+        groups in the order of their rows.
 
     Raises
     ------
     FileError
-        If a file is damaged, or none.
+        If a file is missing or damaged.
     """
     import pyarrow as pa
 
-    def plain(rows: pa.Table) -> Mapping[str, Any]:
+    def to_arrays(rows: pa.Table) -> Mapping[str, Any]:
         return {
             name: column if pa.types.is_string(column.type) else column.to_numpy()
             for name, column in zip(rows.column_names, rows.columns, strict=True)
         }
 
-    held: list[pa.Table] = []
+    pending: list[pa.Table] = []
     for path, group in groups:
-        with _opened(path) as file:
-            held.append(file.read_row_group(group, use_threads=False))
-        while sum(map(len, held)) >= CHUNK:
-            whole = pa.concat_tables(held)
-            held = [whole[CHUNK:]]
-            yield plain(whole[:CHUNK])
-    if sum(map(len, held)):
-        yield plain(pa.concat_tables(held))
+        with _open_parquet_file(path) as file:
+            pending.append(file.read_row_group(group, use_threads=False))
+        while sum(map(len, pending)) >= CHUNK_ROWS:
+            rows = pa.concat_tables(pending)
+            pending = [rows[CHUNK_ROWS:]]
+            yield to_arrays(rows[:CHUNK_ROWS])
+    if sum(map(len, pending)):
+        yield to_arrays(pa.concat_tables(pending))
 
 
-def _noted(schema: "pa.Schema", notes: Mapping[str, Any]) -> "pa.Schema":
-    """Return a schema with notes, and a checksum of both: pages have theirs."""
-    kept = json.dumps(notes).encode()
-    return schema.with_metadata({NOTES: kept, CHECKSUM: _checksum(schema.names, kept)})
+def _add_notes(schema: "pa.Schema", notes: Mapping[str, Any]) -> "pa.Schema":
+    """Return a schema with notes, and a checksum of the notes and of the column names."""
+    encoded_notes = json.dumps(notes).encode()
+    checksum = _compute_checksum(schema.names, encoded_notes)
+    return schema.with_metadata({NOTES_KEY: encoded_notes, CHECKSUM_KEY: checksum})
 
 
-def _checksum(names: Sequence[str], notes: bytes) -> bytes:
+def _compute_checksum(names: Sequence[str], notes: bytes) -> bytes:
+    """Return the checksum of column names and encoded notes, in decimal digits."""
     return b"%d" % zlib.crc32(notes, zlib.crc32("\n".join(names).encode()))
 
 
 @contextmanager
-def _parquet(
+def _open_parquet_writer(
     path: Path, schema: "pa.Schema", compression: str = "zstd"
 ) -> "Iterator[pq.ParquetWriter]":
-    """Give what writes a Parquet file, there when the block is left without a fault."""
+    """Open a Parquet file for writing; the file appears if the block ends without error.
+
+    Parameters
+    ----------
+    path
+        The file.
+    schema
+        Its columns and notes.
+    compression
+        Compression of the pages.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     floats = [item.name for item in schema if pa.types.is_floating(item.type)]
     texts = [item.name for item in schema if not pa.types.is_primitive(item.type)]
-    with writing(path) as stream:
+    with open_for_writing(path) as stream:
         writer = pq.ParquetWriter(
             stream,
             schema,
@@ -221,19 +310,18 @@ def _parquet(
             yield writer
             writer.close()
         finally:
-            writer.is_open = False  # it would write its end to a closed file later
+            # Otherwise the writer would later write its end to a closed file.
+            writer.is_open = False
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """Give a Parquet file of which headings and pages are what was written.
-
-    The headings are there twice, for Arrow and for all.
+def _open_parquet_file(path: Path) -> Iterator[Any]:
+    """Open a Parquet file for reading and verify its headings, notes and pages.
 
     Raises
     ------
     FileError
-        If the file cannot be read, is not of Parquet, or is damaged.
+        If the file cannot be read, is no Parquet file, or is damaged.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -241,41 +329,49 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         with path.open("rb") as stream:
             file = pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False)
+            # The headings are stored twice: for Arrow and for all programs.
             for schema, metadata in (
                 (file.schema_arrow, file.schema_arrow.metadata),
                 (file.schema, file.metadata.metadata),
             ):
-                kept = metadata or {}
-                checksum = _checksum(schema.names, kept.get(NOTES, b""))
-                if kept.get(CHECKSUM, checksum) != checksum:
+                stored = metadata or {}
+                checksum = _compute_checksum(schema.names, stored.get(NOTES_KEY, b""))
+                if stored.get(CHECKSUM_KEY, checksum) != checksum:
                     raise pa.ArrowInvalid("its headings have changed")
             yield file
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
-        why = (
+        reason = (
             f"is not a Parquet file, or is damaged: {' '.join(str(error).split())}; "
             "remove it and make it again"
         )
         if isinstance(error, OSError) and error.strerror:
-            why = f"cannot be read: {error.strerror}; give the path of a Parquet file"
-        raise FileError(f"{path}: {why}") from None
+            reason = f"cannot be read: {error.strerror}; give the path of a Parquet file"
+        raise FileError(f"{path}: {reason}") from None
 
 
-def _read(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
-    """Return columns of a file, by default all; `FileError` if it is damaged or none."""
-    with _opened(path) as file:
+def _read_arrow_table(path: Path, columns: Sequence[str] | None = None) -> "pa.Table":
+    """Return columns of a Parquet file, by default all.
+
+    Raises
+    ------
+    FileError
+        If the file is missing or damaged.
+    """
+    with _open_parquet_file(path) as file:
         table = file.read(columns=columns)
         table.validate(full=True)
         return table
 
 
-def notes_of(path: Path) -> dict[str, Any]:
-    """Return the notes with which a Parquet file was written, {} without."""
-    with _opened(path) as file:
-        return _notes(file.schema_arrow)
+def read_notes(path: Path) -> dict[str, Any]:
+    """Return the notes of a Parquet file; an empty dictionary if it has none."""
+    with _open_parquet_file(path) as file:
+        return _decode_notes(file.schema_arrow)
 
 
-def _notes(schema: "pa.Schema") -> dict[str, Any]:
-    return json.loads((schema.metadata or {}).get(NOTES, b"{}"))
+def _decode_notes(schema: "pa.Schema") -> dict[str, Any]:
+    """Return the notes of a schema; an empty dictionary if it has none."""
+    return json.loads((schema.metadata or {}).get(NOTES_KEY, b"{}"))
 
 
 def write_columns(
@@ -287,10 +383,23 @@ def write_columns(
 ) -> None:
     """Write columns of numbers and texts to a Parquet file.
 
+    Parameters
+    ----------
+    path
+        The file.
+    columns
+        Arrays (n,) by the name of the column.
+    notes
+        Notes, which have to be representable in JSON.
+    groups
+        Rows of each row group, by default one group of all rows.
+    compression
+        Compression of the pages.
+
     Raises
     ------
     OutputError
-        If it cannot be written; an older file is then unchanged.
+        If the file cannot be written; an older file is then unchanged.
     """
     import pyarrow as pa
 
@@ -300,64 +409,75 @@ def write_columns(
             for name, values in columns.items()
         }
     )
-    with _parquet(path, _noted(table.schema, notes), compression) as file:
+    schema = _add_notes(table.schema, notes)
+    with _open_parquet_writer(path, schema, compression) as writer:
         for rows in groups:
-            file.write_table(table[rows].cast(file.schema))
-
-
-DESIGN = "design"
-"""The column that says whose rows tables of many designs have."""
+            writer.write_table(table[rows].cast(writer.schema))
 
 
 @contextmanager
-def part_tables(
+def open_part_tables(
     folder: Path,
     name: str,
     degrees: bool,
-    rows: Counter[str],
+    row_counts: Counter[str],
     notes: Mapping[str, Any],
 ) -> Iterator[Callable[[int, str, Table, TableArrays], None]]:
-    """Give what takes the rows of a design in a table, called as a run's file.
+    """Open the tables in which a part of a sweep collects the rows of its designs.
 
-    Each is a file `name` in a folder that is called so, below `folder`, there when the
-    block is left; rows go there in groups of about `CHUNK`. `rows` counts those of each,
-    and each carries the `notes`.
+    The context manager returns a function that appends rows. Its arguments are the number
+    of the design, the stem of the table's file in a run, the declaration and the columns.
+    Each table is a file called `name` in a subfolder called like the stem. The files appear
+    when the block ends without error.
+
+    Parameters
+    ----------
+    folder
+        Folder of the subfolders.
+    name
+        Name of the file in each subfolder.
+    degrees
+        Whether angles are converted to degrees.
+    row_counts
+        Counter of the rows of each table by stem, which is updated.
+    notes
+        Notes of each file.
 
     Raises
     ------
     OutputError
-        If they cannot be written.
+        If a file cannot be written.
     """
     import pyarrow as pa
 
-    waiting: defaultdict[str, list[pa.Table]] = defaultdict(list)
+    pending: defaultdict[str, list[pa.Table]] = defaultdict(list)
     writers: dict[str, pq.ParquetWriter] = {}
 
-    def write(stem: str) -> None:
-        whole = pa.concat_tables(waiting.pop(stem))
+    def write_pending(stem: str) -> None:
+        rows = pa.concat_tables(pending.pop(stem))
         if stem not in writers:
-            writers[stem] = files.enter_context(
-                _parquet(make_folder(folder / stem) / name, whole.schema)
+            path = make_folder(folder / stem) / name
+            writers[stem] = open_files.enter_context(
+                _open_parquet_writer(path, rows.schema)
             )
-        writers[stem].write_table(whole)
+        writers[stem].write_table(rows)
 
-    def take(design: int, stem: str, table: Table, data: TableArrays) -> None:
-        plain = _arrow(table, typed(table, data), degrees)
-        whole = plain.add_column(0, DESIGN, pa.array(np.full(len(plain), design)))
-        waiting[stem].append(
-            whole.cast(_noted(whole.schema, {"units": table.units(degrees), **notes}))
-        )
-        rows[stem] += len(whole)
-        if sum(map(len, waiting[stem])) >= CHUNK:
-            write(stem)
+    def append_rows(design: int, stem: str, table: Table, data: TableArrays) -> None:
+        rows = _make_arrow_table(table, convert_columns(table, data), degrees)
+        rows = rows.add_column(0, DESIGN_COLUMN, pa.array(np.full(len(rows), design)))
+        schema = _add_notes(rows.schema, {"units": table.units(degrees), **notes})
+        pending[stem].append(rows.cast(schema))
+        row_counts[stem] += len(rows)
+        if sum(map(len, pending[stem])) >= CHUNK_ROWS:
+            write_pending(stem)
 
-    with ExitStack() as files:
-        yield take
-        for stem in list(waiting):
-            write(stem)
+    with ExitStack() as open_files:
+        yield append_rows
+        for stem in list(pending):
+            write_pending(stem)
 
 
-def frame_of_parts(
+def read_frame(
     parts: Sequence[Path], notes: Sequence[Mapping[str, Any]] | None = None
 ) -> "pd.DataFrame":
     """Return the rows of Parquet files one after the other, with notes in `attrs`.
@@ -367,48 +487,49 @@ def frame_of_parts(
     parts
         The files.
     notes
-        Notes that each file has to carry; by default none has to.
+        Notes that each file must have; by default none.
 
     Raises
     ------
     FileError
-        If a file is damaged, does not carry its notes, or has other columns than the first.
+        If a file is damaged, lacks its notes, or has other columns than the first.
     """
     import pyarrow as pa
 
     tables: list[pa.Table] = []
     for path, required in zip(parts, notes or [{}] * len(parts), strict=True):
-        table = _read(path)
-        if not required.items() <= _notes(table.schema).items() or (
-            tables and not table.schema.equals(tables[0].schema)
-        ):
+        table = _read_arrow_table(path)
+        has_notes = required.items() <= _decode_notes(table.schema).items()
+        if not has_notes or (tables and not table.schema.equals(tables[0].schema)):
             raise FileError(
                 f"{path}: is not the file that was written there, by what it says of "
                 "itself; move it away, and the same command makes it again"
             )
         tables.append(table)
-    whole = pa.concat_tables(tables)
-    frame: pd.DataFrame = whole.to_pandas(strings_to_categorical=True)
-    frame.attrs.update(_notes(whole.schema))
+    rows = pa.concat_tables(tables)
+    frame: pd.DataFrame = rows.to_pandas(strings_to_categorical=True)
+    frame.attrs.update(_decode_notes(rows.schema))
     return frame
 
 
 def read_parquet(path: Path) -> "pd.DataFrame":
-    """Return a frame written by `write_table`, with its units in `attrs`."""
-    return frame_of_parts([path])
+    """Return a file of `write_table` as a frame, with its units in `attrs`."""
+    return read_frame([path])
 
 
 def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
-    """Return the cells of a CSV file as text, by lines after the header but blank ones.
+    """Return the cells of a CSV file as text.
+
+    The index is the number of the line after the header. Blank lines are left out.
 
     Raises
     ------
     OSError, ValueError
-        If it cannot be read, or is no such file.
+        If the file cannot be read, or is no CSV file.
     """
     import pandas as pd
 
-    # A comma at the end of every row is no column.
+    # A comma at the end of every row does not make a column. pandas warns of it.
     with warnings.catch_warnings(action="ignore", category=pd.errors.ParserWarning):
         frame = pd.read_csv(
             source,
@@ -422,8 +543,8 @@ def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
     return frame[(frame != "").any(axis=1)]
 
 
-def _with_words(rows: "pa.Table") -> "pa.Table":
-    """Return rows with words in place of their numbers."""
+def _replace_codes_by_texts(rows: "pa.Table") -> "pa.Table":
+    """Return rows in which dictionary columns, such as a status, are texts."""
     import pyarrow as pa
 
     columns = [
@@ -433,7 +554,7 @@ def _with_words(rows: "pa.Table") -> "pa.Table":
     return pa.table(columns, names=rows.column_names)
 
 
-def csv_text(rows: Iterable[Sequence[str]]) -> bytes:
+def format_csv(rows: Iterable[Sequence[str]]) -> bytes:
     """Return rows of texts as CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
@@ -441,9 +562,18 @@ def csv_text(rows: Iterable[Sequence[str]]) -> bytes:
 
 
 class ParquetColumns(Mapping[str, Array]):
-    """The columns of a Parquet file that `write_table` wrote, read when asked for.
+    """The columns of a Parquet file of `write_table`, which are read when they are used.
 
-    In rad, whatever the file has; status as codes, texts as such.
+    Angles are in rad, whatever the unit in the file is. A status is a code.
+
+    Parameters
+    ----------
+    path
+        The file.
+    table
+        Declaration of the table.
+    degrees
+        Whether angles in the file are in degrees.
     """
 
     def __init__(self, path: Path, table: Table, degrees: bool) -> None:
@@ -460,7 +590,7 @@ class ParquetColumns(Mapping[str, Array]):
     def __getitem__(self, name: str) -> Array:
         column = self._columns[name]
         header = column.header(self._degrees)
-        series = _read(self._path, [header]).to_pandas()[header]
+        series = _read_arrow_table(self._path, [header]).to_pandas()[header]
         if column.kind == "status":
             return np.asarray(series.cat.codes)
         if column.kind == "text":

@@ -1,7 +1,8 @@
-"""The rows of tables in memory: blocks as they came, joined in order when they are read."""
+"""The rows of tables in memory: stored as blocks, joined in order when they are read."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -11,9 +12,9 @@ from spherekit.arrays import Array
 from spherekit.numerics.lazy_columns import Span, once, put
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
-    CHUNK,
+    CHUNK_ROWS,
+    DTYPE_BY_KIND,
     SAMPLE,
-    TYPES,
     Table,
     TableArrays,
     TableData,
@@ -22,117 +23,158 @@ from spherekit.tables.table import (
 )
 
 
-class InMemory:
-    """Keeps the blocks of tables as they come; columns that nobody read are not made."""
+class MemoryTables:
+    """The tables of a run in memory, as blocks of rows in the order of computation.
+
+    Lazy columns that nobody reads are never computed.
+    """
 
     def __init__(self) -> None:
+        # By analysis and table.
         self._blocks: dict[tuple[str, str], list[TableData]] = defaultdict(list)
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
-        """Take the rows of one block."""
+        """Append the rows of one block to a table of an analysis."""
         self._blocks[analysis, table.name].append(data)
 
     def pieces(self, analysis: str, table: Table) -> Iterator[TableArrays]:
-        """Yield all rows, mode after mode, in pieces as they are written."""
-        return pieces_of(table, self.table(analysis, table))
+        """Yield all rows of a table in pieces of `CHUNK_ROWS`, mode after mode."""
+        return split_into_chunks(table, self.table(analysis, table))
 
     def table(self, analysis: str, table: Table) -> "JoinedBlocks":
-        """Return all rows: by assembly mode, then sample, where they belong to these."""
+        """Return all rows of a table, by assembly mode and sample if it has these."""
         return JoinedBlocks(self._blocks[analysis, table.name], table)
 
 
 class JoinedBlocks(Mapping[str, Array]):
-    """The columns of blocks, joined when they are first read, or anew for many at once.
+    """The columns of a table whose rows are in several blocks.
 
-    By assembly mode, then sample, where rows belong to these.
+    Rows are sorted by assembly mode, then by sample, if the table has these columns. A
+    column is joined when it is first read. To join many columns at once, `join` is faster.
+
+    Parameters
+    ----------
+    blocks
+        Columns of each block. The samples of a block follow those of the block before it.
+    table
+        Declaration of the table.
     """
 
     def __init__(self, blocks: Sequence[TableData], table: Table) -> None:
         self._blocks = [dict(block) for block in blocks]
         self._table = table
-        self._types = {c.name: TYPES.get(c.kind) for c in table.columns}
-        self._made: dict[str, Array] = {}
+        self._dtypes = {c.name: DTYPE_BY_KIND.get(c.kind) for c in table.columns}
+        self._joined_columns: dict[str, Array] = {}
+        # For each block: its slices of rows and where they belong in the joined column.
         self._spans: list[list[Span]] = []
 
     def join(self, names: Iterable[str]) -> dict[str, Array]:
-        """Return columns put together anew: several at less cost than each."""
-        if not self._spans:  # where rows belong; samples of a block follow the others'
-            parts = []
-            for number, block in enumerate(self._blocks):
-                several = len(self._blocks) > 1 and self._table.in_assembly_modes
-                ordered, runs = in_modes(block, several)
-                self._blocks[number] = dict(ordered)
-                parts += [(mode, number, rows) for mode, rows in runs]
-            self._spans = [[] for _ in self._blocks]
-            first = 0
-            for _, number, rows in sorted(parts, key=lambda part: part[:2]):
-                self._spans[number].append((rows, first))
-                first += rows.stop - rows.start
-        made: dict[str, Array] = {}
+        """Return some columns, joined anew and not stored."""
+        if not self._spans:
+            self._order_rows()
+        joined: dict[str, Array] = {}
         for name in names:
             columns = [block[name] for block in self._blocks]
-            made[name] = np.empty(
+            joined[name] = np.empty(
                 sum(map(len, columns)),
-                dtype=self._types[name] or np.result_type(*(x.dtype for x in columns)),
+                dtype=self._dtypes[name] or np.result_type(*(x.dtype for x in columns)),
             )
         for block, spans in zip(self._blocks, self._spans, strict=True):
-            put([(block[name], out) for name, out in made.items()], spans)
-        return made
+            put([(block[name], column) for name, column in joined.items()], spans)
+        return joined
+
+    def _order_rows(self) -> None:
+        """Sort the rows of each block by mode, and find where they belong."""
+        has_several = len(self._blocks) > 1 and self._table.in_assembly_modes
+        mode_spans = []
+        for number, block in enumerate(self._blocks):
+            ordered_rows = sort_by_mode(block, has_several)
+            self._blocks[number] = dict(ordered_rows.columns)
+            mode_spans += [(mode, number, rows) for mode, rows in ordered_rows.mode_rows]
+        self._spans = [[] for _ in self._blocks]
+        first = 0
+        for _, number, rows in sorted(mode_spans, key=lambda span: span[:2]):
+            self._spans[number].append((rows, first))
+            first += rows.stop - rows.start
 
     def __getitem__(self, name: str) -> Array:
-        if name not in self._types:
+        if name not in self._dtypes:
             raise KeyError(name)
-        if name not in self._made:
-            self._made |= self.join([name])
-        return self._made[name]
+        if name not in self._joined_columns:
+            self._joined_columns |= self.join([name])
+        return self._joined_columns[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._types)
+        return iter(self._dtypes)
 
     def __len__(self) -> int:
-        return len(self._types)
+        return len(self._dtypes)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return dict, (self.join(self),)
 
 
-def in_modes(
-    block: TableData, several: bool = True
-) -> tuple[TableData, list[tuple[int, slice]]]:
-    """Return the rows of a block by assembly mode, then sample, and where each mode is.
+@dataclass(frozen=True)
+class ModeRows:
+    """Rows of a block, in which the rows of each assembly mode are together.
 
-    They are as they were unless a mode is there twice, or its samples do not rise; rows of
-    one sample keep their order. Without `several` blocks of modes all are one.
+    Attributes
+    ----------
+    columns
+        Columns of the block.
+    mode_rows
+        Number of each assembly mode and the slice of its rows, in the order of the rows.
     """
-    if not several:
-        return block, [(0, slice(0, row_count(block)))]
+
+    columns: TableData
+    mode_rows: list[tuple[int, slice]]
+
+
+def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
+    """Return the rows of a block by assembly mode, then by sample.
+
+    Rows of one sample keep their order. The block is not changed if the rows of each mode
+    are together already and their samples rise.
+
+    Parameters
+    ----------
+    block
+        Columns of the block. With `by_mode` they include the mode and the sample.
+    by_mode
+        Whether rows are sorted. Otherwise the block counts as rows of one mode, 0.
+    """
+    if not by_mode:
+        return ModeRows(block, [(0, slice(0, row_count(block)))])
     modes, repeats = once(block[ASSEMBLY_MODE.name])
-    samples, alike = once(block[SAMPLE.name])
-    if alike == repeats:
-        step = np.diff(modes)
-        edges = [0, *(np.flatnonzero(step) + 1).tolist(), len(modes)]
-        runs = [
+    samples, sample_repeats = once(block[SAMPLE.name])
+    if sample_repeats == repeats:
+        mode_steps = np.diff(modes)
+        edges = [0, *(np.flatnonzero(mode_steps) + 1).tolist(), len(modes)]
+        mode_rows = [
             (int(modes[low]), slice(low * repeats, high * repeats))
             for low, high in pairwise(edges)
             if low < high
         ]
-        falls = (step == 0) & (np.diff(samples) < 0)
-        if len(dict(runs)) == len(runs) and not np.any(falls):
-            return block, runs
-    rows = arrays(block)
-    order = np.lexsort((rows[SAMPLE.name], rows[ASSEMBLY_MODE.name]))
-    return in_modes({name: column[order] for name, column in rows.items()})
+        is_falling = (mode_steps == 0) & (np.diff(samples) < 0)
+        has_each_mode_once = len(dict(mode_rows)) == len(mode_rows)
+        if has_each_mode_once and not np.any(is_falling):
+            return ModeRows(block, mode_rows)
+    columns = arrays(block)
+    order = np.lexsort((columns[SAMPLE.name], columns[ASSEMBLY_MODE.name]))
+    return sort_by_mode({name: column[order] for name, column in columns.items()})
 
 
-def typed(table: Table, data: TableArrays) -> dict[str, Array]:
-    """Return columns in the type of their kind; text stays as it is."""
+def convert_columns(table: Table, data: TableArrays) -> dict[str, Array]:
+    """Return the columns of a table in the types of their kinds; text is unchanged."""
     if isinstance(data, JoinedBlocks):
         data = data.join(data)
-    return {c.name: np.asarray(data[c.name], TYPES.get(c.kind)) for c in table.columns}
+    return {
+        c.name: np.asarray(data[c.name], DTYPE_BY_KIND.get(c.kind)) for c in table.columns
+    }
 
 
-def pieces_of(table: Table, data: TableArrays) -> Iterator[TableArrays]:
-    """Yield the rows of a table in pieces as they are written."""
-    columns = typed(table, data)
-    for start in range(0, row_count(columns), CHUNK):
-        yield {name: x[start : start + CHUNK] for name, x in columns.items()}
+def split_into_chunks(table: Table, data: TableArrays) -> Iterator[TableArrays]:
+    """Yield the rows of a table in pieces of `CHUNK_ROWS`."""
+    columns = convert_columns(table, data)
+    for start in range(0, row_count(columns), CHUNK_ROWS):
+        yield {name: x[start : start + CHUNK_ROWS] for name, x in columns.items()}

@@ -52,7 +52,7 @@ from spherekit.scenes.scene import (
     SphereMap,
     titled,
 )
-from spherekit.tables.column_units import in_signs
+from spherekit.tables.column_units import format_unit
 
 MOST_IN_ONE = 7
 """Quantities of one mode that share a panel."""
@@ -125,7 +125,7 @@ def _panel(
     finite = every[np.isfinite(every)]
     spread = np.ptp(finite) if len(finite) else 0.0
     if 0.0 < spread <= resolution * scale:
-        within = f"{spread:.0e} {in_signs(unit)}".strip()
+        within = f"{spread:.0e} {format_unit(unit)}".strip()
         corner: Look = {"xycoords": "axes fraction", "ha": "right", "va": "top"}
         panel.annotate(f"all within {within}", (0.98, 0.95), fontsize=6.5, **corner)
     start, end = over.extent

@@ -7,7 +7,11 @@ from typing import Literal, get_args
 
 from spherekit.display.figures.matplotlib_sdk import Figure
 from spherekit.errors import OutputError
-from spherekit.storage.atomic_write import MARK, check_own, make_folder
+from spherekit.storage.atomic_write import (
+    SOFTWARE_MARK,
+    check_made_by_spherekit,
+    make_folder,
+)
 
 FigureFormat = Literal["png", "pdf", "svg"]
 FORMATS: tuple[FigureFormat, ...] = get_args(FigureFormat)
@@ -27,9 +31,9 @@ def write_figures(
     paths = []
     for name in figures:
         path = folder / f"{stem(name)}.{kind}"
-        check_own(path, MARK.encode())
+        check_made_by_spherekit(path, SOFTWARE_MARK.encode())
         try:
-            figures[name].savefig(path, metadata={"Creator": MARK})
+            figures[name].savefig(path, metadata={"Creator": SOFTWARE_MARK})
         except OSError as error:
             raise OutputError(
                 f"cannot write {path}: {error.strerror}; choose a folder you may write to, "

@@ -20,8 +20,8 @@ from urllib.parse import urlsplit
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.display.rerun.viewer_program import RRD
 from spherekit.errors import OutputError
-from spherekit.storage.atomic_write import check_file, check_own
-from spherekit.storage.file_lock import take
+from spherekit.storage.atomic_write import check_file, check_made_by_spherekit
+from spherekit.storage.file_lock import try_lock
 
 LIVE_TIMEOUT = 30.0
 PROBE_TIMEOUT = 2.0
@@ -59,10 +59,10 @@ class FileOutput:
     def open(self) -> None:
         """Start the part file beside the file, locked, and point the stream at it."""
         check_place(self.path)
-        check_own(self.part, RRD)
+        check_made_by_spherekit(self.part, RRD)
         try:
             self._lock = self.part.open("ab", buffering=0)
-            if not take(self._lock.fileno()):
+            if not try_lock(self._lock.fileno()):
                 self._lock.close()
                 raise OSError(errno.EAGAIN, "another run is recording there")
             self._file = self.part.open("wb", buffering=0)
