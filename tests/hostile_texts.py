@@ -5,7 +5,7 @@ import tomllib
 from sources import ROOT
 
 from spherekit.files.schema import schema
-from spherekit.files.toml_text import assignment, tables
+from spherekit.files.toml_text import assignment_text, table_lines
 
 TEXTS = {
     "the end of a comment of C": "before */ int hacked(void) { return 1; } /* after",
@@ -98,7 +98,7 @@ def hostile_file(text, name="four_bar"):
     written = [f"# {comment}"]
     for key, value in data.items():
         if isinstance(value, dict):
-            written += tables((key,), value)
+            written += table_lines((key,), value)
         else:
-            written.append(assignment(key, value))
+            written.append(assignment_text(key, value))
     return "\n".join([*written, ""])

@@ -14,7 +14,7 @@ from spherekit.files.mechanism_reader import load, loads
 from spherekit.files.mechanism_writer import dumps
 from spherekit.files.schema import schema
 from spherekit.files.toml_document import MAX_BYTES
-from spherekit.files.toml_lines import locate
+from spherekit.files.toml_lines import locate_keys
 from spherekit.mechanism.joint import KINDS
 from spherekit.mechanism.load_expression import MAX_LENGTH
 from spherekit.mechanism.load_kinds import LOADS
@@ -117,7 +117,7 @@ i = {a = 1, b.c = [2]}
 w = '''a''''
 z = "\\"[q]"
 """
-    lines = locate(text)
+    lines = locate_keys(text)
     expected = {
         ("a",): 1,
         ("b", "c d", "e"): 2,

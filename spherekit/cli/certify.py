@@ -103,7 +103,7 @@ LARGEST = 100000
 def execute(options: Namespace) -> int:
     """Prove what can be proven; 3 if that is not all."""
     from spherekit.errors import AnalysisError
-    from spherekit.files.mechanism_reader import checked_document, stated
+    from spherekit.files.mechanism_reader import checked_document, mechanism_from_document
     from spherekit.files.mechanism_writer import dumps
     from spherekit.files.toml_document import parse
     from spherekit.planning.assembly_plan import driven_at
@@ -114,10 +114,10 @@ def execute(options: Namespace) -> int:
     document = checked_document(options.file)
     tolerance = options.tolerance
     if options.lock:
-        locked = with_locks(stated(document), options.lock, options.file)
+        locked = with_locks(mechanism_from_document(document), options.lock, options.file)
         document = parse(dumps(locked, document.data["angle_unit"]), options.file)
         tolerance = max(tolerance, LOCKED)
-    mechanism = driven_at(stated(document), options.input)
+    mechanism = driven_at(mechanism_from_document(document), options.input)
     written = Written.of(mechanism, document, tolerance)
     at = options.at is not None
     if at and options.range:

@@ -11,7 +11,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import Names
 from spherekit.errors import DesignError, SpherekitError
-from spherekit.files.mechanism_reader import stated
+from spherekit.files.mechanism_reader import mechanism_from_document
 from spherekit.files.number_change import number_at, number_path, with_numbers
 from spherekit.files.schema import check_numbers
 from spherekit.files.toml_document import Document
@@ -120,7 +120,7 @@ def designed(
     numbers = dict(zip([v.path for v in variables], map(float, values), strict=True))
     changed = with_numbers(document, numbers)
     check_numbers(changed, numbers)
-    return stated(changed)
+    return mechanism_from_document(changed)
 
 
 def check_variables(document: Document, variables: Sequence[DesignVariable]) -> None:

@@ -25,7 +25,7 @@ from spherekit.designs.design_variables import (
 )
 from spherekit.designs.profile_numbers import ProfileNumbers, has_other_profiles
 from spherekit.errors import DesignError, SpherekitError
-from spherekit.files.mechanism_reader import acted_on
+from spherekit.files.mechanism_reader import replace_actions
 from spherekit.files.number_change import with_numbers
 from spherekit.files.toml_document import Document
 from spherekit.geometry.vectors import all_finite, nans
@@ -306,7 +306,7 @@ class VariedMechanism:
         else:
             both = zip(self.variables, map(float, values), strict=True)
             acting = {v.path: number for v, number in both if v.path[0] in ACTIONS}
-            made = acted_on(self.mechanism, with_numbers(self.document, acting))
+            made = replace_actions(self.mechanism, with_numbers(self.document, acting))
         actions = actions_of(made)
         if self.contacts is not None:
             with_contacts = hinged(made, self.inputs, self.apart)

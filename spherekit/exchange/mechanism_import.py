@@ -14,7 +14,7 @@ from spherekit.exchange.mechanism_from_bodies import ImportedFile
 from spherekit.exchange.mujoco_file import ForeignModel
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.schema import FORMAT
-from spherekit.files.toml_text import assignment, tables
+from spherekit.files.toml_text import assignment_text, table_lines
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.storage.atomic_write import write_text
 
@@ -95,17 +95,17 @@ def _format_lines(name: str, imported_file: ImportedFile) -> Iterator[str]:
     for comment in imported_file.heading:
         yield f"# {toml_comment(comment)}"
     ground = next(iter(imported_file.content["links"]))
-    yield assignment("format", FORMAT)
-    yield assignment("name", name)
-    yield assignment("angle_unit", "deg")
-    yield assignment("ground", ground)
+    yield assignment_text("format", FORMAT)
+    yield assignment_text("name", name)
+    yield assignment_text("angle_unit", "deg")
+    yield assignment_text("ground", ground)
     for table_name, content in imported_file.content.items():
         if table_name == "source":
-            yield from tables((table_name,), content)
+            yield from table_lines((table_name,), content)
             continue
         for item, table in content.items():
             # The first line is empty, so the comment follows it.
-            empty_line, *lines = tables((table_name, item), table)
+            empty_line, *lines = table_lines((table_name, item), table)
             yield empty_line
             if (table_name, item) in imported_file.comments:
                 yield f"# {toml_comment(imported_file.comments[table_name, item])}"

@@ -1,4 +1,4 @@
-"""Angles and directions between the unit of a file and radians."""
+"""Converts angles and directions between the unit of a file and radians."""
 
 import math
 from decimal import MAX_EMAX, MIN_EMIN, Context, Decimal
@@ -9,62 +9,67 @@ from spherekit.mechanism.sizes import AngleUnit, Vector
 from spherekit.tolerances import EPS
 
 LENGTH_TOLERANCE = 1e-3
-"""How far from 1 the length of a unit vector may be in a file: three digits given."""
+"""Largest deviation from 1 of the length of a unit vector in a file.
 
+Three digits of each component are enough. Smaller: files with rounded components are
+refused; larger: vectors that were not meant as unit vectors are accepted.
+"""
 
-LARGEST_RADIANS = 4 * math.pi
+MAX_PLAUSIBLE_RAD = 4 * math.pi
 """Larger angles in a file in radians are taken for degrees, and refused."""
 
+MAX_PLAIN_DIGITS = 17
+"""Degrees with at most so many digits are converted as `math.radians` does."""
+
+UNIT_LENGTH_ROUNDING = 4 * EPS
+"""Deviation from 1 of the length of a vector that was normalized in float64."""
+
+AXIS_COMPONENT_ROUNDING = 2.5e-16
+"""Largest cosine or sine, of an angle rounded to float64, that is exactly zero."""
 
 _EXACT = Context(prec=60, Emax=MAX_EMAX, Emin=MIN_EMIN, traps=[])
-
-
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459230782")
-
-
 _DEGREE = _EXACT.divide(_PI, Decimal(180))
-
-
-_FLOAT_DIGITS = 17
-
-
-_UNIT_LENGTH = 4 * EPS
 
 
 def to_radians(number: float, unit: AngleUnit) -> float:
     """Return an angle of a file in radians.
 
-    Degrees of up to 17 digits become what `math.radians` makes of them, so that a file
-    and a program agree to the last bit. That cannot reach every float, one in ten is
-    skipped; degrees with more digits are converted as written, with one rounding.
+    Degrees with up to `MAX_PLAIN_DIGITS` digits are converted by `math.radians`, so that a
+    file and a program agree to the last bit. The results of `math.radians` leave out one
+    float of ten. Degrees with more digits, which `to_text` writes for these, are converted
+    with 60 digits and rounded once.
     """
     if unit == "rad":
         return float(number)
-    written = Decimal(number.text if isinstance(number, LiteralNumber) else repr(number))
-    if len(_EXACT.normalize(written).as_tuple().digits) <= _FLOAT_DIGITS:
+    decimal = Decimal(number.text if isinstance(number, LiteralNumber) else repr(number))
+    if len(_EXACT.normalize(decimal).as_tuple().digits) <= MAX_PLAIN_DIGITS:
         return math.radians(number)
-    return float(_EXACT.multiply(written, _DEGREE))
+    return float(_EXACT.multiply(decimal, _DEGREE))
 
 
 def to_text(angle: float, unit: AngleUnit) -> str:
-    """Return the shortest decimal that `to_radians` turns into exactly this angle."""
+    """Return the shortest decimal that `to_radians` converts to this angle (rad)."""
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
         return repr(float(angle))
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
-    # 40 digits tell any two floats apart.
-    texts = (_decimal_text(Context(prec=k).plus(degrees)) for k in range(1, 40))
-    return next(x for x in texts if to_radians(LiteralNumber(x), "deg") == angle)
+    for digits in range(1, 40):  # 40 digits distinguish any two floats
+        text = _decimal_text(Context(prec=digits).plus(degrees))
+        if to_radians(LiteralNumber(text), "deg") == angle:
+            return text
+    raise AssertionError(f"no decimal converts to {angle!r}")
 
 
 def unit_vector(xyz: Vector) -> Vector:
-    """Return a vector of nearly unit length with exactly unit length.
+    """Return a vector of nearly unit length, normalized.
 
-    One that has it already is returned unchanged, so that files round-trip.
+    A vector that is normalized already is returned unchanged. A file therefore reads back
+    as exactly the mechanism that was written.
 
     Raises
     ------
     ValueError
-        If its length is zero or off by more than `LENGTH_TOLERANCE`.
+        If its length is zero, or deviates from 1 by more than `LENGTH_TOLERANCE`.
     """
     length = math.hypot(*xyz)
     if length == 0.0:
@@ -75,7 +80,7 @@ def unit_vector(xyz: Vector) -> Vector:
             f"found length {length:.9g}, needs a unit vector (to "
             f"{LENGTH_TOLERANCE:g}); did you mean [{x}, {y}, {z}]?"
         )
-    if abs(length - 1) <= _UNIT_LENGTH:
+    if abs(length - 1) <= UNIT_LENGTH_ROUNDING:
         return xyz
     return as_vector(component / length for component in xyz)
 
@@ -86,7 +91,7 @@ def direction(longitude: float, latitude: float) -> Vector:
     Raises
     ------
     ValueError
-        If the latitude is beyond a pole.
+        If the latitude exceeds a quarter turn.
     """
     if abs(latitude) > math.pi / 2:
         raise ValueError("the latitude is beyond a quarter turn; longitude is first")
@@ -96,14 +101,17 @@ def direction(longitude: float, latitude: float) -> Vector:
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
-    cosine, sine = math.cos(angle), math.sin(angle)
-    # The float nearest a multiple of pi / 2 stands for it: 90 degrees has cosine 0.
-    if abs(angle) > 1 and min(abs(cosine), abs(sine)) < 2.5e-16:
+    """Return the cosine and sine of an angle (rad), exact at multiples of 90 degrees."""
+    cosine = math.cos(angle)
+    sine = math.sin(angle)
+    # pi / 2 is rounded in float64, so its cosine is not exactly 0.
+    if abs(angle) > 1 and min(abs(cosine), abs(sine)) < AXIS_COMPONENT_ROUNDING:
         return round(cosine) + 0.0, round(sine) + 0.0
     return cosine, sine
 
 
 def _decimal_text(number: Decimal) -> str:
+    """Return a number as TOML text, with an exponent if it is very large or small."""
     if -6 <= number.adjusted() < 16:
         text = f"{number:f}"
         return text if "." in text else f"{text}.0"

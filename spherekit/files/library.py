@@ -1,4 +1,7 @@
-"""Mechanism and study files by path or name; names come from installed packs."""
+"""Finds mechanism and study files by path, or by the name of a shipped one.
+
+Packages ship mechanisms as packs: folders of files with an entry point.
+"""
 
 import os
 import re
@@ -24,7 +27,17 @@ STUDY_SUFFIX = ".study.toml"
 
 
 class Pack(NamedTuple):
-    """An installed pack of mechanism files; a broken one has a fault and no files."""
+    """An installed pack of mechanism and study files.
+
+    Attributes
+    ----------
+    name
+        Name of its entry point.
+    files, studies
+        Paths of mechanism and study files by their names without ending.
+    fault
+        Why the pack cannot be used; empty if it can.
+    """
 
     name: str
     files: Mapping[str, Path] = MappingProxyType({})
@@ -42,8 +55,8 @@ def shipped() -> tuple[Pack, ...]:
     return tuple(_pack(unique[key]) for key in sorted(unique))
 
 
-class Names(tuple[str, ...]):
-    """Names of mechanisms, which show themselves by pack."""
+class MechanismNames(tuple[str, ...]):
+    """Names of mechanisms, printed in groups by the pack that ships them."""
 
     packs: tuple[Pack, ...]
 
@@ -55,8 +68,10 @@ class Names(tuple[str, ...]):
         return "\n".join(lines)
 
 
-def mechanisms() -> Names:
-    """Return the names that `load` and others take: shipped ones, and those of plugins.
+def mechanisms() -> MechanismNames:
+    """Return the names of shipped mechanisms, including those of plugins.
+
+    Functions such as `load` accept them in place of a path.
 
     Examples
     --------
@@ -65,7 +80,7 @@ def mechanisms() -> Names:
     True
     """
     packs = shipped()
-    names = Names(sorted(name for pack in packs for name in pack.files))
+    names = MechanismNames(sorted(name for pack in packs for name in pack.files))
     names.packs = packs
     return names
 
@@ -81,29 +96,38 @@ def find(name_or_path: AnyPath) -> Path:
     FileError
         If there is none, or if two packs ship the name.
     """
-    wanted = os.fspath(name_or_path)
-    if _CONTROL.search(wanted):
-        raise FileError(f"{ascii(wanted)[:200]}: not a usable path: control characters")
-    path = Path(wanted)
-    packs = shipped() if isinstance(name_or_path, str) and _is_name(wanted) else ()
-    holders = [held for pack in packs if (held := pack.path(wanted)) is not None]
-    if len(holders) == 1:
-        return holders[0]
-    if holders:
+    text = os.fspath(name_or_path)
+    if _CONTROL.search(text):
+        raise FileError(f"{ascii(text)[:200]}: not a usable path: control characters")
+    path = Path(text)
+    packs = shipped() if isinstance(name_or_path, str) and _is_name(text) else ()
+    pack_paths = [pack.path(text) for pack in packs]
+    shipped_paths = [pack_path for pack_path in pack_paths if pack_path is not None]
+    if len(shipped_paths) == 1:
+        return shipped_paths[0]
+    if shipped_paths:
         raise FileError(
-            f'"{wanted}" is shipped by several packs; give a path: {listing(holders)}'
+            f'"{text}" is shipped by several packs; give a path: {listing(shipped_paths)}'
         )
     try:
         if path.exists():
             return path
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise FileError(f"{ascii(wanted)[:200]}: not a usable path: {reason}") from None
-    raise FileError(_not_found(path, shipped()))
+        raise FileError(f"{ascii(text)[:200]}: not a usable path: {reason}") from None
+    raise FileError(_not_found_message(path, shipped()))
 
 
 def named_in(name: str, folder: Path) -> str | Path:
-    """Return the mechanism that a file in a folder names: shipped, or a path from there."""
+    """Return the shipped name, or the path of the mechanism that a study file names.
+
+    Parameters
+    ----------
+    name
+        What the study states: a shipped name, or a path relative to its folder.
+    folder
+        The folder of the study file.
+    """
     return name if any(name in pack.files for pack in shipped()) else folder / name
 
 
@@ -117,49 +141,54 @@ def _is_name(word: str) -> bool:
 
 
 def _pack(entry: EntryPoint) -> Pack:
-    def broken(fault: str) -> Pack:
+    """Return the pack of an entry point, with the files in the folder of its package."""
+
+    def broken_pack(fault: str) -> Pack:
         return Pack(entry.name, fault=fault)
 
     try:
         spec = find_spec(entry.value)
-    except Exception as error:  # whatever a foreign package raises is its record
-        return broken(f"{type(error).__name__}: {error}")
+    except Exception as error:  # a package of others may raise anything
+        return broken_pack(f"{type(error).__name__}: {error}")
     if spec is None:
-        return broken(f'no package is named "{entry.value}"')
+        return broken_pack(f'no package is named "{entry.value}"')
     files: dict[str, Path] = {}
     studies: dict[str, Path] = {}
     for folder in spec.submodule_search_locations or ():
         try:
             entries = sorted(Path(folder).iterdir())
         except OSError as error:
-            return broken(f"{folder}: {error.strerror}; install the pack unpacked")
+            return broken_pack(f"{folder}: {error.strerror}; install the pack unpacked")
         for path in entries:
             if not path.name.endswith(_SUFFIX):
                 continue
             name = path.name.removesuffix(STUDY_SUFFIX).removesuffix(_SUFFIX)
             if not _is_name(name):
-                return broken(f"{path.name}: not a name of letters, digits and _")
+                return broken_pack(f"{path.name}: not a name of letters, digits and _")
             (studies if is_study(path) else files).setdefault(name, path)
     if not files:
-        return broken(f"{entry.value} holds no {_SUFFIX} files")
+        return broken_pack(f"{entry.value} holds no {_SUFFIX} files")
     return Pack(entry.name, files, studies)
 
 
-def _not_found(path: Path, packs: tuple[Pack, ...]) -> str:
+def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
+    """Return the message about a path without a file, with the nearest existing name."""
     names = sorted(name for pack in packs for name in pack.files)
     studies = [name for pack in packs for name in pack.studies]
     folder = path.parent
     try:
-        nearby = sorted(x.name for x in folder.iterdir() if x.name.endswith(_SUFFIX))
+        nearby_files = sorted(
+            file.name for file in folder.iterdir() if file.name.endswith(_SUFFIX)
+        )
     except OSError:
         return f"{path}: not found; nor is its folder {folder} readable"
-    meant = nearest(path.name, nearby) or nearest(path.stem, [*names, *studies])
-    message = f"{path}: not found{meant or '.'}"
-    if nearby:
-        message += f" Files in {folder}: {listing(nearby)}."
+    hint = nearest(path.name, nearby_files) or nearest(path.stem, [*names, *studies])
+    message = f"{path}: not found{hint or '.'}"
+    if nearby_files:
+        message += f" Files in {folder}: {listing(nearby_files)}."
     if names:
         message += f" Shipped mechanisms: {listing(names)}."
-    if not nearby and not names:
+    if not nearby_files and not names:
         message += f" There are no {_SUFFIX} files in {folder}"
     faults = [f"{pack.name} ({pack.fault})" for pack in packs if pack.fault]
     return f"{message} Broken packs: {listing(faults)}." if faults else message

@@ -1,4 +1,4 @@
-"""A mechanism from a TOML file of format 1."""
+"""Reads a mechanism from a TOML file of format 1."""
 
 import math
 import os
@@ -17,7 +17,7 @@ from spherekit.files.library import find, is_study
 from spherekit.files.schema import check
 from spherekit.files.toml_document import Document, Table, parse, read_text
 from spherekit.files.toml_lines import KeyPath
-from spherekit.files.units import converted, made
+from spherekit.files.units import construct_element, convert_to_model
 from spherekit.mechanism.bevel_gears import (
     check_half_angles,
     find_gear_carrier,
@@ -50,19 +50,31 @@ from spherekit.mechanism.sizes import AngleUnit, Vector
 from spherekit.mechanism.wheel_phase import find_contact_start
 from spherekit.wording import choices, nearest
 
-Given = TypeVar("Given")
+Answer = TypeVar("Answer")
 
 AnyMechanism = Mechanism | str | os.PathLike[str]
 """A mechanism, or where `load` finds it: its path, or the name of a shipped one."""
 
-_ACTIONS = ("mass", "loads", "joint_limits")
-_SIZES_OF_LINK = ("axes", "arcs", "angles", "signed_arcs", "unpaired")
-_ARC_OF_PAIR = ("through_xyz", "through_lonlat")
-_AXIS_OF_PAIR = ("xyz", "lonlat", *_ARC_OF_PAIR)
-_POSE_OF_PAIR = (*_AXIS_OF_PAIR, "value")
-_TURNING = ("R", "P")
-_PART = re.compile(r"(\w+)|\[(\d+)\]")
-_KEYED = re.compile(r"(\w+(?:\.\w+|\[\d+\])*): (.*)", re.S)
+_ACTION_TABLES = ("mass", "loads", "joint_limits")
+"""Tables that say how a mechanism is loaded; its geometry does not depend on them."""
+
+_SIZE_KEYS = ("axes", "arcs", "angles", "signed_arcs", "unpaired")
+"""Keys of links that state a geometry by sizes."""
+
+_ARC_PAIR_KEYS = ("through_xyz", "through_lonlat")
+"""Keys of P pairs that state two points of the great circle along which they slide."""
+
+_POSE_KEYS = ("xyz", "lonlat", *_ARC_PAIR_KEYS, "value")
+"""Keys of pairs that state a geometry by a reference pose."""
+
+_AXIS_PAIR_TYPES = ("R", "P")
+"""Types of pairs with an axis. A P pair on a sphere turns about the pole of its arc."""
+
+_KEY_MESSAGE = re.compile(r"(\w+(?:\.\w+|\[\d+\])*): (.*)", re.S)
+"""A message of the model that begins with the path of a key."""
+
+_PATH_PART = re.compile(r"(\w+)|\[(\d+)\]")
+"""A key or an index in the text of a path."""
 
 
 @checked(FileError)
@@ -89,19 +101,25 @@ def load(name_or_path: AnyPath) -> Mechanism:
     return loads(read_text(path), str(path))
 
 
-def mechanism_of(given: AnyMechanism) -> Mechanism:
-    """Return the mechanism that is given, or named; errors as of `load`."""
-    return given if isinstance(given, Mechanism) else load(given)
+def mechanism_of(mechanism: AnyMechanism) -> Mechanism:
+    """Return a mechanism, read by `load` if its path or name is given."""
+    return mechanism if isinstance(mechanism, Mechanism) else load(mechanism)
 
 
 def angle_unit_of(name_or_path: AnyPath) -> AngleUnit:
-    """Return the unit of the angles in a mechanism file; errors as of `load`."""
+    """Return the unit of the angles in a mechanism file.
+
+    It raises the same errors as `load`.
+    """
     unit: AngleUnit = checked_document(name_or_path).data["angle_unit"]
     return unit
 
 
 def checked_document(name_or_path: AnyPath) -> Document:
-    """Return the document of a file that keeps to the format; errors as of `load`."""
+    """Return the document of a mechanism file after a check of its format.
+
+    It raises the same errors as `load`.
+    """
     path = find(name_or_path)
     document = parse(read_text(path), str(path))
     check(document)
@@ -110,7 +128,14 @@ def checked_document(name_or_path: AnyPath) -> Document:
 
 @checked(FileError)
 def loads(text: str, name: str = "text") -> Mechanism:
-    """Read a mechanism from the text of a file; errors call the file `name`.
+    """Read a mechanism from the text of a file.
+
+    Parameters
+    ----------
+    text
+        The text.
+    name
+        Name of the file in messages.
 
     Raises
     ------
@@ -121,51 +146,63 @@ def loads(text: str, name: str = "text") -> Mechanism:
 
 
 def read(document: Document) -> Mechanism:
-    """Return the mechanism that a document states.
+    """Check a document and return the mechanism that it states.
 
     Raises
     ------
     FileError
-        With one line for each fault; of data without a text `ModelError`.
+        With one line for each fault. For data without a text it is a `ModelError`.
     """
     check(document)
-    return stated(document)
+    return mechanism_from_document(document)
 
 
-def stated(document: Document) -> Mechanism:
-    """Return the mechanism that a document states which fits the format.
+def mechanism_from_document(document: Document) -> Mechanism:
+    """Return the mechanism of a document that fits the format.
 
     Raises
     ------
     FileError
-        With what makes no sense in it; of data without a text `ModelError`.
+        If its values contradict each other. For data without a text it is a `ModelError`.
     """
     try:
-        reader = _Reader(document, converted(document, document.data))
-        return reader.acted_on(reader.mechanism())
+        reader = _MechanismReader(document, convert_to_model(document, document.data))
+        return reader.add_actions(reader.mechanism())
     except ModelError as error:
-        # The model's complaint, with the line of the key that it names.
+        # The classes of the model know the key, as "pairs.21.links: ...", but not its line.
         message = str(error).removeprefix(f"{document.data['name']}: ")
-        keyed = _KEYED.fullmatch(message)
-        if keyed:
-            path = tuple(int(k) if k else name for name, k in _PART.findall(keyed[1]))
+        if key_message := _KEY_MESSAGE.fullmatch(message):
+            path = tuple(
+                int(index) if index else key
+                for key, index in _PATH_PART.findall(key_message[1])
+            )
             if path[0] in document.data:
-                raise document.fault(path, keyed[2]) from None
+                raise document.fault(path, key_message[2]) from None
         raise document.fault((), message) from None
 
 
-def acted_on(mechanism: Mechanism, document: Document) -> Mechanism:
-    """Return a mechanism with the masses, loads and joint limits that a document states.
+def replace_actions(mechanism: Mechanism, document: Document) -> Mechanism:
+    """Return a mechanism with the masses, loads and joint limits of a document.
 
-    Everything else of the document is as the mechanism has it.
+    The rest of the document has to state the mechanism as it is.
     """
-    given = {key: document.data[key] for key in _ACTIONS if key in document.data}
-    return _Reader(document, converted(document, given)).acted_on(mechanism)
+    tables = {name: document.data[name] for name in _ACTION_TABLES if name in document.data}
+    reader = _MechanismReader(document, convert_to_model(document, tables))
+    return reader.add_actions(mechanism)
 
 
 @dataclass(frozen=True)
-class _Reader:
-    """Builds a mechanism from data that fits the schema, converted as the model has it."""
+class _MechanismReader:
+    """Constructs a mechanism from the data of a file.
+
+    Attributes
+    ----------
+    document
+        The file, for messages.
+    data
+        Its data, which fits the schema, as `convert_to_model` returns it: angles in rad,
+        directions as unit vectors.
+    """
 
     document: Document
     data: Table
@@ -174,71 +211,97 @@ class _Reader:
         """Raise the `FileError` about a key path."""
         raise self.document.fault(path, message)
 
-    def at(self, path: KeyPath, ask: Callable[..., Given], *args: Any) -> Given:
-        """Return what the model answers; it complains about this key."""
+    def call_model(
+        self, path: KeyPath, function: Callable[..., Answer], *arguments: Any
+    ) -> Answer:
+        """Call a function of the model; its `ModelError` becomes an error about a key."""
         try:
-            return ask(*args)
+            return function(*arguments)
         except ModelError as error:
             self.fail(path, str(error))
 
     def mechanism(self) -> Mechanism:
         """Return the mechanism without masses, loads and joint limits."""
         data = self.data
-        stated = Mechanism(
+        mechanism = Mechanism(
             name=data["name"],
             ground=data["ground"],
             links=tuple(data["links"]),
             pairs=tuple(self.pair(name) for name in data["pairs"]),
             geometry=self.geometry,
             inputs=tuple(
-                made(Input, {"from": 0.0, "to": TURN, **item}, {"pair": pair})
+                construct_element(Input, {"from": 0.0, "to": TURN, **item}, {"pair": pair})
                 for pair, item in data.get("inputs", {}).items()
             ),
             outputs=tuple(
                 self.output(name, item) for name, item in data.get("outputs", {}).items()
             ),
             modes=data.get("modes", {}),
-            source=made(Source, data["source"]) if "source" in data else None,
+            source=construct_element(Source, data["source"]) if "source" in data else None,
             user=_plain(data.get("user", {})),
         )
-        pairs = tuple(self.in_phase(stated, pair) for pair in stated.pairs)
-        return replace(stated, pairs=pairs) if pairs != stated.pairs else stated
+        # The start of a contact follows from a phase and the rest of the mechanism.
+        pairs = tuple(self.with_start(mechanism, pair) for pair in mechanism.pairs)
+        return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
 
-    def acted_on(self, mechanism: Mechanism) -> Mechanism:
-        """Return a mechanism with masses, loads and joint limits, tensors in link axes."""
-        masses, loads, limits = (self.data.get(key, {}).items() for key in _ACTIONS)
-        axes = cache(partial(link_axes, mechanism))
-        for link, _ in masses:
+    def add_actions(self, mechanism: Mechanism) -> Mechanism:
+        """Return a mechanism with the masses, loads and joint limits of the data."""
+        masses = self.data.get("mass", {})
+        loads = self.data.get("loads", {})
+        limits = self.data.get("joint_limits", {})
+        for link in masses:
             if link not in mechanism.link_number:
                 self.fail(
                     ("mass", link),
                     f'no link is named "{link}"{choices(link, mechanism.links, "Links")}',
                 )
+        axes_in_links = cache(partial(link_axes, mechanism))  # computed if a mass needs it
         return replace(
             mechanism,
-            masses=tuple(self.mass(link, item, axes) for link, item in masses),
-            loads=tuple(self.load(name, item) for name, item in loads),
+            masses=tuple(
+                self.mass(link, item, axes_in_links) for link, item in masses.items()
+            ),
+            loads=tuple(self.load(name, item) for name, item in loads.items()),
             joint_limits=tuple(
-                made(JointLimit, item, {"pair": pair}) for pair, item in limits
+                construct_element(JointLimit, item, {"pair": pair})
+                for pair, item in limits.items()
             ),
         )
 
     def load(self, name: str, item: Table) -> Load:
+        """Return a load of the kind that its table states."""
         kind: Any = LOADS[item.get("kind", PairTorque.kind)]
         fields = {key: item[key] for key in kind.keys if key in item}
         return kind(name, **{**kind.absent, **fields})  # type: ignore[no-any-return]
 
-    def mass(self, link: str, item: Table, axes: Callable[[], LinkAxes]) -> Mass:
-        mass, centre = item.get("mass"), item.get("centre")
+    def mass(self, link: str, item: Table, axes_in_links: Callable[[], LinkAxes]) -> Mass:
+        """Return the mass of a link, its inertia tensor about the centre of the sphere.
 
-        def framed(key: str, ask: Callable[..., Given], *args: Any) -> Given:
-            """Return what the model makes of the axes of two R pairs of the link."""
+        Parameters
+        ----------
+        link
+            Name of the link.
+        item
+            Its table: a uniform arc between two R pairs, or a tensor in axes of the link or
+            in a frame of two R pairs, about the centre of the sphere or the centre of mass.
+        axes_in_links
+            Returns the axes of pairs in their links.
+        """
+        mass = item.get("mass")
+        centre = item.get("centre")
+
+        def from_two_axes(key: str, function: Callable[..., Answer], *args: Any) -> Answer:
+            """Call a function with the axes of the two R pairs that a key names."""
             path = ("mass", link, key)
-            two = [
-                np.array(self.at((*path, number), axis_in_link, axes(), link, pair))
-                for number, pair in enumerate(item[key])
+            axes = [
+                np.array(
+                    self.call_model(
+                        (*path, index), axis_in_link, axes_in_links(), link, pair
+                    )
+                )
+                for index, pair in enumerate(item[key])
             ]
-            return self.at(path, ask, *two, *args)
+            return self.call_model(path, function, *axes, *args)
 
         if "arc" in item:
             if not item["radius"] > 0:
@@ -246,7 +309,7 @@ class _Reader:
                     ("mass", link, "radius"),
                     f"found {item['radius']:g} m, needs more than 0",
                 )
-            tensor, centre = framed("arc", uniform_arc, mass, item["radius"])
+            tensor, centre = from_two_axes("arc", uniform_arc, mass, item["radius"])
         else:
             key = "tensor" if "tensor" in item else "tensor_at_centre"
             tensor = np.array(item[key])
@@ -254,62 +317,68 @@ class _Reader:
             if key == "tensor_at_centre":
                 tensor = shift_to_sphere_centre(tensor, item["mass"], np.array(centre))
             if "frame" in item:
-                frame = framed("frame", axes_frame)
+                frame = from_two_axes("frame", axes_frame)
                 tensor = frame @ tensor @ frame.T
                 centre = None if centre is None else frame @ centre
         if centre is not None:
             centre = as_vector(centre)
-        # The rounding of mirrored entries is made equal.
-        return Mass(link, as_tensor((tensor + tensor.T) / 2), mass, centre)
+        # The products above round entries (i, j) and (j, i) differently.
+        symmetric_tensor = as_tensor((tensor + tensor.T) / 2)
+        return Mass(link, symmetric_tensor, mass, centre)
 
-    def in_phase(self, stated: Mechanism, pair: Pair) -> Pair:
-        """Return a pair, where the file says its phase with the start that this means."""
-        item, path = self.data["pairs"][pair.name], ("pairs", pair.name, "phase")
+    def with_start(self, mechanism: Mechanism, pair: Pair) -> Pair:
+        """Return a contact pair with the start that its phase means, if it states one."""
+        item = self.data["pairs"][pair.name]
+        path = ("pairs", pair.name, "phase")
         if "phase" not in item:
             return pair
         if "start" in item:
             self.fail(path, "start says that already; give one of both")
-        start = self.at(path, find_contact_start, stated, pair, item["phase"])
+        start = self.call_model(path, find_contact_start, mechanism, pair, item["phase"])
         return replace(pair, start=start)
 
     @cached_property
     def geometry(self) -> SizeGeometry | PoseGeometry:
-        """Return the sizes of links, or the axes of all pairs in one pose."""
-        pairs, links = self.data["pairs"], self.data["links"]
-        sizes = self.given("links", _SIZES_OF_LINK) + self.given("pairs", ("zero",))
-        pose = self.given("pairs", _POSE_OF_PAIR)
-        if sizes and pose:
-            first, second = sorted((sizes[0], pose[0]), key=self.document.line)
+        """The sizes of links, or the axes of all pairs in one pose."""
+        pairs = self.data["pairs"]
+        links = self.data["links"]
+        size_paths = self.paths_of("links", _SIZE_KEYS) + self.paths_of("pairs", ("zero",))
+        pose_paths = self.paths_of("pairs", _POSE_KEYS)
+        if size_paths and pose_paths:
+            first, second = sorted((size_paths[0], pose_paths[0]), key=self.document.line)
             self.fail(
                 second,
                 f"two geometries: {'.'.join(map(str, first))} (line "
                 f"{self.document.line(first)}) belongs to the "
-                f"{'sizes' if first in sizes else 'reference-pose'} form, this key to "
+                f"{'sizes' if first in size_paths else 'reference-pose'} form, this key to "
                 "the other; keep the sizes (axes, arcs, angles in links, zero in "
                 "pairs) or the reference pose (xyz or lonlat and value in pairs)",
             )
-        if pose:
-            posed = {name: self.axis(name, item) for name, item in pairs.items()}
-            axes = {name: axis for name, axis in posed.items() if axis is not None}
+        if pose_paths:
+            axes: dict[str, Vector] = {}
+            for name, item in pairs.items():
+                axis = self.axis(name, item)
+                if axis is not None:
+                    axes[name] = axis
             return PoseGeometry(axes, _numbers(pairs, "value"))
-        if self.joined and not sizes:
+        if self.joined_links and not size_paths:
             self.fail(
-                ("pairs", next(iter(self.joined))),
+                ("pairs", next(iter(self.joined_links))),
                 "no geometry: give axes and arcs in every link, or xyz or lonlat in "
                 "every R pair",
             )
-        sized: dict[Any, LinkSizes] = {}
-        for _, link, _ in self.given("links", _SIZES_OF_LINK):
+        sizes: dict[Any, LinkSizes] = {}
+        for _, link, _ in self.paths_of("links", _SIZE_KEYS):
             if "axes" not in links[link]:
                 self.fail(
                     ("links", link),
                     "the key axes is missing: the names of the R pairs on it",
                 )
-            sized[link] = made(LinkSizes, links[link])
-        return SizeGeometry(sized, _numbers(pairs, "zero"))
+            sizes[link] = construct_element(LinkSizes, links[link])
+        return SizeGeometry(sizes, _numbers(pairs, "zero"))
 
-    def given(self, table: str, keys: Sequence[str]) -> list[KeyPath]:
-        """Return the paths of those of these keys that any entry of a table has."""
+    def paths_of(self, table: str, keys: Sequence[str]) -> list[KeyPath]:
+        """Return the paths of all given keys that the entries of a table have."""
         return [
             (table, name, key)
             for name, item in self.data[table].items()
@@ -318,106 +387,165 @@ class _Reader:
         ]
 
     def axis(self, name: str, item: Table) -> Vector | None:
-        """Return the axis of a pair in the reference pose: of an arc, its pole."""
-        for key in _ARC_OF_PAIR:
+        """Return the axis of a pair in the reference pose, if its table states one."""
+        for key in _ARC_PAIR_KEYS:
             if key in item:
-                return self.at(("pairs", name, key), arc_pole, *item[key])
+                return self.call_model(("pairs", name, key), arc_pole, *item[key])
         return _vector(item)
 
     @cached_property
-    def joined(self) -> dict[str, Links]:
-        """Return the two links of every pair with an axis: R, and P about its pole."""
+    def joined_links(self) -> dict[str, Links]:
+        """The two links of every pair with an axis."""
         return {
             name: item["links"]
             for name, item in self.data["pairs"].items()
-            if item["type"] in _TURNING
+            if item["type"] in _AXIS_PAIR_TYPES
         }
 
     @cached_property
-    def axes(self) -> LinkAxes:
-        """Return the axes of pairs that have one, in their links."""
-        data = self.data
-        turning = tuple(Pair(name, "R", links) for name, links in self.joined.items())
-        names = data["name"], data["ground"], tuple(data["links"])
-        return link_axes(Mechanism(*names, turning, self.geometry))
+    def axes_in_links(self) -> LinkAxes:
+        """The axes of the pairs that have one, in axes of their links."""
+        pairs = tuple(Pair(name, "R", links) for name, links in self.joined_links.items())
+        mechanism = Mechanism(
+            self.data["name"],
+            self.data["ground"],
+            tuple(self.data["links"]),
+            pairs,
+            self.geometry,
+        )
+        return link_axes(mechanism)
 
     def output(self, name: str, item: Table) -> Output:
-        """Return an output with its direction, in axes of its link."""
+        """Return an output with its direction in axes of its link."""
         path: KeyPath = ("outputs", name)
-        given = [key for key in ("axis", "xyz", "lonlat") if key in item]
-        if len(given) > 1:
-            self.fail((*path, given[1]), f"the direction is given by {given[0]} already")
+        stated_keys = [key for key in ("axis", "xyz", "lonlat") if key in item]
+        if len(stated_keys) > 1:
+            self.fail(
+                (*path, stated_keys[1]),
+                f"the direction is given by {stated_keys[0]} already",
+            )
         direction = self.axis_or_vector((*path, "axis"), item)
         relative_to = item.get("relative_to", self.data["ground"])
         return Output(name, item["link"], relative_to, direction)
 
     def axis_or_vector(self, path: KeyPath, item: Table, prefix: str = "") -> Vector | None:
-        """Return a direction in axes of a link, given by an R pair or by itself."""
+        """Return a direction in axes of a link, stated by an R pair or by its components.
+
+        Parameters
+        ----------
+        path
+            Path of the key ``axis``, for messages.
+        item
+            A table with the key ``link``, and ``axis`` or a vector.
+        prefix
+            Beginning of the keys of a vector.
+        """
         if "axis" not in item:
             return _vector(item, prefix)
-        return self.at(path, axis_in_link, self.axes, item["link"], item["axis"])
+        return self.call_model(
+            path, axis_in_link, self.axes_in_links, item["link"], item["axis"]
+        )
 
     def pair(self, name: str) -> Pair:
-        """Return a pair, a contact with the curves of both its links."""
-        item, path = self.data["pairs"][name], ("pairs", name)
-        if name in self.joined:
-            return Pair(name, "R", self.joined[name])
-        rolls = "teeth" in item or "half_angles" in item
-        profiles = (self.cones if rolls else self.profiles)(path, item)
-        return made(Pair, item, {"name": name, "profiles": profiles})
+        """Return a pair; a contact has the curves of both its links."""
+        item = self.data["pairs"][name]
+        path = ("pairs", name)
+        if name in self.joined_links:
+            return Pair(name, "R", self.joined_links[name])
+        if "teeth" in item or "half_angles" in item:
+            profiles = self.cones(path, item)
+        else:
+            profiles = self.profiles(path, item)
+        return construct_element(Pair, item, {"name": name, "profiles": profiles})
 
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
-        """Return the circles in which two cones, or the pitch cones of gears, roll."""
-        at = item["links"], item["axes"]
+        """Return the circles in which two cones, or the pitch cones of gears, roll.
 
-        def carried() -> tuple[list[Vector], float]:
-            shaft_angle = find_gear_carrier(self.joined, self.axes, *at).shaft_angle
-            return [axis_in_link(self.axes, *x) for x in zip(*at, strict=True)], shaft_angle
+        Parameters
+        ----------
+        path
+            Path of the pair, for messages.
+        item
+            Its table: links, their axes, and half angles (rad) or numbers of teeth.
+        """
+        links = item["links"]
+        axes = item["axes"]
 
-        centres, shaft_angle = self.at((*path, "axes"), carried)
-        key, radii_of = "half_angles", check_half_angles
-        if "teeth" in item:
-            key, radii_of = "teeth", pitch_angles  # type: ignore[assignment]
+        def find_centres() -> tuple[list[Vector], float]:
+            """Return the axes of both cones in their links, and the angle between them."""
+            carrier = find_gear_carrier(self.joined_links, self.axes_in_links, links, axes)
+            centres = [
+                axis_in_link(self.axes_in_links, link, axis)
+                for link, axis in zip(links, axes, strict=True)
+            ]
+            return centres, carrier.shaft_angle
+
+        centres, shaft_angle = self.call_model((*path, "axes"), find_centres)
         contact = item.get("contact", "external")
-        radii = self.at((*path, key), radii_of, item[key], shaft_angle, contact)
-        return tuple(Profile("circle", *one) for one in zip(centres, radii, strict=True))
+        if "teeth" in item:
+            radii = self.call_model(
+                (*path, "teeth"), pitch_angles, item["teeth"], shaft_angle, contact
+            )
+        else:
+            radii = self.call_model(
+                (*path, "half_angles"),
+                check_half_angles,
+                item["half_angles"],
+                shaft_angle,
+                contact,
+            )
+        return tuple(
+            Profile("circle", centre, radius)
+            for centre, radius in zip(centres, radii, strict=True)
+        )
 
     def profiles(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
-        """Return the curves given under profiles and follower, in the order of links."""
-        given = item["profiles"]
-        tables: dict[str, KeyPath] = {link: (*path, "profiles", link) for link in given}
-        curves = {link: made(Profile, given[link]) for link in given}
+        """Return the curves under ``profiles`` and ``follower``, in the order of links.
+
+        Parameters
+        ----------
+        path
+            Path of the pair, for messages.
+        item
+            Its table.
+        """
+        path_of_link: dict[str, KeyPath] = {}
+        curve_of_link: dict[str, Profile] = {}
+        for link, profile in item["profiles"].items():
+            path_of_link[link] = (*path, "profiles", link)
+            curve_of_link[link] = construct_element(Profile, profile)
         follower = item.get("follower")
         if follower is not None:
-            link, place = follower["link"], (*path, "follower", "link")
-            if link in tables:
+            link = follower["link"]
+            follower_path = (*path, "follower", "link")
+            if link in path_of_link:
                 self.fail(
-                    place,
+                    follower_path,
                     f'the profile of "{link}" is given already (line '
-                    f"{self.document.line(tables[link])}); profiles holds the curve of "
-                    "the other link only",
+                    f"{self.document.line(path_of_link[link])}); profiles holds the curve "
+                    "of the other link only",
                 )
-            tables[link] = place
-            curves[link] = self.follower((*path, "follower"), follower)
+            path_of_link[link] = follower_path
+            curve_of_link[link] = self.follower((*path, "follower"), follower)
         links = item["links"]
-        for link, place in tables.items():
+        for link, link_path in path_of_link.items():
             if link not in links:
                 self.fail(
-                    place,
+                    link_path,
                     f'the pair joins "{links[0]}" and "{links[1]}", not "{link}"'
                     f"{nearest(link, links)}",
                 )
         for link in links:
-            if link not in curves:
+            if link not in curve_of_link:
                 self.fail(
                     (*path, "profiles"),
                     f'the curve of link "{link}" is missing; give its profile, or the '
                     "key follower for a roller or a flat face",
                 )
-        return tuple(curves[link] for link in links)
+        return tuple(curve_of_link[link] for link in links)
 
     def follower(self, path: KeyPath, item: Table) -> Profile:
-        """Return the circle of a roller or the great circle of a flat face."""
+        """Return the circle of a roller, or the great circle of a flat face."""
         if "flat" in item:
             return Profile("great_circle", _vector(item, "pole_"))
         radius = item["roller"]
@@ -432,18 +560,18 @@ class _Reader:
 
 
 def _vector(item: Table, prefix: str = "") -> Vector | None:
-    """Return the direction given by its components or by longitude and latitude."""
+    """Return the direction that a table states, by components or two angles; or None."""
     vector: Vector | None = item.get(f"{prefix}xyz", item.get(f"{prefix}lonlat"))
     return vector
 
 
 def _numbers(tables: Table, key: str) -> dict[str, float]:
-    """Return the numbers that tables have under a key, by the names of the tables."""
+    """Return the numbers that some entries of a table have under a key, by entry."""
     return {name: item[key] for name, item in tables.items() if key in item}
 
 
 def _plain(value: Any) -> Any:
-    """Return user data with ordinary floats."""
+    """Return user data with ordinary floats in place of `LiteralNumber`."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""A mechanism from data in a program: the tables of a file, read as a file is."""
+"""Builds a mechanism from Python data with the tables and keys of mechanism files."""
 
 import numbers
 from collections.abc import Mapping, Sequence
@@ -10,15 +10,16 @@ from spherekit.argument_validation import checked
 from spherekit.errors import ModelError
 from spherekit.files.mechanism_reader import read
 from spherekit.files.schema import FORMAT
-from spherekit.files.toml_document import Document, spelt
+from spherekit.files.toml_document import Document, key_path_text
 from spherekit.files.toml_lines import KeyPath
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.sizes import AngleUnit
 from spherekit.wording import counted
 
 Tables = Mapping[Any, Any]
-"""Tables by name; what is wrong with them is told with the path of the key."""
-Named = Tables | Sequence[str]
+"""Tables by name. Faults in them are reported with the path of the key."""
+
+TablesOrNames = Tables | Sequence[str]
 """Tables by name, or names alone."""
 
 
@@ -28,9 +29,9 @@ def build(
     *,
     angle_unit: AngleUnit,
     ground: str,
-    links: Named,
+    links: TablesOrNames,
     pairs: Tables,
-    inputs: Named | str = (),
+    inputs: TablesOrNames | str = (),
     outputs: Tables | None = None,
     mass: Tables | None = None,
     loads: Tables | None = None,
@@ -51,13 +52,13 @@ def build(
         Name of the link that does not move.
     links
         By name, the sizes of each link: ``{"axes": [R pairs on it], "arcs": [from the
-        first axis to each other], "angles": [...]}``. Where pairs have their axes
-        instead, the names are enough.
+        first axis to each other], "angles": [...]}``. The names are enough if the pairs
+        state their axes.
     pairs
         By name. An R pair is its two links, ``["base", "crank"]``, or a table with
-        ``"links"`` and ``"zero"``, or ``"xyz"`` or ``"lonlat"`` where axes are given in a
-        reference pose; its variable turns the second link against the first. A contact
-        has ``"type": "Cr"`` or ``"Cs"`` and its profiles, cones or gears.
+        ``"links"`` and ``"zero"``; if axes are given in a reference pose, with ``"xyz"``
+        or ``"lonlat"``. Its variable is the rotation of the second link relative to the
+        first. A contact has ``"type": "Cr"`` or ``"Cs"`` and profiles, cones or gears.
     inputs
         Driven pairs: their names, or by name the first and the last value of the
         variable. By default the first R pair, through one turn.
@@ -118,8 +119,8 @@ def build(
         "angle_unit": angle_unit,
         "ground": ground,
         "links": links if isinstance(links, Mapping) else {link: {} for link in links},
-        "pairs": {key: _pair(item) for key, item in pairs.items()},
-        "inputs": _inputs(name, inputs),
+        "pairs": {key: _pair_table(item) for key, item in pairs.items()},
+        "inputs": _input_tables(name, inputs),
         "outputs": outputs,
         "mass": mass,
         "loads": loads,
@@ -128,51 +129,79 @@ def build(
         "source": source,
         "user": user,
     }
-    given = {key: table for key, table in data.items() if table is not None}
-    return read(Document(name, None, _plain(name, (), given)))
+    tables = {key: table for key, table in data.items() if table is not None}
+    return read(Document(name, None, _to_file_types(name, (), tables)))
 
 
-def _pair(item: Any) -> Any:
-    """Return the table of a pair; one of no type, or its two links alone, is R."""
+def _pair_table(item: Any) -> Any:
+    """Return the table of a pair from a table or its two links; the default type is R."""
     return {"type": "R", **(item if isinstance(item, Mapping) else {"links": item})}
 
 
-def _inputs(name: str, given: Named | str) -> Tables:
-    """Return the tables of inputs given by their names, tables, or ends of ranges."""
-    if not isinstance(given, Mapping):
-        return {pair: {} for pair in ([given] if isinstance(given, str) else given)}
+def _input_tables(name: str, inputs: TablesOrNames | str) -> Tables:
+    """Return the tables of inputs from names, tables, or the ends of ranges by name.
+
+    Parameters
+    ----------
+    name
+        Name of the mechanism, for messages.
+    inputs
+        What the user gave.
+    """
+    if not isinstance(inputs, Mapping):
+        return {pair: {} for pair in ([inputs] if isinstance(inputs, str) else inputs)}
     tables = {}
-    for pair, item in given.items():
+    for pair, item in inputs.items():
         if isinstance(item, Sequence | np.ndarray):
             if len(item) != 2:
                 raise ModelError(
                     f"{name}: inputs.{pair}: has {counted(len(item), 'value')}, needs "
                     "2: the first and the last of the variable"
                 )
-            item = {"from": item[0], "to": item[1]}
-        tables[pair] = item
+            tables[pair] = {"from": item[0], "to": item[1]}
+        else:
+            tables[pair] = item
     return tables
 
 
-def _plain(name: str, path: KeyPath, value: Any) -> Any:
-    """Return data as a file has it: tables, lists, text and numbers of Python."""
+def _to_file_types(name: str, path: KeyPath, value: Any) -> Any:
+    """Return data with the types that a file would have: tables, lists, text, numbers.
+
+    Parameters
+    ----------
+    name
+        Name of the mechanism, for messages.
+    path
+        Path of the value within the data, for messages.
+    value
+        The value; arrays of NumPy become lists.
+
+    Raises
+    ------
+    ModelError
+        If a name is no text, or a value has no such type. User data may have any type.
+    """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, Mapping):
         for key in value:
             if not isinstance(key, str):
                 raise ModelError(
-                    f"{name}: {spelt(path)}: the name {key!r} is "
+                    f"{name}: {key_path_text(path)}: the name {key!r} is "
                     f'{type(key).__name__}; names are text: "{key}"'
                 )
-        return {key: _plain(name, (*path, key), item) for key, item in value.items()}
+        return {
+            key: _to_file_types(name, (*path, key), item) for key, item in value.items()
+        }
     if isinstance(value, list | tuple):
-        return [_plain(name, (*path, k), item) for k, item in enumerate(value)]
+        return [
+            _to_file_types(name, (*path, index), item) for index, item in enumerate(value)
+        ]
     if isinstance(value, bool | int | float | str) or path[:1] == ("user",):
         return value
     if isinstance(value, numbers.Real):
         return float(value)
     raise ModelError(
-        f"{name}: {spelt(path)}: found {type(value).__name__}, needs text, a number, a "
-        "list or a mapping"
+        f"{name}: {key_path_text(path)}: found {type(value).__name__}, needs text, a "
+        "number, a list or a mapping"
     )

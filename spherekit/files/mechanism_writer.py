@@ -1,4 +1,4 @@
-"""A mechanism to a TOML file of format 1, in canonical order."""
+"""Writes a mechanism as a TOML file of format 1, in canonical order."""
 
 import hashlib
 from collections.abc import Iterator, Mapping
@@ -11,8 +11,8 @@ from spherekit.errors import EngineError, FileError, OutputError
 from spherekit.files.mechanism_reader import AnyMechanism, loads, mechanism_of
 from spherekit.files.schema import FORMAT
 from spherekit.files.toml_document import Table
-from spherekit.files.toml_text import assignment, tables
-from spherekit.files.units import in_file, table_of
+from spherekit.files.toml_text import assignment_text, table_lines
+from spherekit.files.units import convert_to_file, table_of
 from spherekit.mechanism.elements import Pair, PoseGeometry, SizeGeometry
 from spherekit.mechanism.load import Load, not_written
 from spherekit.mechanism.load_kinds import PairTorque
@@ -50,28 +50,31 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     except (TypeError, RecursionError) as error:
         raise OutputError(f"{mechanism.name}: cannot be written: {error}") from None
     try:
-        again = loads(text, mechanism.name)
+        read_back = loads(text, mechanism.name)
     except FileError as error:
         raise OutputError(
             f"{mechanism.name}: the file would not be readable: {error}"
         ) from None
-    texts = text, canonical_text(again, angle_unit)
-    for line, other in zip_longest(*(one.split("\n") for one in texts)):
-        if line != other:
+    lines = text.split("\n")
+    lines_read_back = canonical_text(read_back, angle_unit).split("\n")
+    for line, line_read_back in zip_longest(lines, lines_read_back):
+        if line != line_read_back:
             raise OutputError(
-                f"{mechanism.name}: {line or other} would not read back the same; the "
-                "format holds unit vectors, and in a profile only what its kind needs"
+                f"{mechanism.name}: {line or line_read_back} would not read back the same; "
+                "the format holds unit vectors, and in a profile only what its kind needs"
             )
     return text
 
 
 def canonical_text(mechanism: Mechanism, angle_unit: AngleUnit) -> str:
-    """Return the text `dumps` would check, unchecked: for fingerprints, not for files.
+    """Return the text of a mechanism file, without the check of `dumps` that it reads back.
+
+    The text identifies a mechanism, see `mechanism_hash`.
 
     Raises
     ------
     TypeError
-        If the user data holds what TOML lacks.
+        If the user data holds a type that TOML lacks.
     """
     return "\n".join([*_lines(mechanism, angle_unit), ""])
 
@@ -82,55 +85,72 @@ def mechanism_hash(mechanism: Mechanism) -> str:
 
 
 def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:
-    yield assignment("format", FORMAT)
-    yield assignment("name", mechanism.name)
-    yield assignment("angle_unit", unit)
-    yield assignment("ground", mechanism.ground)
-    for name, content in in_file(_content(mechanism), unit).items():
-        yield from tables((name,), content)
+    """Yield the lines of the file."""
+    yield assignment_text("format", FORMAT)
+    yield assignment_text("name", mechanism.name)
+    yield assignment_text("angle_unit", unit)
+    yield assignment_text("ground", mechanism.ground)
+    for name, table in convert_to_file(_tables(mechanism), unit).items():
+        yield from table_lines((name,), table)
 
 
-def _content(mechanism: Mechanism) -> dict[str, _Table]:
-    """Return the tables of the file; a table may be left out where it is empty."""
-    geometry, source = mechanism.geometry, mechanism.source
-    sizes = geometry.links if isinstance(geometry, SizeGeometry) else {}
-    content: dict[str, _Table] = {
+def _tables(mechanism: Mechanism) -> dict[str, _Table]:
+    """Return the tables of the file with values of the model; empty ones are left out."""
+    geometry = mechanism.geometry
+    source = mechanism.source
+    link_sizes = geometry.links if isinstance(geometry, SizeGeometry) else {}
+    tables: dict[str, _Table] = {
         "source": {} if source is None else table_of(source),
-        "links": {x: table_of(sizes[x]) if x in sizes else {} for x in mechanism.links},
-        "pairs": {item.name: _pair(mechanism, item) for item in mechanism.pairs},
+        "links": {
+            link: table_of(link_sizes[link]) if link in link_sizes else {}
+            for link in mechanism.links
+        },
+        "pairs": {pair.name: _pair_table(mechanism, pair) for pair in mechanism.pairs},
         "inputs": {item.pair: table_of(item) for item in mechanism.inputs},
-        "outputs": {item.name: table_of(item) for item in mechanism.outputs},
-        "mass": {item.link: table_of(item) for item in mechanism.masses},
-        "loads": {item.name: _load(item) for item in mechanism.loads},
-        "joint_limits": {item.pair: table_of(item) for item in mechanism.joint_limits},
+        "outputs": {output.name: table_of(output) for output in mechanism.outputs},
+        "mass": {mass.link: table_of(mass) for mass in mechanism.masses},
+        "loads": {load.name: _load_table(load) for load in mechanism.loads},
+        "joint_limits": {limit.pair: table_of(limit) for limit in mechanism.joint_limits},
         "modes": dict(mechanism.modes),
         "user": dict(mechanism.user),
     }
-    return {name: table for name, table in content.items() if table}
+    return {name: table for name, table in tables.items() if table}
 
 
-def _pair(mechanism: Mechanism, pair: Pair) -> _Table:
+def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
+    """Return the table of a pair with its share of the geometry and its profiles."""
     table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry
-    where: Mapping[str, Table] = (
+    geometry_by_key: Mapping[str, Table] = (
         {"xyz": geometry.axes, "value": geometry.values}
         if isinstance(geometry, PoseGeometry)
         else {"zero": geometry.zeros}
     )
-    table |= {key: given[pair.name] for key, given in where.items() if pair.name in given}
+    for key, value_by_pair in geometry_by_key.items():
+        if pair.name in value_by_pair:
+            table[key] = value_by_pair[pair.name]
     table |= table_of(pair)
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
+        # A profile through points is closed by default or not, as its kind says, so that
+        # the file always states it.
         closed = {"closed": profile.closed} if profile.points else {}
         table.setdefault("profiles", {})[link] = table_of(profile) | closed
     return table
 
 
-def _load(load: Load) -> _Table:
+def _load_table(load: Load) -> _Table:
+    """Return the table of a load.
+
+    Raises
+    ------
+    EngineError
+        If the load is a function of Python.
+    """
     table: _Table = {} if load.kind == PairTorque.kind else {"kind": load.kind}
     for key in load.keys:
-        given = getattr(load, key)
-        if callable(given):
+        value = getattr(load, key)
+        if callable(value):
             raise EngineError(not_written(getattr(load, "pair", "")))
-        if given is not None:
-            table[key] = given
+        if value is not None:
+            table[key] = value
     return table

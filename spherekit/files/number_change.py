@@ -1,4 +1,7 @@
-"""Numbers of a mechanism file replaced by others."""
+"""Numbers of a mechanism file, named by keys such as ``links.2.arc``, read and replaced.
+
+Sweeps, sensitivities and pages vary mechanisms through these keys.
+"""
 
 import copy
 import math
@@ -13,65 +16,89 @@ from typing import Any
 from spherekit.errors import FileError
 from spherekit.files.mechanism_reader import checked_document
 from spherekit.files.mechanism_writer import canonical_text
-from spherekit.files.toml_document import Document, LiteralNumber, parse, spelt, values_in
+from spherekit.files.toml_document import (
+    Document,
+    LiteralNumber,
+    key_path_text,
+    parse,
+    values_in,
+)
 from spherekit.files.toml_lines import KeyPath
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.sizes import AngleUnit
 from spherekit.wording import listing, nearest
 
-_LONLAT = ("longitude", "latitude")
+_LONLAT_NAMES = ("longitude", "latitude")
+"""Names for the two numbers of a direction on the sphere."""
 
-
-_ABSENT = ("zero", "value")
+_OPTIONAL_PAIR_KEYS = ("zero", "value")
 """Angles of pairs that a file may leave out; they are 0 then."""
 
 
 def document_of(
-    given: Mechanism | str | os.PathLike[str], unit: AngleUnit = "deg"
+    mechanism: Mechanism | str | os.PathLike[str], unit: AngleUnit = "deg"
 ) -> Document:
-    """Return the document of a file or shipped name, or of a mechanism, in a unit.
+    """Return the document of a mechanism, in which all directions are two angles.
 
-    Axes of a reference pose, where outputs point, and points of profiles are there by
-    longitude and latitude.
+    Axes of a reference pose, directions of outputs, and points of profiles are given by
+    longitude and latitude, since their three components cannot vary one by one.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, the path of a file, or the name of a shipped mechanism.
+    unit
+        The unit of angles if a mechanism is given. A file has its own.
 
     Raises
     ------
     FileError
         If there is no such file, or with one line for each fault in it.
     """
-    if isinstance(given, Mechanism):
-        return _with_lonlat(parse(canonical_text(given, unit), given.name))
-    return _with_lonlat(checked_document(given))
+    if isinstance(mechanism, Mechanism):
+        return _with_lonlat(parse(canonical_text(mechanism, unit), mechanism.name))
+    return _with_lonlat(checked_document(mechanism))
 
 
 def _with_lonlat(document: Document) -> Document:
-    tables = ("pairs", "outputs")
-    data = {x: copy.deepcopy(document.data[x]) for x in tables if x in document.data}
-    unit = math.degrees if document.data["angle_unit"] == "deg" else float
+    """Return a document whose unit vectors are replaced by longitude and latitude."""
+    tables = {
+        name: copy.deepcopy(document.data[name])
+        for name in ("pairs", "outputs")
+        if name in document.data
+    }
+    to_unit = math.degrees if document.data["angle_unit"] == "deg" else float
 
     def lonlat(direction: Sequence[float]) -> list[LiteralNumber]:
         x, y, z = map(float, direction)
-        angles = math.atan2(y, x), math.atan2(z, math.hypot(x, y))
-        return [LiteralNumber(repr(unit(angle))) for angle in angles]
+        longitude = math.atan2(y, x)
+        latitude = math.atan2(z, math.hypot(x, y))
+        return [LiteralNumber(repr(to_unit(angle))) for angle in (longitude, latitude)]
 
-    for item in (item for table in data.values() for item in table.values()):
-        if "xyz" in item:
-            item["lonlat"] = lonlat(item.pop("xyz"))
-    for pair in data["pairs"].values():
+    for table in tables.values():
+        for entry in table.values():
+            if "xyz" in entry:
+                entry["lonlat"] = lonlat(entry.pop("xyz"))
+    for pair in tables["pairs"].values():
         for profile in pair.get("profiles", {}).values():
-            for key, given in list(profile.items()):
-                if key.endswith("_xyz") and isinstance(given[0], Sequence):
+            for key, points in list(profile.items()):
+                if key.endswith("_xyz") and isinstance(points[0], Sequence):
                     del profile[key]
-                    profile[key.removesuffix("_xyz")] = [lonlat(point) for point in given]
-    return replace(document, data={**document.data, **data})
+                    profile[key.removesuffix("_xyz")] = [lonlat(point) for point in points]
+    return replace(document, data={**document.data, **tables})
 
 
 def number_path(document: Document, key: str) -> KeyPath:
-    """Return where the number of a key stands in a document.
+    """Return the path of the number that a key names.
 
-    A key is the path of a number in the file. Sizes of a link are also named by the pair
-    they lead to, ``links.3.arcs.43``, and where a link has one only, ``links.3.arc``; the
-    axis of a pair by ``longitude`` and ``latitude``.
+    Parameters
+    ----------
+    document
+        A document with directions as angles, see `document_of`.
+    key
+        The path of a number in the file. A size of a link may also be named by the pair
+        that it leads to, ``links.3.arcs.43``, or by ``links.3.arc`` if the link has only
+        one. The axis of a pair has a ``longitude`` and a ``latitude``.
 
     Raises
     ------
@@ -79,71 +106,96 @@ def number_path(document: Document, key: str) -> KeyPath:
         If there is no such number.
     """
     table, name, *_ = *key.split("."), ""
-    named = _named_numbers(document, table, name)
-    if key in named:
-        return named[key]
+    paths = _number_paths(document, table, name)
+    if key in paths:
+        return paths[key]
+
+    # Find the first part of the key that does not exist, for the message.
     path: KeyPath = ()
-    place = document.data
-    wrong = f'"{key}" is not a number;'
+    value: Any = document.data
+    problem = f'"{key}" is not a number;'
     for part in key.split("."):
-        if part not in place:
-            where = f"{spelt(path)}: " if path else ""
-            wrong = f'{where}there is no "{part}"{nearest(part, place) or ";"}'
+        if part not in value:
+            where = f"{key_path_text(path)}: " if path else ""
+            problem = f'{where}there is no "{part}"{nearest(part, value) or ";"}'
             break
-        path, place = (*path, part), place[part]
-        if not isinstance(place, Mapping):
-            place = {}
-    within = ".".join(map(str, path))
-    there = [number for number in reversed(named) if number.startswith(within)]
+        path = (*path, part)
+        value = value[part]
+        if not isinstance(value, Mapping):
+            value = {}
+    prefix = ".".join(map(str, path))
+    alternatives = [number for number in reversed(paths) if number.startswith(prefix)]
     raise FileError(
-        f"{document.name}: {wrong} there are {listing(there or [*place]) or 'none'}"
+        f"{document.name}: {problem} there are "
+        f"{listing(alternatives or [*value]) or 'none'}"
     )
 
 
-def _named_numbers(document: Document, table: str, name: str) -> dict[str, KeyPath]:
-    """Return where the numbers of an entry of a table stand, by all their names."""
+def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPath]:
+    """Return the paths of the numbers of one entry of a table, by all their names.
+
+    Parameters
+    ----------
+    document
+        The document.
+    table, name
+        Name of the table and of the entry, such as ``"links"`` and ``"2"``. If there is no
+        such entry, no path is returned.
+    """
     entry: Any = {}
     with suppress(AttributeError, KeyError, TypeError):
         entry = document.data[table][name]
-    at: dict[KeyPath, KeyPath] = {}
+    paths: dict[KeyPath, KeyPath] = {}  # by names within the entry
     if table == "pairs" and entry:
-        at = {(key,): (table, name, key) for key in _ABSENT}
-    for place, value in values_in(entry if isinstance(entry, Mapping) else {}):
+        for key in _OPTIONAL_PAIR_KEYS:
+            paths[key,] = (table, name, key)
+    for inner_path, value in values_in(entry if isinstance(entry, Mapping) else {}):
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        path, (*around, last) = (table, name, *place), place
-        at.setdefault(place, path)
-        if isinstance(last, int) and len(reduce(getitem, around, entry)) == len(_LONLAT):
-            at[*around, _LONLAT[last]] = path
-            if around[-1] == "lonlat":
-                at[*around[:-1], _LONLAT[last]] = path
-        match table, place:
-            case "links", ("arcs" | "angles" as kind, int(k)):
-                pair = k + (1 if kind == "arcs" else 2)
-                at |= {(kind, x): path for x in entry.get("axes", ())[pair:][:1]}
-                if len(entry[kind]) == 1:
-                    at[(kind[:-1],)] = path
-    return {".".join((table, name, *map(str, key))): path for key, path in at.items()}
+        path = (table, name, *inner_path)
+        paths.setdefault(inner_path, path)
+        *outer, last = inner_path
+        if isinstance(last, int) and len(reduce(getitem, outer, entry)) == 2:
+            # The first or second number of a direction.
+            paths[*outer, _LONLAT_NAMES[last]] = path
+            if outer[-1] == "lonlat":
+                paths[*outer[:-1], _LONLAT_NAMES[last]] = path
+        match table, inner_path:
+            case "links", ("arcs" | "angles" as key, int(index)):
+                # arcs[k] leads to axis k + 1 of the link, angles[k] to axis k + 2.
+                axis = index + (1 if key == "arcs" else 2)
+                axes = entry.get("axes", ())
+                if axis < len(axes):
+                    paths[key, axes[axis]] = path
+                if len(entry[key]) == 1:
+                    paths[key[:-1],] = path
+    return {
+        ".".join((table, name, *map(str, inner_path))): path
+        for inner_path, path in paths.items()
+    }
 
 
 def number_at(document: Document, path: KeyPath) -> float:
-    """Return the number at a path, 0 where the file leaves it out."""
-    place: Any = document.data
+    """Return the number at a path; 0 if the file leaves it out."""
+    value: Any = document.data
     for step in path:
-        place = place[step] if isinstance(step, int) else place.get(step)
-    return 0.0 if place is None else float(place)
+        value = value[step] if isinstance(step, int) else value.get(step)
+    return 0.0 if value is None else float(value)
 
 
 def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Document:
-    """Return a document with other numbers at some paths."""
+    """Return a document with other numbers at some paths.
+
+    The tables that hold no number of these are shared with the given document.
+    """
     data = dict(document.data)
-    copied: set[KeyPath] = set()
+    copied_paths: set[KeyPath] = set()
     for path, number in numbers.items():
-        place: Any = data
-        for k, step in enumerate(path[:-1]):
-            if path[: k + 1] not in copied:
-                place[step] = copy.copy(place[step])
-                copied.add(path[: k + 1])
-            place = place[step]
-        place[path[-1]] = LiteralNumber(repr(float(number)))
+        container: Any = data
+        for depth, step in enumerate(path[:-1], start=1):
+            if path[:depth] not in copied_paths:
+                container[step] = copy.copy(container[step])
+                copied_paths.add(path[:depth])
+            container = container[step]
+        container[path[-1]] = LiteralNumber(repr(float(number)))
     return replace(document, data=data)

@@ -1,8 +1,8 @@
-"""The schemas of files: what they allow, what they refuse, and what values they name.
+"""The JSON Schemas of files: checks of data, messages about faults, conversion of values.
 
-A JSON Schema is the one declaration of every key. From it follow the check of a file, with
-faults that say what to write instead, and the conversion of angles, rates and directions
-between the unit of a file and the radians used inside.
+A JSON Schema is the one declaration of every key. `check` compares a file with it and
+explains every fault. `convert_values` finds angles, rates and directions by their names in
+the schema.
 """
 
 import json
@@ -17,7 +17,7 @@ import numpy as np
 
 from spherekit.conventions import MAX_NAME_LENGTH
 from spherekit.errors import FileError
-from spherekit.files.toml_document import Document, Table, spelt, values_in
+from spherekit.files.toml_document import Document, Table, key_path_text, values_in
 from spherekit.files.toml_lines import KeyPath
 from spherekit.wording import choices, counted, listing, nearest
 
@@ -25,17 +25,30 @@ FORMAT = 1
 """The format of mechanism and study files that this version reads and writes."""
 
 Kind = Literal["mechanism", "study", "synthesis"]
-_SCHEMAS: Mapping[Kind, str] = {
+"""The kinds of files that have a schema."""
+
+MAX_INTEGER_BITS = 200
+"""Larger integers are refused; a message would fill pages with their digits."""
+
+MAX_SHOWN_CHARACTERS = 60
+"""Longest value of a file that a message shows in full."""
+
+MAX_EXPLAINED_FAULTS = 100
+"""Number of faults after which a file is not checked further."""
+
+_SCHEMA_FILES: Mapping[Kind, str] = {
     "mechanism": f"format_{FORMAT}.schema.json",
     "study": f"study_{FORMAT}.schema.json",
     "synthesis": f"synthesis_{FORMAT}.schema.json",
 }
 
-_DEFS = "#/$defs/"
-_INTEGER_BITS = 200
-_PLAIN = frozenset({"title", "description", "type", "minimum", "maximum"})
-_Fault = tuple[KeyPath, str]
-_TYPES = {
+_DEFINITIONS = "#/$defs/"
+"""Beginning of a reference to a named part of a schema."""
+
+_NUMBER_RULES = frozenset({"title", "description", "type", "minimum", "maximum"})
+"""The rules that the quick check of arrays of numbers understands."""
+
+_TYPE_WORDS = {
     "object": "a table",
     "array": "an array [...]",
     "string": "text in quotes",
@@ -44,140 +57,195 @@ _TYPES = {
     "boolean": "true or false",
 }
 
+_COUNTED_WORDS = {"Length": "character", "Items": "value", "Properties": "name"}
+"""What the rules ``minLength``, ``maxItems``, ... count."""
+
+_NAME_RULE = f"use 1 to {MAX_NAME_LENGTH} letters (A-Z, a-z), digits and underscores"
+
+_Fault = tuple[KeyPath, str]
+"""The path of a faulty key, and the message about it."""
+
+Converter = Callable[[KeyPath, Any], Any]
+"""Returns what a value becomes, from its path and the value."""
+
+Converters = Mapping[str, Converter]
+"""The converter of each named part of a schema, such as ``"angle"``."""
+
 
 @cache
 def schema(kind: Kind = "mechanism") -> Table:
     """Return the JSON Schema of a kind of file: every key, its limits and unit."""
-    resource = files("spherekit.files") / _SCHEMAS[kind]
+    resource = files("spherekit.files") / _SCHEMA_FILES[kind]
     declaration: Table = json.loads(resource.read_text(encoding="utf-8"))
     return declaration
 
 
 def check(document: Document, kind: Kind = "mechanism") -> None:
-    """Refuse a document that breaks the format of its kind of file.
+    """Raise an error unless a document fits the format of its kind of file.
 
     Raises
     ------
     FileError
         With one line for each fault, in the order of the file.
     """
-    _check_format(document)
-    faults = list(_not_numbers(document.data))
+    _check_format_version(document)
+    faults = list(_unusable_numbers(document.data))
     if not faults:
         errors = validator(kind).iter_errors(document.data)
-        explained = (fault for error in errors for fault in _explain(error, kind))
-        faults = list(islice(explained, 100))
+        explained = (fault for error in errors for fault in _explain_error(error, kind))
+        faults = list(islice(explained, MAX_EXPLAINED_FAULTS))
     if faults:
         raise document.faults(faults)
 
 
 def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
-    """Refuse a document that fits the format but for some numbers that it allows not.
+    """Raise `FileError` unless numbers that were changed fit the format.
 
-    What else the format asks depends on keys, names and kinds, so that only the entries of
-    tables are looked at in which these numbers stand.
+    The document fitted the format before the change. Only the entries of tables that hold
+    the numbers are checked, since the other rules depend on keys, names and kinds.
+
+    Parameters
+    ----------
+    document
+        The document with the new numbers.
+    numbers
+        The new numbers by their paths: table, name of the entry, key, ...
     """
     entries: dict[str, dict[str, Any]] = {}
     for table, name, *_ in (map(str, path) for path in numbers):
         entries.setdefault(table, {})[name] = document.data[table][name]
-    faults = validator().iter_errors(entries)
-    if not all(map(math.isfinite, numbers.values())) or any(
-        tuple(fault.absolute_path) in numbers for fault in faults
-    ):
-        check(document)
+    are_finite = all(map(math.isfinite, numbers.values()))
+    errors = validator().iter_errors(entries)
+    if not are_finite or any(tuple(error.absolute_path) in numbers for error in errors):
+        check(document)  # which raises the error
 
 
 def shown(value: object) -> str:
-    """Return a value as it would stand in a file, cut to a readable length."""
+    """Return a value as TOML text, cut to a readable length."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
         return "a table" if value else "an empty table"
-    if isinstance(value, int) and value.bit_length() > _INTEGER_BITS:
+    if isinstance(value, int) and value.bit_length() > MAX_INTEGER_BITS:
         return "a huge integer"
     text = repr(value).replace("'", '"')
     if isinstance(value, str):
         letters = json.dumps(value, ensure_ascii=False)
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in letters)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    if len(text) > MAX_SHOWN_CHARACTERS:
+        return f"{text[: MAX_SHOWN_CHARACTERS - 3]}..."
+    return text
 
 
-def mismatch(value: object, wanted: str) -> str:
-    """Return the message about a value of another type than wanted."""
-    return f"found {shown(value)} ({_kind(value)}), needs {wanted}"
+def mismatch(value: object, allowed: str) -> str:
+    """Return the message about a value of another type than is allowed."""
+    return f"found {shown(value)} ({_type_name(value)}), needs {allowed}"
 
 
 @cache
 def validator(kind: Kind = "mechanism") -> Any:
-    """Return what holds data against the schema of a kind of file."""
+    """Return the validator of `jsonschema` for a kind of file.
+
+    Long arrays of numbers are checked in one pass, because a call of the validator for each
+    number is slow.
+    """
     # jsonschema takes longer to import than a mechanism file takes to read.
     from jsonschema import Draft202012Validator
     from jsonschema.validators import extend
 
-    whole, general = schema(kind), Draft202012Validator.VALIDATORS["items"]
+    declaration = schema(kind)
+    check_items = Draft202012Validator.VALIDATORS["items"]
 
-    def items(validator: Any, item: Any, value: Any, part: Any) -> Iterator[Any]:
-        limits = whole["$defs"].get(item.get("$ref", "").removeprefix(_DEFS), item)
-        low, high = limits.get("minimum", -math.inf), limits.get("maximum", math.inf)
-        plain = isinstance(value, list) and limits.get("type") == "number"
-        plain = plain and _PLAIN.issuperset(limits)
-        # A table of numbers is long, and a validator's call for each is slow.
-        if not (plain and all(isinstance(x, float) and low <= x <= high for x in value)):
-            yield from general(validator, item, value, part)
+    def check_items_quickly(
+        validator: Any, item_schema: Any, array: Any, part: Any
+    ) -> Iterator[Any]:
+        """Yield the errors of the items of an array, as the rule "items" of jsonschema."""
+        name = item_schema.get("$ref", "").removeprefix(_DEFINITIONS)
+        rules = declaration["$defs"].get(name, item_schema)
+        low = rules.get("minimum", -math.inf)
+        high = rules.get("maximum", math.inf)
+        are_plain_numbers = (
+            isinstance(array, list)
+            and rules.get("type") == "number"
+            and _NUMBER_RULES.issuperset(rules)
+        )
+        if are_plain_numbers and all(
+            isinstance(number, float) and low <= number <= high for number in array
+        ):
+            return
+        yield from check_items(validator, item_schema, array, part)
 
-    validator = extend(Draft202012Validator, {"items": items})  # type: ignore[no-untyped-call]
-    return validator(whole)
+    quick_validator = extend(  # type: ignore[no-untyped-call]
+        Draft202012Validator, {"items": check_items_quickly}
+    )
+    return quick_validator(declaration)
 
 
-Leaves = Mapping[str, Callable[[KeyPath, Any], Any]]
-"""What becomes of values, by the name or the type that the schema gives them."""
+def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism") -> Any:
+    """Return data that fits the format with converted values.
 
-
-def walked(data: Table, leaves: Leaves, kind: Kind = "mechanism") -> Any:
-    """Return data that fit the format, with what leaves make of values at their paths.
-
-    Arrays become tuples; what the schema leaves free stays as it is.
+    Parameters
+    ----------
+    data
+        Tables of a file, or of the model.
+    converters
+        The converter of each named part of the schema. A value whose part has none becomes
+        a plain number, text, truth value or tuple. A table of which the schema says nothing
+        remains as it is.
+    kind
+        The kind of file.
     """
-    whole = schema(kind)
+    declaration = schema(kind)
 
-    def of(part: Any, value: Any, path: KeyPath) -> Any:
-        name = part.get("$ref", "").removeprefix(_DEFS)
-        if name in leaves:
-            return leaves[name](path, value)
-        part = whole["$defs"].get(name, part)
+    def convert(part: Any, value: Any, path: KeyPath) -> Any:
+        """Return a value, converted by the part of the schema that declares it."""
+        name = part.get("$ref", "").removeprefix(_DEFINITIONS)
+        if name in converters:
+            return converters[name](path, value)
+        part = declaration["$defs"].get(name, part)
+
         if isinstance(value, Mapping):
             for choice in part.get("allOf", ()):
-                if "$ref" in choice.get("then", ()) and _holds(choice["if"], value):
-                    return of(choice["then"], value, path)
-            keys, other = part.get("properties", {}), part.get("additionalProperties")
-            if not (keys or other):
+                if "$ref" in choice.get("then", ()) and _is_met(choice["if"], value):
+                    return convert(choice["then"], value, path)
+            properties = part.get("properties", {})
+            other_properties = part.get("additionalProperties")
+            if not (properties or other_properties):
                 return value
             return {
-                key: of(keys.get(key, other), item, (*path, key))
+                key: convert(properties.get(key, other_properties), item, (*path, key))
                 for key, item in value.items()
             }
-        inner = part.get("items")
+
+        item_part = part.get("items")
         if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
-            return tuple(of(inner, item, (*path, k)) for k, item in enumerate(value))
-        if inner and "$ref" in inner and isinstance(value, int | float):
-            return of(inner, value, path)  # one where several may stand
+            return tuple(
+                convert(item_part, item, (*path, index)) for index, item in enumerate(value)
+            )
+        if item_part and "$ref" in item_part and isinstance(value, int | float):
+            return convert(item_part, value, path)  # one number in place of an array
         if isinstance(value, bool | str):
             return value
         return float(value) if part.get("type") == "number" else int(value)
 
-    return of(whole, data, ())
+    return convert(declaration, data, ())
 
 
-def _holds(condition: Table, value: Table) -> bool:
-    """Return whether keys have the words of which a condition of the schema consists."""
-    needed = condition.get("required", ())
-    return all(
-        value.get(key, None if key in needed else rule["const"]) == rule["const"]
-        for key, rule in condition["properties"].items()
-    )
+def _is_met(condition: Table, table: Table) -> bool:
+    """Return whether a table meets a condition of the schema: keys with constant values.
+
+    A key that the condition does not require may be missing.
+    """
+    required = condition.get("required", ())
+    for key, rule in condition["properties"].items():
+        value_if_missing = None if key in required else rule["const"]
+        if table.get(key, value_if_missing) != rule["const"]:
+            return False
+    return True
 
 
-def _check_format(document: Document) -> None:
+def _check_format_version(document: Document) -> None:
+    """Raise `FileError` unless a document states the format that this version reads."""
     if "format" not in document.data:
         raise FileError(
             f"{document.name}:1: format: missing; files start with format = {FORMAT}"
@@ -191,43 +259,48 @@ def _check_format(document: Document) -> None:
         )
 
 
-def _not_numbers(data: Table) -> Iterator[_Fault]:
+def _unusable_numbers(data: Table) -> Iterator[_Fault]:
+    """Yield faults for numbers that are infinite, NaN or huge, except in user data."""
     for path, value in values_in({k: item for k, item in data.items() if k != "user"}):
         if isinstance(value, float) and not math.isfinite(value):
             yield path, f"found {float(value)}, needs a finite number"
-        elif isinstance(value, int) and value.bit_length() > _INTEGER_BITS:
+        elif isinstance(value, int) and value.bit_length() > MAX_INTEGER_BITS:
             yield path, f"found {shown(value)}, needs a number of ordinary size"
 
 
-_COUNTED = {"Length": "character", "Items": "value", "Properties": "name"}
-"""What rules of the schema count."""
+def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
+    """Yield the faults that one error of `jsonschema` stands for.
 
-
-def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
-    """Turn one error of jsonschema into a path and a message of ours."""
+    Parameters
+    ----------
+    error
+        A `jsonschema.ValidationError`: a rule of the schema that a value breaks.
+    kind
+        The kind of file.
+    """
     path: KeyPath = tuple(error.absolute_path)
-    rule, limit, value = error.validator, error.validator_value, error.instance
+    value = error.instance
+    rule = error.validator
+    limit = error.validator_value
     limits = limit if isinstance(limit, list) else [limit]
     bound = "at least" if rule.startswith("min") else "at most"
     if "propertyNames" in error.relative_schema_path:
         yield (*path, value), f"the name {shown(value)} is not allowed; {_NAME_RULE}"
     elif rule == "additionalProperties":
-        where = f"in {spelt(path)}" if path else "at the top of the file"
-        declared = error.schema["properties"]
+        where = f"in {key_path_text(path)}" if path else "at the top of the file"
+        declared_keys = error.schema["properties"]
         for key in value:
-            if key not in declared:
-                said = choices(key, declared, f"allowed {where}", 20)
-                yield (*path, key), f"unknown key{said}"
+            if key not in declared_keys:
+                ending = choices(key, declared_keys, f"allowed {where}", 20)
+                yield (*path, key), f"unknown key{ending}"
     elif rule == "required":
-        whole = schema(kind)
-        for key in (key for key in limits if key not in value):
-            parts = (error.schema, *whole["$defs"].values(), whole)
-            declared = (part.get("properties", {}).get(key) for part in parts)
-            described = _in_words(next(filter(None, declared), {}))
-            yield path, f"the key {key} is missing{described}"
+        for key in limits:
+            if key not in value:
+                description = _description_of_key(key, error.schema, kind)
+                yield path, f"the key {key} is missing{description}"
     elif rule == "type":
-        types = " or ".join(_TYPES[name] for name in limits)
-        yield path, mismatch(value, types) + _in_words(error.schema)
+        types = " or ".join(_TYPE_WORDS[name] for name in limits)
+        yield path, mismatch(value, types) + _description(error.schema)
     elif rule in ("enum", "const"):
         hint = nearest(value, limits) if isinstance(value, str) else ""
         words = [shown(choice) if isinstance(choice, bool) else choice for choice in limits]
@@ -236,31 +309,42 @@ def _explain(error: Any, kind: Kind) -> Iterator[_Fault]:
         yield path, str(error.schema["description"])
     elif rule in ("pattern", "minLength", "maxLength") and "pattern" in error.schema:
         yield path, f"found {shown(value)}; {_NAME_RULE}"
-    elif rule[3:] in _COUNTED:
-        least, most = (error.schema.get(f"{end}{rule[3:]}") for end in ("min", "max"))
+    elif rule[3:] in _COUNTED_WORDS:  # minItems, maxItems, minLength, ...
+        least = error.schema.get(f"min{rule[3:]}")
+        most = error.schema.get(f"max{rule[3:]}")
         needs = f"{limit}" if least == most else f"{bound} {limit}"
-        has = counted(len(value), _COUNTED[rule[3:]])
-        yield path, f"has {has}, needs {needs}{_in_words(error.schema)}"
+        has = counted(len(value), _COUNTED_WORDS[rule[3:]])
+        yield path, f"has {has}, needs {needs}{_description(error.schema)}"
     elif rule in ("minimum", "maximum"):
         yield path, f"found {shown(value)}, needs {bound} {limit:g}"
     elif rule == "uniqueItems":
-        twice = next(item for item in value if value.count(item) > 1)
-        yield path, f"{shown(twice)} is given twice; list each once"
+        repeated = next(item for item in value if value.count(item) > 1)
+        yield path, f"{shown(repeated)} is given twice; list each once"
     else:
         yield path, str(error.message)[:200]
 
 
-_NAME_RULE = f"use 1 to {MAX_NAME_LENGTH} letters (A-Z, a-z), digits and underscores"
+def _description_of_key(key: str, part: Table, kind: Kind) -> str:
+    """Return the description of a key that is missing in a part of the schema.
+
+    The part itself may only require the key; then its definition is searched elsewhere.
+    """
+    declaration = schema(kind)
+    for place in (part, *declaration["$defs"].values(), declaration):
+        if declared := place.get("properties", {}).get(key):
+            return _description(declared)
+    return ""
 
 
-def _in_words(part: Table) -> str:
-    """Return what a part of the schema says of itself, to end a message with."""
+def _description(part: Table) -> str:
+    """Return the description of a part of the schema, as the end of a message."""
     text = str(part.get("description", ""))
     return f": {text[0].lower()}{text[1:].rstrip('.')}" if text else ""
 
 
-def _kind(value: object) -> str:
-    for types, words in (
+def _type_name(value: object) -> str:
+    """Return the name of a value's type in the words of TOML."""
+    for types, name in (
         (bool, "true or false"),
         (dict, "table"),
         (list, "array"),
@@ -268,5 +352,5 @@ def _kind(value: object) -> str:
         (int | float, "number"),
     ):
         if isinstance(value, types):
-            return words
+            return name
     return "date or time"

@@ -1,4 +1,4 @@
-"""What a run goes through: a mechanism, the samples of its inputs, and what drives them."""
+"""A study: a mechanism, samples of its inputs or a simulation, and the analyses to run."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -12,74 +12,92 @@ from spherekit.argument_validation import check_fields, checked_class
 from spherekit.arrays import Floats
 from spherekit.conventions import DEFAULT_SAMPLES
 from spherekit.errors import AnalysisError, ModelError, SpherekitError
-from spherekit.files.time_law import Law, _need_finite_fields, _numbers
+from spherekit.files.time_law import Law, check_finite_fields
 from spherekit.mechanism.joint import Numbers
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.wording import counted
 
 Crossings = Literal["end", "pass"]
-"""What a simulation does where sets of configurations cross."""
+"""Whether a motion ends or continues at a configuration where curves of configurations
+cross."""
+
+START_SYNTAX = "give q=Q,dq=W in rad and rad/s, of several inputs q=Q+Q,dq=W+W"
+
+DEFAULT_TOLERANCE = 1e-9
+"""Default error of each step of a simulation, for pair variables (rad)."""
+
+Locate = Callable[[tuple[str | int, ...], str], SpherekitError]
+"""Returns the error to raise about a key, from its path and the message."""
 
 
 @checked_class(ModelError, "each")
 @dataclass(frozen=True)
 class Start:
-    """The input's variable (rad) and rate (rad/s) when a simulation starts, at t = 0.
+    """The variable (rad) and the rate (rad/s) of the input at the start of a simulation.
 
-    Of several inputs one number for each, in their order; a rate of 0 is that of all.
+    For several inputs both are one number for each, in their order. A rate of 0 applies to
+    all of them.
     """
 
     q: float | Numbers
     dq: float | Numbers = 0.0
 
     def __post_init__(self) -> None:
-        _need_finite_fields(self)
+        check_finite_fields(self)
 
     @staticmethod
     def of(given: "StartGiven") -> "Start":
-        """Return the start that the command's text or a mapping gives.
+        """Return a start from a text or a mapping.
 
-        ``"q=0.4,dq=1.2"`` and ``{"q": 0.4, "dq": 1.2}``, of several inputs
-        ``"q=0.4+0.2,dq=1+0"`` and sequences of numbers, in rad and rad/s; without dq at
-        rest.
+        Parameters
+        ----------
+        given
+            ``"q=0.4,dq=1.2"`` or ``{"q": 0.4, "dq": 1.2}``; for several inputs
+            ``"q=0.4+0.2,dq=1+0"`` or a mapping with sequences of numbers. Units are rad and
+            rad/s. Without dq the mechanism is at rest. A `Start` is returned as it is.
 
         Raises
         ------
         ModelError
-            For other keys, for what does not read as numbers, and without q.
+            If a key is unknown, a value is no number, or q is missing.
         """
         if isinstance(given, Start):
             return given
         if isinstance(given, str):
             parts = (part.partition("=") for part in given.split(","))
             given = {key.strip(): text for key, _, text in parts}
-        read = {}
-        for key, state in given.items():
+        state: dict[str, float | Numbers] = {}
+        for key, value in given.items():
             if key not in ("q", "dq"):
-                raise ModelError(f'start: "{key}" is neither q nor dq; {START_SHOWN}')
+                raise ModelError(f'start: "{key}" is neither q nor dq; {START_SYNTAX}')
             try:
-                read[key] = _numbers(state)
+                state[key] = _read_numbers(value)
             except (TypeError, ValueError):
                 raise ModelError(
-                    f'start: {key}: "{state}" does not read as a number, or as one for '
-                    f"each input; {START_SHOWN}"
+                    f'start: {key}: "{value}" does not read as a number, or as one for '
+                    f"each input; {START_SYNTAX}"
                 ) from None
-        if "q" not in read:
-            raise ModelError(f"start: q is missing; {START_SHOWN}")
-        return Start(**read)
+        if "q" not in state:
+            raise ModelError(f"start: q is missing; {START_SYNTAX}")
+        return Start(**state)
 
     def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return variable and rate (inputs,) of each input, by their names.
+        """Return the variables (rad) and the rates (rad/s) of inputs, each of shape (i,).
+
+        Parameters
+        ----------
+        inputs
+            The names of the i driven pairs.
 
         Raises
         ------
         ModelError
-            If there is not one number for each.
+            If there is not one number for each input.
         """
-        state = []
         rates = np.zeros(len(inputs)) if self.dq == 0.0 else self.dq
-        for key, given in (("q", self.q), ("dq", rates)):
-            numbers = np.array(given, float, ndmin=1)
+        state = []
+        for key, values in (("q", self.q), ("dq", rates)):
+            numbers = np.array(values, float, ndmin=1)
             if len(numbers) != len(inputs):
                 raise ModelError(
                     f"start: {key} has {counted(len(numbers), 'number')}, needs "
@@ -90,63 +108,71 @@ class Start:
 
 
 StartGiven = Start | str | Mapping[str, Any]
-"""A start, or what `Start.of` reads."""
-
-START_SHOWN = "give q=Q,dq=W in rad and rad/s, of several inputs q=Q+Q,dq=W+W"
+"""A start, or a text or mapping that `Start.of` reads."""
 
 
-DEFAULT_TOLERANCE = 1e-9
-"""Error tolerated in each step of a simulation, for pair variables (rad)."""
-
-Locate = Callable[[tuple[str | int, ...], str], SpherekitError]
-"""Makes the error to raise about a key, given by its path, with file and line."""
+def _read_numbers(value: Any) -> float | Numbers:
+    """Return one number, or several from a sequence or a text such as ``0.4+0.2``."""
+    if not isinstance(value, str):
+        return tuple(map(float, value)) if np.ndim(value) else float(value)
+    try:
+        return float(value)
+    except ValueError:
+        return tuple(map(float, value.split("+")))
 
 
 @dataclass(frozen=True)
 class Study:
-    """A mechanism with the inputs it is driven at, and what is to be run on it.
+    """A mechanism, the samples of its inputs or its simulation, and the analyses to run.
 
-    Raises `AnalysisError` where a value is not of the type that its field has.
+    Raises `AnalysisError` if a value does not have the type of its field.
 
     Attributes
     ----------
-    name, mechanism
-        What it is called, and a mechanism with a freedom for each of its inputs.
+    name
+        Name of the study.
+    mechanism
+        A mechanism with one degree of freedom for each of its inputs.
     samples
-        Samples on the straight path through the ranges of the inputs or, with a number for
-        each input, of a grid.
+        Number of samples on the straight path through the ranges of the inputs. A sequence
+        of numbers, one for each input, states a grid.
     grid
-        Whether all combinations of the inputs are sampled, so many of each.
+        Whether all combinations of the inputs are sampled, `samples` values of each.
     path
-        (n, inputs) rad, the inputs at every sample, in place of their ranges.
+        (n, inputs) rad, the inputs at every sample. It replaces the ranges of the inputs.
     assembly_mode
-        Number of the only assembly mode that is wanted, or its name; all by default.
+        Number or name of the only assembly mode to compute. By default all are computed.
     search
-        Whether assembly modes are looked for beside that of a given reference pose.
+        Whether all assembly modes are searched for. Otherwise only the mode of the
+        reference pose is computed, if the file states one.
     analyses
-        Names of analyses with their parameters, as they stand in a file.
-    laws, duration
-        Time law of each driven pair, and the time (s) from t = 0 that the samples divide,
-        both ends included. With a duration alone the only input turns at 1 rad/s.
-    start, torque, tolerance
-        State of the inputs at t = 0, also as what `Start.of` reads, ``"q=0.4,dq=1.2"`` or
-        ``{"q": 0.4, "dq": 1.2}`` in rad and rad/s: the motion over `duration` then
-        follows from the loads and the `torque` (N m, a number or an expression) at the
-        input, or that of each of several inputs that has one, by its name; each step
-        within the tolerance (rad), from the `assembly_mode` (default 0) of all there are.
+        Parameters of each analysis by its name, as in a file.
+    laws
+        Time law of each driven pair.
+    duration
+        Time (s) from t = 0 that the samples divide, both ends included. Without laws and
+        start, the only input turns at 1 rad/s.
+    start
+        State of the inputs at t = 0, also as a text or mapping that `Start.of` reads. The
+        motion over `duration` then follows from the loads.
+    torque
+        Driving torque (N m), a number or an expression, in a simulation. For several inputs
+        it is a mapping by the name of the input.
+    tolerance
+        Error (rad) of each step of a simulation.
     crossings
-        What happens where curves of configurations cross: modes keep the signs of their
-        dyads and a simulation ends there ("end"), or both follow the smooth curves
-        ("pass").
+        What happens where curves of configurations cross. With "end", assembly modes keep
+        the signs of their dyads, and a simulation ends there. With "pass", both follow the
+        smooth curves.
     verify
-        How many rows are computed once more in 50 digits.
+        Number of rows that are computed once more in 50 digits.
     degrees
-        Whether files have angles in degrees.
+        Whether tables have angles in degrees.
     folder, recording
-        Where a file wants its results, relative to the working folder; the command writes
-        there, `spherekit.run` only where it is told to.
+        Folder and recording that a study file names, relative to the working folder. The
+        command writes there; `spherekit.run` writes only to its own arguments.
     locate
-        Gives errors about a key the file and line that say it.
+        Returns errors about a key with the file and line that state it.
     """
 
     name: str
@@ -181,7 +207,7 @@ class Study:
             object.__setattr__(self, "path", np.array(self.path, dtype=np.float64))
 
     def __eq__(self, other: object) -> bool:
-        """Return whether another study says the same, whatever file it is from."""
+        """Return whether another study has the same values, from whatever file."""
         return isinstance(other, Study) and all(
             np.array_equal(getattr(self, item.name), getattr(other, item.name))
             for item in fields(self)
@@ -190,14 +216,14 @@ class Study:
 
     @property
     def driving_torque(self) -> str | Mapping[str, str] | None:
-        """The torque at the input, or at each of several, as an expression, if any."""
+        """The driving torque as an expression, or one for each input by name, or None."""
         if isinstance(self.torque, Mapping):
-            return {pair: _as_text(torque) for pair, torque in self.torque.items()}
-        return None if self.torque is None else _as_text(self.torque)
+            return {pair: _expression(torque) for pair, torque in self.torque.items()}
+        return None if self.torque is None else _expression(self.torque)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """How many samples are asked for along a path, or along each input of a grid."""
+        """Number of samples along the path, or along each input of a grid."""
         if self.path is not None:
             return (len(self.path),)
         if not isinstance(self.samples, int):
@@ -206,15 +232,16 @@ class Study:
 
     @property
     def count(self) -> int:
-        """How many samples are asked for in all."""
+        """Number of all samples."""
         return math.prod(self.shape)
 
     def fault(self, path: tuple[str | int, ...], message: str) -> SpherekitError:
-        """Return the error to raise about a key, with file and line if it has one."""
+        """Return the error to raise about a key, with file and line if there is a file."""
         if self.locate is not None:
             return self.locate(path, message)
         return AnalysisError(f"{self.name}: {'.'.join(map(str, path))}: {message}")
 
 
-def _as_text(torque: str | float) -> str:
+def _expression(torque: str | float) -> str:
+    """Return a torque as an expression; a number becomes a constant."""
     return torque if isinstance(torque, str) else repr(float(torque))

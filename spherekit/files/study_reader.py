@@ -1,4 +1,4 @@
-"""A study from a TOML file of format 1: a mechanism and what is to be run on it."""
+"""Reads a study, a mechanism with the analyses to run, from a TOML file of format 1."""
 
 import os
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from spherekit.files.study import Start, Study
 from spherekit.files.time_law import KINDS, Law, Tabulated
 from spherekit.files.toml_document import Document, Table, parse, read_text
 from spherekit.files.toml_lines import KeyPath
-from spherekit.files.units import converted, made
+from spherekit.files.units import construct_element, convert_to_model
 from spherekit.mechanism.elements import Input
 from spherekit.mechanism.locking import lock
 from spherekit.mechanism.mechanism import Mechanism
@@ -26,10 +26,10 @@ from spherekit.mechanism.sizes import AngleUnit
 from spherekit.wording import choices, listing
 
 Subject = Study | Mechanism | str | os.PathLike[str]
-"""What is run: a study, a mechanism, or the path or shipped name of either."""
+"""A study, a mechanism, or the path or shipped name of either."""
 
-_FIELDS = ("assembly_mode", "search", "duration", "tolerance", "crossings", "verify")
-"""Keys that are fields of a study as they stand."""
+_COPIED_KEYS = ("assembly_mode", "search", "duration", "tolerance", "crossings", "verify")
+"""Keys whose values are fields of `Study` without conversion."""
 
 
 @checked(FileError)
@@ -47,11 +47,12 @@ def load_study(name_or_path: AnyPath) -> Study:
         return Study(mechanism.name, mechanism)
     document = parse(read_text(path), str(path))
     check(document, "study")
-    return _Reader(document, converted(document, document.data, "study")).study(path)
+    data = convert_to_model(document, document.data, "study")
+    return _StudyReader(document, data).study(path)
 
 
 def study_of(subject: Subject) -> Study:
-    """Return a study, given as such, or that of a mechanism, or read as `load_study`."""
+    """Return a study, the default study of a mechanism, or the study of a file."""
     if isinstance(subject, Study):
         return subject
     if isinstance(subject, Mechanism):
@@ -60,7 +61,7 @@ def study_of(subject: Subject) -> Study:
 
 
 def angle_unit_of_mechanism(name_or_path: AnyPath) -> AngleUnit:
-    """Return the unit of the angles in a mechanism file, or in that of a study."""
+    """Return the unit of angles in a mechanism file, or in the one that a study names."""
     path = find(name_or_path)
     if is_study(path):
         document = parse(read_text(path), str(path))
@@ -69,23 +70,33 @@ def angle_unit_of_mechanism(name_or_path: AnyPath) -> AngleUnit:
 
 
 @dataclass(frozen=True)
-class _Reader:
-    """Builds a study from data that fits the schema, converted as the model has it."""
+class _StudyReader:
+    """Constructs a study from the data of a file.
+
+    Attributes
+    ----------
+    document
+        The file, for messages.
+    data
+        Its data, which fits the schema, as `convert_to_model` returns it.
+    """
 
     document: Document
     data: Table
 
     def study(self, path: Path) -> Study:
-        data, start = self.data, self.data.get("start", {})
-        mechanism = self.driven(self.locked(self.mechanism(path.parent)))
+        """Return the study of the file at a path."""
+        data = self.data
+        start = data.get("start", {})
+        mechanism = self.with_inputs(self.locked(self.mechanism(path.parent)))
         return Study(
             name=path.name.removesuffix(STUDY_SUFFIX),
             mechanism=mechanism,
             samples=self.samples(mechanism),
             path=self.input_path(mechanism),
             analyses=self.document.data.get("analyses", {}),
-            folder=self.path("folder"),
-            recording=self.path("recording"),
+            folder=self.output_path("folder"),
+            recording=self.output_path("recording"),
             degrees=data.get("output", {}).get("degrees", False),
             laws={
                 pair: self.law(("inputs", pair, "law"), item["law"])
@@ -95,10 +106,11 @@ class _Reader:
             start=Start(start["q"], start.get("dq", 0.0)) if start else None,
             torque=start.get("torque"),
             locate=self.document.fault,
-            **{key: data[key] for key in _FIELDS if key in data},
+            **{key: data[key] for key in _COPIED_KEYS if key in data},
         )
 
     def mechanism(self, folder: Path) -> Mechanism:
+        """Return the mechanism that the study names; paths are relative to a folder."""
         try:
             path = find(named_in(self.data["mechanism"], folder))
         except FileError as error:
@@ -119,35 +131,37 @@ class _Reader:
         except ModelError as error:
             raise self.document.fault(("lock",), str(error)) from None
 
-    def driven(self, mechanism: Mechanism) -> Mechanism:
-        """Return the mechanism with the study's inputs and their ranges."""
-        given = self.data.get("inputs", {})
-        for pair in given:
+    def with_inputs(self, mechanism: Mechanism) -> Mechanism:
+        """Return the mechanism with the inputs of the study and their ranges."""
+        input_tables = self.data.get("inputs", {})
+        for pair in input_tables:
             if pair not in mechanism.pair_number:
                 raise self.document.fault(
                     ("inputs", pair),
                     f'{mechanism.name} has no pair "{pair}"'
                     f"{choices(pair, mechanism.pair_number, 'Pairs')}",
                 )
-        if not set(mechanism.input_pairs).issuperset(given):
-            mechanism = mechanism.with_inputs(*given)
-        ranged = []
+        if not set(mechanism.input_pairs).issuperset(input_tables):
+            mechanism = mechanism.with_inputs(*input_tables)
+        inputs = []
         for item in mechanism.inputs:
-            ends = made(
+            table = input_tables.get(item.pair, {})
+            study_input = construct_element(
                 Input,
-                {"from": item.start, "to": item.stop, **given.get(item.pair, {})},
+                {"from": item.start, "to": item.stop, **table},
                 {"pair": item.pair},
             )
-            if item.pair in given and ends.start == ends.stop:
+            if item.pair in input_tables and study_input.start == study_input.stop:
                 raise self.document.fault(
                     ("inputs", item.pair),
                     "the range from `from` to `to` is empty, both are "
-                    f"{ends.start:.6g} rad; give another `to`, greater or less",
+                    f"{study_input.start:.6g} rad; give another `to`, greater or less",
                 )
-            ranged.append(ends)
-        return replace(mechanism, inputs=tuple(ranged))
+            inputs.append(study_input)
+        return replace(mechanism, inputs=tuple(inputs))
 
     def samples(self, mechanism: Mechanism) -> int | tuple[int, ...]:
+        """Return the number of samples, or one for each input of a grid."""
         samples: int | tuple[int, ...] = self.data.get("samples", DEFAULT_SAMPLES)
         if isinstance(samples, tuple) and len(samples) != len(mechanism.inputs):
             raise self.document.fault(
@@ -158,37 +172,44 @@ class _Reader:
         return samples
 
     def input_path(self, mechanism: Mechanism) -> Floats | None:
-        """Return the inputs' values (samples, inputs) in rad, if given."""
-        given, fault = self.data.get("inputs", {}), self.document.fault
-        if not any("values" in item for item in given.values()):
+        """Return the inputs at every sample (samples, inputs) in rad, or None.
+
+        The study states them as a list ``values`` for every input.
+        """
+        input_tables = self.data.get("inputs", {})
+        fault = self.document.fault
+        if not any("values" in table for table in input_tables.values()):
             return None
         columns: list[tuple[float, ...]] = []
         for item in mechanism.inputs:
-            path, table = ("inputs", item.pair), given.get(item.pair, {})
+            path = ("inputs", item.pair)
+            table = input_tables.get(item.pair, {})
             if "values" not in table:
                 raise fault(
-                    path if item.pair in given else ("inputs",),
+                    path if item.pair in input_tables else ("inputs",),
                     f"input {item.pair} has no values, but another input has; give values "
                     "for every input",
                 )
             for key in ("from", "to"):
                 if key in table:
                     raise fault((*path, key), "excluded by values, which says every sample")
-            columns.append(table["values"])
-            if len(columns[-1]) != len(columns[0]):
+            column = table["values"]
+            if columns and len(column) != len(columns[0]):
                 raise fault(
                     (*path, "values"),
-                    f"has {len(columns[-1])} values, input {mechanism.inputs[0].pair} has "
+                    f"has {len(column)} values, input {mechanism.inputs[0].pair} has "
                     f"{len(columns[0])}; give equally many",
                 )
+            columns.append(column)
         if "samples" in self.data:
             raise fault(("samples",), "excluded by the inputs' values")
         return np.array(columns).T
 
     def law(self, path: KeyPath, item: Table) -> Law:
+        """Return the time law of an input from its table, whose path is for messages."""
         kind: Callable[..., Law] = KINDS[item["kind"]]
         try:
-            law = made(kind, item)
+            law = construct_element(kind, item)
         except ModelError as error:
             key, _, message = str(error).partition(": ")
             raise self.document.fault((*path, key), message) from None
@@ -203,7 +224,8 @@ class _Reader:
                 )
         return law
 
-    def path(self, key: str) -> Path | None:
+    def output_path(self, key: str) -> Path | None:
+        """Return the path under a key of the table ``output``, if it is stated."""
         output = self.data.get("output", {})
         if key not in output:
             return None

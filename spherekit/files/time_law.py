@@ -1,4 +1,4 @@
-"""Time laws of an input: its variable, rate and acceleration at any time."""
+"""Time laws: the variable of an input, its rate and its acceleration at any time."""
 
 import math
 from collections.abc import Mapping
@@ -21,13 +21,14 @@ States = tuple[Floats, Floats, Floats]
 
 
 SPLINE_DEGREE = 5
-"""A quintic spline has a continuous fourth derivative, so a torque without kinks."""
+"""Degree of the spline of a table. A quintic spline has a continuous fourth derivative, so
+the driving torque, which depends on the acceleration, is smooth."""
 
 
-def _need_finite_fields(made: Any) -> None:
-    """Refuse a law or a start of which a number is not finite."""
-    for key, given in vars(made).items():
-        check_finite(key, given if isinstance(given, tuple) else [given])
+def check_finite_fields(instance: Any) -> None:
+    """Raise `ModelError` if a number in a field of a law or a start is not finite."""
+    for name, value in vars(instance).items():
+        check_finite(name, value if isinstance(value, tuple) else [value])
 
 
 @checked_class(ModelError, "at")
@@ -39,7 +40,7 @@ class ConstantSpeed:
     start: float = 0.0
 
     def __post_init__(self) -> None:
-        _need_finite_fields(self)
+        check_finite_fields(self)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
@@ -56,7 +57,7 @@ class Polynomial:
     def __post_init__(self) -> None:
         if not self.coefficients:
             raise ModelError("coefficients: is empty; give at least [c0]")
-        _need_finite_fields(self)
+        check_finite_fields(self)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
@@ -72,7 +73,7 @@ class Cycloidal:
     """From rest at `start` to rest at `stop` (rad) in `duration` (s), with a cycloid.
 
     The variable is ``start + (stop - start) (x - sin(2 pi x) / (2 pi))`` with
-    ``x = t / duration``; before t = 0 and after the duration it holds still.
+    ``x = t / duration``. Before t = 0 and after the duration it is constant.
     """
 
     start: float
@@ -80,21 +81,22 @@ class Cycloidal:
     duration: float
 
     def __post_init__(self) -> None:
-        _need_finite_fields(self)
+        check_finite_fields(self)
         if not self.duration > 0:
             raise ModelError(f"duration: found {self.duration:g} s, needs more than 0")
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
         x = np.clip(np.asarray(t, dtype=np.float64) / self.duration, 0.0, 1.0)
-        rise, turn = self.stop - self.start, 2 * math.pi
-        # A whole turn is none, so that the input holds exactly still at the end.
+        rise = self.stop - self.start
+        turn = 2 * math.pi
+        # sin(2 pi) is not exactly 0 in float64. The angle 0 in its place makes the rate and
+        # the acceleration at the end exactly 0.
         angle = turn * np.where(x < 1.0, x, 0.0)
-        return (
-            self.start + rise * (x - np.sin(angle) / turn),
-            rise / self.duration * (1 - np.cos(angle)),
-            rise / self.duration**2 * turn * np.sin(angle),
-        )
+        q = self.start + rise * (x - np.sin(angle) / turn)
+        dq = rise / self.duration * (1 - np.cos(angle))
+        ddq = rise / self.duration**2 * turn * np.sin(angle)
+        return q, dq, ddq
 
 
 @checked_class(ModelError, "at")
@@ -102,9 +104,9 @@ class Cycloidal:
 class Tabulated:
     """A quintic spline through angles (rad) at increasing times (s).
 
-    The spline has no knots at the two outermost inner points of either end (not-a-knot),
-    so that it is exact for polynomials up to the fifth degree. With `rest_at_ends` rate
-    and acceleration are zero at both ends instead (clamped).
+    The end condition is not-a-knot: the spline has no knots at the two outermost inner
+    points of either end, so that it is exact for polynomials up to the fifth degree. With
+    `rest_at_ends`, rate and acceleration are zero at both ends instead (clamped).
     """
 
     times: Numbers
@@ -112,10 +114,10 @@ class Tabulated:
     rest_at_ends: bool = False
 
     def __post_init__(self) -> None:
-        _need_finite_fields(self)
-        least = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
-        more = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
-        check_table_rows("", "angles", self.times, self.angles, least, more)
+        check_finite_fields(self)
+        min_rows = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
+        hint = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
+        check_table_rows("", "angles", self.times, self.angles, min_rows, hint)
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape.
@@ -138,12 +140,15 @@ class Tabulated:
 
     @cached_property
     def _splines(self) -> tuple[Any, Any, Any]:
+        """The spline of the variable and its first and second derivatives."""
         # SciPy takes longer to import than a study file takes to read.
         from scipy.interpolate import make_interp_spline
 
-        still = [(1, 0.0), (2, 0.0)]
-        ends: Any = (still, still) if self.rest_at_ends else None
-        spline = make_interp_spline(self.times, self.angles, SPLINE_DEGREE, bc_type=ends)
+        rest = [(1, 0.0), (2, 0.0)]  # order and value of derivatives at an end
+        end_conditions: Any = (rest, rest) if self.rest_at_ends else None
+        spline = make_interp_spline(
+            self.times, self.angles, SPLINE_DEGREE, bc_type=end_conditions
+        )
         return spline, spline.derivative(1), spline.derivative(2)
 
 
@@ -151,20 +156,10 @@ Law = ConstantSpeed | Polynomial | Cycloidal | Tabulated
 
 
 class TimeLaw(Protocol):
-    """Anything that gives an input's variable, rate and acceleration at any time."""
+    """An object that computes variable, rate and acceleration of an input at any time."""
 
     def at(self, t: ArrayLike) -> States:
         """Return the input at times t (s)."""
-
-
-def _numbers(given: Any) -> float | Numbers:
-    """Return a number, or those of several inputs; a text joins them by ``+``."""
-    if not isinstance(given, str):
-        return tuple(map(float, given)) if np.ndim(given) else float(given)
-    try:
-        return float(given)
-    except ValueError:
-        return tuple(map(float, given.split("+")))
 
 
 KINDS: Mapping[str, type[Law]] = {

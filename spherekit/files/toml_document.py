@@ -1,4 +1,4 @@
-"""A TOML file as text and data, whose faults name file, line and key."""
+"""A TOML file as text and data; a fault in it is reported with file, line and key."""
 
 import os
 import re
@@ -11,17 +11,19 @@ from pathlib import Path
 from typing import Any
 
 from spherekit.errors import FileError, ModelError
-from spherekit.files.toml_lines import KeyPath, locate
+from spherekit.files.toml_lines import KeyPath, locate_keys
 
 Table = Mapping[str, Any]
 """A table of a file, or the whole of it."""
-
 
 MAX_BYTES = 4 * 1024 * 1024
 """Largest file read; the largest mechanisms need some 100 kB."""
 
 MAX_NESTING = 32
-"""Deepest nesting of tables and arrays; the format itself needs 6."""
+"""Deepest nesting of tables and arrays; the format itself needs 6.
+
+Deeper nesting would exceed the recursion limit of the code that reads the data.
+"""
 
 MAX_KEYS = 30000
 """Most keys and tables of a file; a thousand links and pairs need some 10 000."""
@@ -29,20 +31,36 @@ MAX_KEYS = 30000
 MAX_VALUES = 200000
 """Most values in the arrays of a file."""
 
-MOST_FAULTS = 8
-"""Most faults of a file that are told at once."""
+MAX_REPORTED_FAULTS = 8
+"""Most faults of a file that one message lists."""
+
+MAX_KEY_CHARACTERS = 80
+"""Most characters of a key that a message shows."""
 
 _HEADER = re.compile(r"^[ \t]*\[[^,=\n]*\][ \t]*(?:#.*)?$", re.M)
-_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
-_MORE_PARTS = rf"(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_NESTING}}}"
-_LONG_KEY = re.compile(rf"(?<![\w-]){_PART}{_MORE_PARTS}")
+_KEY_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_MORE_PARTS = rf"(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{MAX_NESTING}}}"
+_LONG_KEY = re.compile(rf"(?<![\w-]){_KEY_PART}{_MORE_PARTS}")
 _HUGE_INTEGER = re.compile(r"[0-9_]{4300}")
-_SYNTAX = re.compile(r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.S)
-_REPEATED = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
+"""An integer beyond the number of digits that Python converts."""
+
+_PARSER_MESSAGE = re.compile(
+    r"(.*) \(at (?:line (\d+), column (\d+)|end of document)\)", re.S
+)
+_REPEATED_TABLE = re.compile(r"Cannot declare \((.*?),?\) twice", re.S)
+
+_SYNTAX_HINTS = (
+    ("^Cannot overwrite", "; this key is given twice; keys are unique"),
+    (r"(?<![\w.])\.\d", "; a number starts with a digit: write 0.5, not .5"),
+    (r"\d\.(?!\d)", "; a number has digits after its point: write 5.0 or 5, not 5."),
+    (r"=\s*(True|False)\b", "; write true or false in small letters"),
+    (r"=\s*[A-Za-z_]", '; text needs quotes: write "R", not R'),
+)
+"""Patterns of the parser's message followed by the faulty line, and a hint for each."""
 
 
 class LiteralNumber(float):
-    """A float that remembers how it was written, so that units convert exactly."""
+    """A float that keeps its text in the file, so that units are converted exactly."""
 
     __slots__ = ("text",)
     text: str
@@ -56,9 +74,16 @@ class LiteralNumber(float):
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed TOML file; its floats are `LiteralNumber`.
+    """A parsed TOML file.
 
-    Data that a program has made come without a text, and their faults without a line.
+    Attributes
+    ----------
+    name
+        Name of the file in messages.
+    text
+        Its text. Data that a program has made has none, and messages about it no line.
+    data
+        The tables of the file. Its floats are `LiteralNumber`.
     """
 
     name: str
@@ -67,31 +92,40 @@ class Document:
 
     @cached_property
     def lines(self) -> Mapping[KeyPath, int]:
-        """The line of every key path."""
-        return locate(self.text or "")
+        """The line number of every key path."""
+        return locate_keys(self.text or "")
 
     def line(self, path: KeyPath) -> int:
-        """Return the line of a key path, or that of the nearest table around it."""
-        starts = (path[:length] for length in range(len(path), 0, -1))
-        return next((self.lines[start] for start in starts if start in self.lines), 1)
+        """Return the line of a key path, or of the innermost table around it."""
+        for length in range(len(path), 0, -1):
+            if path[:length] in self.lines:
+                return self.lines[path[:length]]
+        return 1
 
     def sentence(self, path: KeyPath, message: str) -> str:
         """Return ``file:line: key.path: message``."""
-        key = f"{spelt(path)}: " if path else ""
-        where = "" if self.text is None else f":{self.line(path)}"
-        return f"{self.name}{where}: {key}{message}"
+        key = f"{key_path_text(path)}: " if path else ""
+        line = "" if self.text is None else f":{self.line(path)}"
+        return f"{self.name}{line}: {key}{message}"
 
     def fault(self, path: KeyPath, message: str) -> FileError | ModelError:
         """Return the error to raise about a key path."""
         return self._error(self.sentence(path, message))
 
     def faults(self, faults: Iterable[tuple[KeyPath, str]]) -> FileError | ModelError:
-        """Return one error for several faults, one a line, in the order of the file."""
-        unique = dict.fromkeys(sorted(faults, key=lambda item: self.line(item[0])))
-        sentences = [self.sentence(path, message) for path, message in unique]
-        rest = len(sentences) - MOST_FAULTS
-        if rest > 0:
-            sentences[MOST_FAULTS:] = [f"{self.name}: and {rest} more faults"]
+        """Return one error that lists several faults in the order of the file.
+
+        Parameters
+        ----------
+        faults
+            Path and message of each. Equal ones are listed once.
+        """
+        unique_faults = dict.fromkeys(sorted(faults, key=lambda item: self.line(item[0])))
+        sentences = [self.sentence(path, message) for path, message in unique_faults]
+        unlisted = len(sentences) - MAX_REPORTED_FAULTS
+        if unlisted > 0:
+            sentences = sentences[:MAX_REPORTED_FAULTS]
+            sentences.append(f"{self.name}: and {unlisted} more faults")
         return self._error("\n".join(sentences))
 
     @property
@@ -99,25 +133,31 @@ class Document:
         return ModelError if self.text is None else FileError
 
 
-def spelt(path: KeyPath) -> str:
-    """Return a key path as people write it: ``pairs.21.links[0]``."""
-    words = ""
+def key_path_text(path: KeyPath) -> str:
+    """Return a key path as users write it: ``pairs.21.links[0]``.
+
+    Parts that are no plain words are escaped and shortened.
+    """
+    text = ""
     for part in path:
         if isinstance(part, int):
-            words += f"[{part}]"
-        else:
-            shown = part if re.fullmatch(r"[\w-]{1,80}", part) else ascii(part)[:80]
-            words += f".{shown}" if words else shown
-    return words
+            text += f"[{part}]"
+            continue
+        is_plain = re.fullmatch(rf"[\w-]{{1,{MAX_KEY_CHARACTERS}}}", part)
+        key = part if is_plain else ascii(part)[:MAX_KEY_CHARACTERS]
+        text += f".{key}" if text else key
+    return text
 
 
-_PIPED: dict[int, bytes] = {}
+_pipe_contents: dict[int, bytes] = {}
+"""What was read from pipes so far, by inode number."""
 
 
-def piped(path: Path, most: int = -1) -> bytes | None:
-    """Return what comes through a pipe that the shell has opened; None of other files.
+def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
+    """Return the content of a pipe that the shell has opened; None for other files.
 
-    It is kept, since a pipe gives it once: ``/dev/stdin``, ``/dev/fd/63``.
+    Examples are ``/dev/stdin`` and ``/dev/fd/63``. A pipe can be read once only, so its
+    content is kept for further calls.
 
     Raises
     ------
@@ -125,28 +165,30 @@ def piped(path: Path, most: int = -1) -> bytes | None:
         If it cannot be read.
     """
     status = path.stat()
-    if not stat.S_ISFIFO(status.st_mode) or path.parts[1:2] not in (("dev",), ("proc",)):
+    is_shell_path = path.parts[1:2] in (("dev",), ("proc",))
+    if not stat.S_ISFIFO(status.st_mode) or not is_shell_path:
         return None
     with path.open("rb") as stream:
-        return _PIPED.setdefault(status.st_ino, stream.read(most))
+        return _pipe_contents.setdefault(status.st_ino, stream.read(max_bytes))
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file, refusing what cannot be a mechanism file.
+    """Return the text of a file.
 
     Raises
     ------
     FileError
-        If it cannot be opened, is not a regular file or a pipe of the shell, is too
-        large, or is not UTF-8.
+        If the file cannot be opened, is neither a regular file nor a pipe of the shell, is
+        larger than `MAX_BYTES`, or is not UTF-8.
     """
     try:
         if path.is_dir():
             raise FileError(f"{path}: is a folder; name a file in it")
-        data = piped(path, MAX_BYTES + 1)
+        data = read_pipe(path, MAX_BYTES + 1)
         if data is not None:
-            return _decoded(data, str(path))
-        # A pipe would block here for ever; it is refused just below.
+            return _decode(data, str(path))
+        # Without O_NONBLOCK, opening a named pipe would wait for a writer. Pipes are
+        # refused below.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
@@ -165,17 +207,24 @@ def read_text(path: Path) -> str:
             f"{path}: has {size} bytes; at most {MAX_BYTES} are read, and a mechanism "
             "file needs far fewer: is it another file?"
         )
-    return _decoded(data, str(path))
+    return _decode(data, str(path))
 
 
 def parse(text: str, name: str) -> Document:
     """Parse a TOML text.
 
+    Parameters
+    ----------
+    text
+        The text.
+    name
+        Name of the file in messages.
+
     Raises
     ------
     FileError
-        If it is not TOML, is too large, has too many keys or
-        values, or is nested too deeply.
+        If the text is not TOML, is too large, has too many keys or values, or is nested too
+        deeply.
     """
     if len(text) > MAX_BYTES:
         raise FileError(f"{name}: has {len(text)} characters, at most {MAX_BYTES}")
@@ -183,17 +232,18 @@ def parse(text: str, name: str) -> Document:
     if long_key := _LONG_KEY.search(text):
         line = text.count("\n", 0, long_key.start()) + 1
         raise FileError(f"{name}:{line}: a key has over {MAX_NESTING} dotted parts")
-    keys = text.count("=") + len(_HEADER.findall(text))
-    for count, most, what in (
-        (keys, MAX_KEYS, "keys and tables"),
-        (text.count(","), MAX_VALUES, "values"),
-    ):
-        if count > most:
-            raise FileError(f"{name}: has {count} {what}, at most {most} are read")
+    key_count = text.count("=") + len(_HEADER.findall(text))
+    if key_count > MAX_KEYS:
+        raise FileError(
+            f"{name}: has {key_count} keys and tables, at most {MAX_KEYS} are read"
+        )
+    value_count = text.count(",")
+    if value_count > MAX_VALUES:
+        raise FileError(f"{name}: has {value_count} values, at most {MAX_VALUES} are read")
     try:
         data = tomllib.loads(text, parse_float=LiteralNumber)
     except tomllib.TOMLDecodeError as error:
-        raise FileError(_syntax_fault(text, name, str(error))) from None
+        raise FileError(_syntax_message(text, name, str(error))) from None
     except RecursionError:
         depths = [line.count("[") + line.count("{") for line in text.split("\n")]
         line = depths.index(max(depths)) + 1
@@ -206,65 +256,76 @@ def parse(text: str, name: str) -> Document:
         raise FileError(f"{name}:{line}: a value cannot be read: too many digits") from None
     document = Document(name, text, data)
     for path, value in values_in(data):
-        inner = isinstance(path[-1], str) or isinstance(value, dict | list)
-        if len(path) > MAX_NESTING and inner:
+        is_level = isinstance(path[-1], str) or isinstance(value, dict | list)
+        if len(path) > MAX_NESTING and is_level:
             raise document.fault(
                 path[:3], f"nested too deeply; at most {MAX_NESTING} levels"
             )
     return document
 
 
-def _decoded(data: bytes, name: str) -> str:
+def values_in(data: Table) -> Iterator[tuple[KeyPath, Any]]:
+    """Yield the path and value of everything in tables and arrays, including these."""
+    pending: list[tuple[KeyPath, Any]] = [((key,), item) for key, item in data.items()]
+    while pending:
+        path, value = pending.pop()
+        yield path, value
+        if isinstance(value, dict):
+            pending.extend(((*path, key), item) for key, item in value.items())
+        elif isinstance(value, list):
+            pending.extend(((*path, index), item) for index, item in enumerate(value))
+
+
+def _decode(data: bytes, name: str) -> str:
+    """Return the text of a file from its bytes, or raise `FileError`."""
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
-        guess = "it looks like UTF-16; " if utf16 else ""
+        is_utf16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
+        guess = "it looks like UTF-16; " if is_utf16 else ""
         raise FileError(
             f"{name}:{line}: not UTF-8: byte 0x{data[error.start]:02x} at offset "
             f"{error.start}; {guess}save the file as UTF-8"
         ) from None
 
 
-def values_in(data: Table) -> Iterator[tuple[KeyPath, Any]]:
-    """Yield everything in tables and arrays, these too, with its path."""
-    waiting: list[tuple[KeyPath, Any]] = [((key,), item) for key, item in data.items()]
-    while waiting:
-        path, value = waiting.pop()
-        yield path, value
-        if isinstance(value, dict):
-            waiting.extend(((*path, key), item) for key, item in value.items())
-        elif isinstance(value, list):
-            waiting.extend(((*path, k), item) for k, item in enumerate(value))
+def _syntax_message(text: str, name: str, parser_message: str) -> str:
+    """Return the message about a text that is not TOML, with a hint for common mistakes.
 
-
-def _syntax_fault(text: str, name: str, message: str) -> str:
-    parts = _SYNTAX.fullmatch(message)
+    Parameters
+    ----------
+    text
+        The text of the file.
+    name
+        Name of the file.
+    parser_message
+        The message of `tomllib`, which ends with the position of the fault.
+    """
     lines = text.split("\n")
-    what = parts[1] if parts else message
-    if parts and parts[2]:
-        line, place = int(parts[2]), f"column {parts[3]}: "
+    match = _PARSER_MESSAGE.fullmatch(parser_message)
+    problem = match[1] if match else parser_message
+    if match and match[2]:
+        line = int(match[2])
+        position = f"column {match[3]}: "
     else:
-        line, place = len(text.rstrip("\n").split("\n")), "at the end: "
-    content = lines[line - 1]
-    repeated = _REPEATED.search(what)
+        line = len(text.rstrip("\n").split("\n"))
+        position = "at the end: "
+
+    repeated = _REPEATED_TABLE.search(problem)
     if repeated:
         path = tuple(re.findall(r"'([^']*)'", repeated[1]))
-        first = locate("\n".join(lines[: line - 1])).get(path, 0)
-        seen = f", first on line {first}" if first else ""
-        twice = f"{spelt(path)}: is given twice{seen}"
-        return f"{name}:{line}: {twice}; names are unique ({what})"
-    subject = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", f"{what}\n{content}")
-    hint = next((hint for pattern, hint in _HINTS if re.search(pattern, subject)), "")
-    return f"{name}:{line}: {place}{what}{hint}"
-
-
-_HINTS = (
-    ("^Cannot overwrite", "; this key is given twice; keys are unique"),
-    (r"(?<![\w.])\.\d", "; a number starts with a digit: write 0.5, not .5"),
-    (r"\d\.(?!\d)", "; a number has digits after its point: write 5.0 or 5, not 5."),
-    (r"=\s*(True|False)\b", "; write true or false in small letters"),
-    (r"=\s*[A-Za-z_]", '; text needs quotes: write "R", not R'),
-)
-"""What is meant, by what tomllib says or what the line has outside of quotes."""
+        first_line = locate_keys("\n".join(lines[: line - 1])).get(path, 0)
+        first = f", first on line {first_line}" if first_line else ""
+        return (
+            f"{name}:{line}: {key_path_text(path)}: is given twice{first}; names are "
+            f"unique ({problem})"
+        )
+    # Strings and comments may hold anything, so they are no evidence of a mistake.
+    without_strings = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", f"{problem}\n{lines[line - 1]}")
+    hint = ""
+    for pattern, text_of_hint in _SYNTAX_HINTS:
+        if re.search(pattern, without_strings):
+            hint = text_of_hint
+            break
+    return f"{name}:{line}: {position}{problem}{hint}"

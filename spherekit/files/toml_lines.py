@@ -1,13 +1,18 @@
-"""The line of a TOML text on which each key and array item stands."""
+"""Finds the line of a TOML text on which each key and each array item stands.
+
+The standard library parses TOML but does not report lines. Messages about a mechanism file
+name the line of the faulty key, so this module splits the text into tokens once more. It
+expects a text that is valid TOML.
+"""
 
 import json
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 KeyPath = tuple[str | int, ...]
-"""A path into the parsed data: keys, and positions within arrays."""
-
+"""A path into parsed data: keys of tables, and indices of array items."""
 
 _STRING = (
     r'"""(?:[^\\"]|\\[\s\S]|"(?!""))*"{3,5}'
@@ -15,87 +20,132 @@ _STRING = (
     r'|"(?:[^"\\\n]|\\[^\n])*"'
     r"|'[^'\n]*'"
 )
-
+"""The four kinds of strings: of several lines or one, with escapes or without."""
 
 _TOKEN = re.compile(rf"{_STRING}|#[^\n]*|[\[\]{{}}=,.\n]|[^\s\[\]{{}}=,.#\"']+|[\"']")
+"""Strings, comments, punctuation, ends of lines, and everything else between them."""
 
 
-def locate(text: str) -> Mapping[KeyPath, int]:
-    """Return the line number (from 1) of every key path in a TOML text.
-
-    Values are passed over, not interpreted.
-    """
-    lines: dict[KeyPath, int] = {}
-    sizes: Counter[KeyPath] = Counter()
-    table: KeyPath = ()
-    at: KeyPath = ()
-    opened: list[tuple[str, KeyPath]] = []
-    keys: list[str] = []
-    is_value, header, line = False, 0, 1
+def locate_keys(text: str) -> Mapping[KeyPath, int]:
+    """Return the line number, from 1, of every key path in a TOML text."""
+    scanner = _KeyScanner()
     for token in _TOKEN.findall(text):
-        kind, around = opened[-1] if opened else ("", table)
-        if kind == "[" and token[0] not in "],\n#":
-            at = around
-            lines.setdefault(at, line)
-        if token == "\n" and not opened:
-            is_value, header, keys = False, 0, []
-        elif token in ("[", "{") and (is_value or kind == "["):
-            opened.append((token, (*at, 0) if token == "[" else at))
-            is_value = False
-        elif token in ("]", "}") and opened:
-            opened.pop()
-            is_value = True
-        elif token == "," and opened:
-            is_value, keys = False, []
-            if kind == "[":
-                opened[-1] = kind, (*around[:-1], int(around[-1]) + 1)
-        elif is_value or kind == "[" or token[0] in "#\n.":
+        scanner.read_token(token)
+    return scanner.lines
+
+
+@dataclass
+class _KeyScanner:
+    """State while the tokens of a TOML text are read one after another.
+
+    Attributes
+    ----------
+    lines
+        Line number of each key path so far.
+    array_table_sizes
+        Number of tables so far in each array of tables, ``[[name]]``.
+    table
+        Path of the table whose header was read last.
+    key_path
+        Path of the key whose value is read.
+    brackets
+        The opened brackets of arrays ``[`` and inline tables ``{``. Each has the path of
+        its next item (array) or of itself (inline table).
+    key_parts
+        Parts of a dotted key, or of a header, read so far.
+    is_value
+        True between ``=`` and the end of a value, where words are no keys.
+    header_depth
+        Number of brackets that opened a header: 1 for a table, 2 for an array of tables.
+    line
+        Number of the present line.
+    """
+
+    lines: dict[KeyPath, int] = field(default_factory=dict)
+    array_table_sizes: Counter[KeyPath] = field(default_factory=Counter)
+    table: KeyPath = ()
+    key_path: KeyPath = ()
+    brackets: list[tuple[str, KeyPath]] = field(default_factory=list)
+    key_parts: list[str] = field(default_factory=list)
+    is_value: bool = False
+    header_depth: int = 0
+    line: int = 1
+
+    def read_token(self, token: str) -> None:
+        """Read the next token of the text."""
+        bracket, path = self.brackets[-1] if self.brackets else ("", self.table)
+        if bracket == "[" and token[0] not in "],\n#":
+            # An item of an array begins, or continues.
+            self.key_path = path
+            self.lines.setdefault(path, self.line)
+
+        if token == "\n" and not self.brackets:
+            self.is_value = False
+            self.header_depth = 0
+            self.key_parts = []
+        elif token in ("[", "{") and (self.is_value or bracket == "["):
+            inner_path = (*self.key_path, 0) if token == "[" else self.key_path
+            self.brackets.append((token, inner_path))
+            self.is_value = False
+        elif token in ("]", "}") and self.brackets:
+            self.brackets.pop()
+            self.is_value = True
+        elif token == "," and self.brackets:
+            self.is_value = False
+            self.key_parts = []
+            if bracket == "[":
+                next_index = int(path[-1]) + 1
+                self.brackets[-1] = (bracket, (*path[:-1], next_index))
+        elif self.is_value or bracket == "[" or token[0] in "#\n.":
             pass
         elif token == "[":
-            header += 1
+            self.header_depth += 1
         elif token == "=":
-            at, is_value = around, True
-            for key in keys:
-                at = (*at, key)
-                lines.setdefault(at, line)
-            keys = []
-        elif token == "]" and header and keys:
-            table = _entered(keys, header, line, lines, sizes)
-            is_value = True
+            self._start_value(path)
+        elif token == "]" and self.header_depth and self.key_parts:
+            self._enter_table()
+            self.is_value = True  # until the end of the line
         else:
-            keys.append(_unquoted(token))
-        line += token.count("\n")
-    return lines
+            self.key_parts.append(_unquote(token))
+        self.line += token.count("\n")
+
+    def _start_value(self, table: KeyPath) -> None:
+        """Record the lines of a dotted key within a table; its value begins."""
+        self.key_path = table
+        for key in self.key_parts:
+            self.key_path = (*self.key_path, key)
+            self.lines.setdefault(self.key_path, self.line)
+        self.key_parts = []
+        self.is_value = True
+
+    def _enter_table(self) -> None:
+        """Record the lines of the header whose parts were read; its table begins."""
+        path = self._path_of_outer_tables(self.key_parts[:-1])
+        path = (*path, self.key_parts[-1])
+        if self.header_depth > 1:
+            self.lines.setdefault(path, self.line)
+            self.array_table_sizes[path] += 1
+            path = (*path, self.array_table_sizes[path] - 1)
+        # A header of an inner table may have come before; the own header has the last word.
+        self.lines[path] = self.line
+        self.table = path
+
+    def _path_of_outer_tables(self, keys: Sequence[str]) -> KeyPath:
+        """Return the path of the tables around a header; of an array, its last table."""
+        path: KeyPath = ()
+        for key in keys:
+            path = (*path, key)
+            if self.array_table_sizes[path]:
+                path = (*path, self.array_table_sizes[path] - 1)
+            self.lines.setdefault(path, self.line)
+        return path
 
 
-def _entered(
-    keys: Sequence[str],
-    header: int,
-    line: int,
-    lines: dict[KeyPath, int],
-    sizes: Counter[KeyPath],
-) -> KeyPath:
-    """Return the path of the table that a header of one or two brackets begins."""
-    path: KeyPath = ()
-    for key in keys[:-1]:
-        path = (*path, key)
-        if sizes[path]:
-            path = (*path, sizes[path] - 1)
-        lines.setdefault(path, line)
-    path = (*path, keys[-1])
-    if header > 1:
-        lines.setdefault(path, line)
-        sizes[path] += 1
-        path = (*path, sizes[path] - 1)
-    # A table opened by the header of a table inside it has its own header later.
-    lines[path] = line
-    return path
-
-
-def _unquoted(key: str) -> str:
+def _unquote(key: str) -> str:
+    """Return a key without its quotes and escapes."""
     if not key.startswith('"'):
         return key.strip("'")
     try:
         return str(json.loads(key, strict=False))
-    except ValueError:  # an escape that TOML has and JSON has not, such as \U0001F600
+    except ValueError:  # TOML has escapes that JSON lacks, such as \U0001F600
         return key[1:-1]

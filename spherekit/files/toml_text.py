@@ -1,4 +1,8 @@
-"""TOML text from values: keys, strings, arrays and tables, laid out for reading."""
+"""Writes values as TOML text.
+
+A library would write the same data, but with another layout. The layout matters here: the
+hash of a mechanism is computed from this text, and run folders store it.
+"""
 
 import datetime
 import re
@@ -8,31 +12,54 @@ from typing import Any
 from spherekit.escaping import toml_string
 from spherekit.files.toml_document import LiteralNumber
 
-_WIDTH = 88
+MAX_LINE_CHARACTERS = 88
+"""Longest line of an array; a longer array is written with one item a line."""
+
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
-def assignment(key: str, value: object) -> str:
-    """Return ``key = value``; an array too long for a line gets one item a line."""
+def assignment_text(key: str, value: object) -> str:
+    """Return ``key = value``, on several lines if the value is a long array."""
     line = f"{key_text(key)} = {value_text(value)}"
-    if len(line) <= _WIDTH or not isinstance(value, list | tuple):
+    if len(line) <= MAX_LINE_CHARACTERS or not isinstance(value, list | tuple):
         return line
     items = "".join(f"    {value_text(item)},\n" for item in value)
     return f"{key_text(key)} = [\n{items}]"
 
 
-def tables(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
-    """Return the lines of a table and the tables within it, each after a blank line."""
-    inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
-    lines = [assignment(key, table[key]) for key in table if key not in inner]
-    if lines or not inner:
-        yield from ("", f"[{'.'.join(map(key_text, path))}]", *lines)
-    for key, value in inner.items():
-        yield from tables((*path, key), value)
+def table_lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the lines of a table and of the tables within it.
+
+    Each table begins with a blank line and its header. A table that holds only other tables
+    gets no header of its own.
+
+    Parameters
+    ----------
+    path
+        The keys that lead to the table, for the header.
+    table
+        Its content.
+    """
+    inner_tables = {key: item for key, item in table.items() if isinstance(item, Mapping)}
+    assignments = [
+        assignment_text(key, table[key]) for key in table if key not in inner_tables
+    ]
+    if assignments or not inner_tables:
+        yield ""
+        yield f"[{'.'.join(map(key_text, path))}]"
+        yield from assignments
+    for key, inner_table in inner_tables.items():
+        yield from table_lines((*path, key), inner_table)
 
 
 def key_text(key: object) -> str:
-    """Return a key, in quotes where TOML needs them."""
+    """Return a key, in quotes if TOML needs them.
+
+    Raises
+    ------
+    TypeError
+        If the key is not text.
+    """
     if not isinstance(key, str):
         raise TypeError(f"the key {key!r} is not text")
     return key if _BARE_KEY.fullmatch(key) else toml_string(key)
@@ -50,7 +77,7 @@ def value_text(value: object) -> str:
         return value.text
     if isinstance(value, str):
         return toml_string(value)
-    if isinstance(value, int):  # true and false too
+    if isinstance(value, int):  # includes True and False
         return str(value).lower()
     if isinstance(value, float):
         return repr(float(value))
@@ -59,6 +86,6 @@ def value_text(value: object) -> str:
     if isinstance(value, list | tuple):
         return f"[{', '.join(value_text(item) for item in value)}]"
     if isinstance(value, Mapping):
-        items = (f"{key_text(key)} = {value_text(item)}" for key, item in value.items())
+        items = [f"{key_text(key)} = {value_text(item)}" for key, item in value.items()]
         return f"{{{', '.join(items)}}}"
     raise TypeError(f"TOML has no value of type {type(value).__name__}")

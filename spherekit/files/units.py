@@ -1,7 +1,7 @@
-"""Values of a file as the model has them: radians, unit vectors, fields of its classes.
+"""Converts the data of a file to the values of the model, and back.
 
-Which values are angles, rates and directions is said by the schema. Which key is which
-field of a class of the model is said here, for reading and for writing.
+The schema says which values are angles, rates and directions. The table `KEYS` says which
+key of a file is which field of a class of the model.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,13 +11,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from spherekit.files.angle_units import (
-    LARGEST_RADIANS,
+    MAX_PLAUSIBLE_RAD,
     direction,
     to_radians,
     to_text,
     unit_vector,
 )
-from spherekit.files.schema import Kind, Leaves, walked
+from spherekit.files.schema import Converters, Kind, convert_values
 from spherekit.files.time_law import ConstantSpeed, Cycloidal, Polynomial, Tabulated
 from spherekit.files.toml_document import Document, LiteralNumber, Table
 from spherekit.files.toml_lines import KeyPath
@@ -34,68 +34,96 @@ from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.sizes import AngleUnit, Vector
 
-Part = TypeVar("Part")
+Element = TypeVar("Element")
 
 
-def _same(names: str) -> dict[str, str]:
-    """Return keys that have the names of their fields."""
+def _same_names(names: str) -> dict[str, str]:
+    """Return a mapping for keys that are called as their fields, from ``"key key"``."""
     return {name: name for name in names.split()}
 
 
 KEYS: Mapping[type, Mapping[str, str]] = {
-    Source: _same("citation assumed"),
-    LinkSizes: _same("axes arcs angles") | {"signed_arcs": "signed"} | _same("unpaired"),
-    Pair: _same("type links contact start one_sided distance pressure_angle"),
-    Profile: _same("kind")
+    Source: _same_names("citation assumed"),
+    LinkSizes: _same_names("axes arcs angles")
+    | {"signed_arcs": "signed"}
+    | _same_names("unpaired"),
+    Pair: _same_names("type links contact start one_sided distance pressure_angle"),
+    Profile: _same_names("kind")
     | {"centre_xyz": "centre", "centre_lonlat": "centre"}
-    | _same("radius")
+    | _same_names("radius")
     | {"points_xyz": "points"}
-    | _same("points closed cosines sines"),
+    | _same_names("points closed cosines sines"),
     Input: {"from": "start", "to": "stop"},
     Output: {"link": "link", "relative_to": "relative_to", "xyz": "direction"},
-    Mass: _same("tensor mass centre"),
+    Mass: _same_names("tensor mass centre"),
     JointLimit: {"from": "low", "to": "high"},
     ConstantSpeed: {"speed": "speed", "from": "start"},
-    Polynomial: _same("coefficients"),
+    Polynomial: _same_names("coefficients"),
     Cycloidal: {"from": "start", "to": "stop", "duration": "duration"},
-    Tabulated: _same("times angles rest_at_ends"),
+    Tabulated: _same_names("times angles rest_at_ends"),
 }
-"""The fields of classes of the model by their keys in files, in the order of writing."""
+"""Field of each class of the model by its key in files, in the order of writing.
+
+Two keys for one field are two ways to state it; the first is written.
+"""
 
 
-def made(kind: Callable[..., Part], item: Table, more: Table | None = None) -> Part:
-    """Return what a table of converted values states; `more` has the other fields."""
-    keys = KEYS[kind]  # type: ignore[index]
-    given = {keys[key]: value for key, value in item.items() if key in keys}
-    return kind(**(more or {}), **given)
+def construct_element(
+    cls: Callable[..., Element], table: Table, other_fields: Table | None = None
+) -> Element:
+    """Return an element of a mechanism that a table of converted values states.
+
+    Parameters
+    ----------
+    cls
+        A class in `KEYS`.
+    table
+        Converted values by key. Keys that are no field of the class are left out.
+    other_fields
+        Values of fields that the table does not state.
+    """
+    field_of_key = KEYS[cls]  # type: ignore[index]
+    stated_fields = {
+        field_of_key[key]: value for key, value in table.items() if key in field_of_key
+    }
+    return cls(**(other_fields or {}), **stated_fields)
 
 
-def table_of(part: Any) -> dict[str, Any]:
-    """Return the table that states a part, without what is as by default."""
-    defaults = {item.name: item.default for item in fields(part)}
-    table, written = {}, set()
-    for key, name in KEYS[type(part)].items():
-        value = getattr(part, name)
-        if name not in written and np.any(value != defaults[name]):
+def table_of(element: Any) -> dict[str, Any]:
+    """Return the table that states an element, without fields that have their default."""
+    defaults = {item.name: item.default for item in fields(element)}
+    table: dict[str, Any] = {}
+    written_fields = set()
+    for key, name in KEYS[type(element)].items():
+        value = getattr(element, name)
+        if name not in written_fields and np.any(value != defaults[name]):
             table[key] = value
-        written.add(name)
+        written_fields.add(name)
     return table
 
 
-def converted(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
-    """Return data of a document that fit the format, as the model has them.
+def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
+    """Return data with angles in rad, directions as unit vectors and arrays as tuples.
 
-    Angles are in rad, directions unit vectors, arrays tuples.
+    Parameters
+    ----------
+    document
+        The file, for its angle unit and for messages.
+    data
+        Tables of the file that fit the schema.
+    kind
+        The kind of file.
 
     Raises
     ------
     FileError
-        Where a number makes no sense as what it is; of data without text `ModelError`.
+        If an angle in rad looks like degrees, or a direction is no unit vector. For data
+        without a text it is a `ModelError`.
     """
     unit: AngleUnit = document.data.get("angle_unit", "rad")
 
-    def angle(path: KeyPath, number: float) -> float:
-        if unit == "rad" and abs(number) > LARGEST_RADIANS:
+    def convert_angle(path: KeyPath, number: float) -> float:
+        if unit == "rad" and abs(number) > MAX_PLAUSIBLE_RAD:
             raise document.fault(
                 path,
                 f"found {float(number)} rad, more than two turns: this looks like "
@@ -103,30 +131,42 @@ def converted(document: Document, data: Table, kind: Kind = "mechanism") -> Any:
             )
         return to_radians(number, unit)
 
-    def vector(path: KeyPath, read: Callable[..., Vector], *given: Any) -> Vector:
+    def convert_unlimited_angle(path: KeyPath, number: float) -> float:
+        return to_radians(number, unit)
+
+    def convert_xyz(path: KeyPath, components: Any) -> Vector:
         try:
-            return read(*given)
+            return unit_vector(as_vector(components))
         except ValueError as error:
             raise document.fault(path, str(error)) from None
 
-    def lonlat(path: KeyPath, row: Any) -> Vector:
-        angles = (angle((*path, k), number) for k, number in enumerate(row))
-        return vector(path, direction, *angles)
+    def convert_lonlat(path: KeyPath, angles: Any) -> Vector:
+        longitude, latitude = (
+            convert_angle((*path, index), angle) for index, angle in enumerate(angles)
+        )
+        try:
+            return direction(longitude, latitude)
+        except ValueError as error:
+            raise document.fault(path, str(error)) from None
 
-    leaves: Leaves = {
-        "angle": angle,
-        **dict.fromkeys(("travel", "rate"), lambda _, number: to_radians(number, unit)),
-        "xyz": lambda path, row: vector(path, unit_vector, as_vector(row)),
-        "lonlat": lonlat,
-        "series": lambda _, numbers: tuple(map(float, numbers)),
+    def convert_series(path: KeyPath, numbers: Any) -> tuple[float, ...]:
+        return tuple(map(float, numbers))
+
+    converters: Converters = {
+        "angle": convert_angle,
+        "travel": convert_unlimited_angle,  # ranges of inputs may have many turns
+        "rate": convert_unlimited_angle,
+        "xyz": convert_xyz,
+        "lonlat": convert_lonlat,
+        "series": convert_series,
     }
-    return walked(data, leaves, kind)
+    return convert_values(data, converters, kind)
 
 
-def in_file(data: Table, unit: AngleUnit) -> Any:
-    """Return data of the model as a mechanism file has them, angles as its numbers."""
+def convert_to_file(data: Table, unit: AngleUnit) -> Any:
+    """Return data of the model with angles and rates as numbers of a mechanism file."""
 
-    def angle(_: KeyPath, number: float) -> LiteralNumber:
-        return LiteralNumber(to_text(number, unit))
+    def convert_angle(path: KeyPath, angle: float) -> LiteralNumber:
+        return LiteralNumber(to_text(angle, unit))
 
-    return walked(data, {"angle": angle, "rate": angle})
+    return convert_values(data, {"angle": convert_angle, "rate": convert_angle})

@@ -12,7 +12,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.errors import FileError
-from spherekit.files.toml_document import piped
+from spherekit.files.toml_document import read_pipe
 from spherekit.tables.table import COLUMNS
 from spherekit.tables.table_files import read_csv, read_parquet
 
@@ -142,7 +142,7 @@ def _read_cells(path: Path) -> "pd.DataFrame":
     if path.suffix == PARQUET_SUFFIX:
         return read_parquet(path)
     try:
-        data = piped(path)
+        data = read_pipe(path)
         return read_csv(path if data is None else io.BytesIO(data))
     except OSError as error:
         raise FileError(

@@ -9,7 +9,7 @@ from spherekit.errors import FileError
 from spherekit.files.number_change import number_at, with_numbers
 from spherekit.files.toml_document import Document, parse
 from spherekit.files.toml_lines import KeyPath
-from spherekit.files.toml_text import assignment, tables
+from spherekit.files.toml_text import assignment_text, table_lines
 
 _NUMBER = re.compile(r"(?<![\w.+-])[+-]?\d[\d_]*(?:\.\d[\d_]*)?(?:[eE][+-]?\d+)?(?![\w.])")
 _MARKS = "{}.5e-271"
@@ -56,6 +56,6 @@ def _written(document: Document, paths: Sequence[KeyPath], marks: Sequence[str])
 def _lines(document: Document) -> Iterator[str]:
     for key, value in document.data.items():
         if isinstance(value, dict):
-            yield from tables((key,), value)
+            yield from table_lines((key,), value)
         else:
-            yield assignment(key, value)
+            yield assignment_text(key, value)
