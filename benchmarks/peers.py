@@ -16,8 +16,8 @@ from spherekit.dynamics.reduced_model_maker import reduced_model
 from spherekit.dynamics.reduced_model_simulation import simulate_reduced
 from spherekit.dynamics.simulation_start import Problem, prepare
 from spherekit.errors import ModelError
-from spherekit.exchange.link_bodies import RigidBodies, rigid_bodies
 from spherekit.exchange.mjcf import MujocoModel
+from spherekit.exchange.rigid_bodies import RigidBodies, construct_rigid_bodies
 from spherekit.files.mechanism_reader import load
 from spherekit.files.study import Start
 from spherekit.mechanism.inertia import Mass, uniform_arc
@@ -330,7 +330,7 @@ def _mujoco(case: Case, step: float) -> Run:
 def _pinocchio(case: Case, tolerance: float) -> Run:
     from scipy.integrate import solve_ivp
 
-    made = rigid_bodies(replace(case.made, loads=()), case.values)
+    made = construct_rigid_bodies(replace(case.made, loads=()), case.values)
     pin, model, cuts = _pinocchio_model(made)
     pairs = [hinge.pair for hinge in made.hinges]
     data = model.createData()
@@ -380,7 +380,7 @@ def _pinocchio_model(made: RigidBodies) -> tuple[Any, Any, Any]:
         inertia = pin.Inertia(body.mass, body.centre, body.tensor)
         model.appendBodyToJoint(number[hinge.child], inertia, here)
     cuts = pin.StdVec_RigidConstraintModel()
-    for cut in made.cuts:
+    for cut in made.loop_hinges:
         there = pin.SE3(np.eye(3), cut.axis)
         ends = (number[cut.parent], there, number[cut.child], there)
         held = pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, *ends, pin.LOCAL)

@@ -18,7 +18,7 @@ from scipy.linalg import lu
 from benchmarks.harness import Cell, Section, median, ratio
 from benchmarks.peers import _heavy
 from spherekit.exchange.formula_maker import formulas
-from spherekit.exchange.link_bodies import rigid_bodies
+from spherekit.exchange.rigid_bodies import construct_rigid_bodies
 from spherekit.exchange.source_languages import source
 from spherekit.files.mechanism_reader import load
 from spherekit.mechanism.inertia import point_mass_inertia
@@ -211,14 +211,14 @@ def _peers(
     folder: Path, mechanism: Mechanism, values: Floats, motions: Floats
 ) -> dict[tuple[str, str], Job]:
     ca: Any = import_module("casadi")
-    made, ground = rigid_bodies(mechanism, values[0]), mechanism.ground
+    made, ground = construct_rigid_bodies(mechanism, values[0]), mechanism.ground
     n = len(mechanism.inputs)
     pairs = [hinge.pair for hinge in made.hinges]
     frames, text, shifts = {ground: np.eye(3)}, "", []
     for hinge, body in zip(made.hinges, made.bodies, strict=True):
         base, z = frames[hinge.parent], hinge.axis
         x = _square(base[:, 2], z, base[:, 0])
-        others = [o for o in (*made.hinges, *made.cuts) if o.pair != hinge.pair]
+        others = [o for o in (*made.hinges, *made.loop_hinges) if o.pair != hinge.pair]
         ahead = [o.axis for o in others if hinge.child in (o.parent, o.child)]
         along = _square(z, ahead[0], x) if ahead else x
         shifts.append(np.arctan2(np.cross(x, along) @ z, x @ along) - hinge.value)
@@ -243,7 +243,7 @@ def _peers(
         spins[hinge.child] = ca.SX(spins[hinge.parent])
         spins[hinge.child][:, k] = turns[hinge.child][:, 2]
     opened, tangents = [], []
-    for cut in made.cuts:
+    for cut in made.loop_hinges:
         c = frames[cut.parent].T @ cut.axis
         e = _square(np.array([0.0, 0.0, 1.0]), c, np.array([1.0, 0.0, 0.0]))
         x, y = (turns[cut.parent] @ ca.sparsify(_rounded(v)) for v in (e, np.cross(c, e)))

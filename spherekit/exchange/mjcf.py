@@ -1,9 +1,5 @@
-"""A mechanism as a MuJoCo model (MJCF): bodies, hinges, closed loops, loads, looks.
+"""A mechanism as a MuJoCo model (MJCF): bodies, hinges, loops, loads and appearance."""
 
-The loads and joint limits of a mechanism in what MuJoCo has, and those that it has not.
-"""
-
-from contextlib import suppress
 from functools import cached_property
 from typing import Any
 from xml.etree import ElementTree
@@ -11,109 +7,69 @@ from xml.etree import ElementTree
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.errors import EngineError
 from spherekit.escaping import xml_comment
-from spherekit.exchange.link_bodies import (
-    LIGHT_CARRIER,
-    LIGHT_END,
-    BodyInertia,
-    rigid_bodies,
-    spokes,
-)
+from spherekit.exchange.body_inertia import BodyInertia, radial_lines
+from spherekit.exchange.mjcf_loads import Attributes, convert_loads
 from spherekit.exchange.mjcf_names import name_elements
-from spherekit.geometry.rotation import quaternion
-from spherekit.geometry.vectors import all_finite, max_abs
-from spherekit.mechanism.load import Called, Component, TorqueTable
-from spherekit.mechanism.load_kinds import (
-    Damper,
-    Friction,
-    Gravity,
-    Moment,
-    PairTorque,
-    PointForce,
-    Spring,
+from spherekit.exchange.rigid_bodies import (
+    LIGHT_CARRIER_RATIO,
+    LIGHT_END_RATIO,
+    Hinge,
+    construct_rigid_bodies,
 )
+from spherekit.geometry.rotation import quaternion
+from spherekit.geometry.vectors import max_abs
+from spherekit.mechanism.load_kinds import Moment, PointForce
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.scenes.colours import link_colour
 from spherekit.scenes.link_scenes import link_shapes
-from spherekit.symbolic.expression_derivatives import differentiate
-from spherekit.symbolic.expression_evaluation import array_function
-from spherekit.symbolic.expression_graph import has_variables, symbols
-from spherekit.symbolic.parsed_expressions import convert_to_graph
 from spherekit.wording import listing
-
-Attributes = dict[str, Any]
-"""Of an element, as texts, numbers, or rows of numbers."""
-
-
-_SUMS = ("stiffness", "damping", "frictionloss", "springref")
-
-
-def _constant(mechanism: Mechanism, load: PairTorque | PointForce | Moment) -> Attributes:
-    """Return a load as the attributes of an actuator; `EngineError` if it is none.
-
-    Sites are given by the name of the load; `_actuators` puts in what the model calls them.
-    """
-    pair = load.pair if isinstance(load, PairTorque) else ""
-    biases = [_bias(part, pair) for part in load.components(mechanism)]
-    if isinstance(load, PairTorque):
-        return {"joint": pair, "biasprm": biases[0]}
-    vector, none = [bias[0] for bias in biases], [0.0] * 3
-    gear = [*vector, *none] if isinstance(load, PointForce) else [*none, *vector]
-    axes = {"refsite": load.name} if load.axes == "ground" else {}
-    return {"site": load.name, **axes, "gear": gear, "biasprm": (1.0, 0.0, 0.0)}
-
-
-def _bias(part: Component, pair: str) -> Floats:
-    """Return a magnitude as a constant and factors of its pair's variable and rate (3,)."""
-    law = part.magnitude
-    if isinstance(law, Called | TorqueTable):
-        raise EngineError("it is a Python function")
-    if "t" in law.names:
-        raise EngineError(f"MuJoCo has no loads that change in time: {law.text}")
-    names = (f"theta_{pair}", f"dtheta_{pair}") if pair else ()
-    if not law.names <= set(names):
-        raise EngineError(f"it depends on other pairs: {law.text}")
-    terms, made = symbols(names), np.array([np.nan])
-    with suppress(EngineError), np.errstate(all="ignore"):
-        named = {name: (x, x) for name, x in zip(names, terms, strict=True)}
-        item = convert_to_graph(law, named)
-        slopes = [differentiate([item], {term: 1.0})[0] for term in terms]
-        if not any(map(has_variables, slopes)):
-            made = array_function([item, *slopes], terms)(np.zeros((len(names), 1)))[:, 0]
-    if not all_finite(made):
-        raise EngineError(
-            f"it is not constant, and not in proportion to an angle or rate: {law.text}"
-        )
-    return np.append(made, [0.0, 0.0])[:3]
-
 
 Element = ElementTree.Element
 
-STIFF = 0.3
-"""Rate of the loops' correction times the step; RK4 is stable to about 1."""
+CORRECTION_PER_STEP = 0.3
+"""Rate of the correction of open loops times the time step.
 
-IMPEDANCE = "0.9999 0.9999 1 0.5 2"
-"""The largest that MuJoCo takes, at any distance."""
+Larger: RK4 is unstable from about 1 on; smaller: loops open further under loads.
+"""
 
-THICKNESS = 1e-13
-"""Part of its trace added to each moment of a tensor, beside what rounding of the file
-takes too far: for a thin arc two moments add up to the third, and MuJoCo refuses more."""
+LOOP_IMPEDANCE = "0.9999 0.9999 1 0.5 2"
+"""MuJoCo's `solimp` of loops: the largest impedance that it accepts, at any distance."""
 
-LINK_RADIUS, PIN_RADIUS, PIN_LENGTH = 0.018, 0.034, 0.07
-"""Of the capsules and pins that draw links, as parts of the sphere's radius."""
+TENSOR_THICKNESS = 1e-13
+"""Part of its trace that is added to each moment of a tensor.
 
-CHORD = 4
-"""Steps of a drawn curve that one capsule takes together."""
+Two moments of a thin arc add up to the third, and MuJoCo refuses tensors whose third moment
+is larger. Smaller: rounding makes it larger; larger: the motion differs.
+"""
 
-SERVO = 20.0
-"""Rate (rad/s) at which the servos of a model without masses reach their angles."""
+LINK_RADIUS_RATIO = 0.018
+"""Radius of the capsules that draw links, relative to the radius of the sphere."""
 
-ROUNDING = 1e-16
-"""Numbers below this part of the largest beside them are written as zero."""
+PIN_RADIUS_RATIO = 0.034
+"""Radius of the cylinders that draw pairs, relative to the radius of the sphere."""
+
+PIN_LENGTH_RATIO = 0.07
+"""Length of the cylinders that draw pairs, relative to the radius of the sphere."""
+
+POINTS_PER_CAPSULE = 4
+"""Steps of a drawn curve that one capsule covers. Larger: arcs look angular; smaller: the
+model has more shapes."""
+
+SERVO_RATE_PER_S = 20.0
+"""Rate (1/s) at which the servos of a model without masses approach their angles."""
+
+WRITTEN_ZERO_RATIO = 1e-16
+"""Numbers below this part of the largest number beside them are written as zero."""
+
+DRAWN_ZERO = 1e-12
+"""Numbers of the appearance that are smaller are written as zero."""
+
+INVISIBLE_SITE_RATIO = 1e-3
+"""Size of sites at which loads act, relative to the radius of the sphere."""
 
 
-FRAME = """<mujoco model="{name}">
+MODEL_TEMPLATE = """<mujoco model="{name}">
 <compiler angle="radian" autolimits="true"/>
 <option timestep="{timestep!r}" integrator="RK4" gravity="{gravity}">
 <flag contact="disable"/></option>
@@ -134,332 +90,462 @@ FRAME = """<mujoco model="{name}">
 </worldbody>
 <tendon/><equality/><actuator/><sensor/><keyframe/>
 </mujoco>"""
-"""What the models of all mechanisms have, and places for what is each one's own."""
+"""The elements that all models have, and empty ones that are filled for each mechanism."""
 
 
 class MujocoModel:
-    """A mechanism in a closed configuration as a MuJoCo model (MJCF), its `text`.
+    """A mechanism in a closed configuration as a MuJoCo model (MJCF).
 
-    Its `notes` say what it has otherwise.
-
-    Bodies are named as links and have their axes; joints are named as pairs, and their
+    Bodies have the names and axes of links. Joints have the names of pairs, and their
     positions are the pair variables. Each pair that closes a loop is a `connect` on its
-    axis, as stiff as the step allows, or, where a load acts at it, a joint of a second
-    body with half of the link's inertia, welded to the link. Inputs have motors (N m).
-    Without masses they have servos, whose controls are angles (rad).
-
-    `hinges` are the attributes of joints, by pair: springs, friction and stops. `actuated`
-    are loads that are actuators without control, with their attributes: at a pair such a
-    load has a torque that is affine in its variable and rate; otherwise it is a force, or a
-    moment, on a link, constant in the axes of the ground or of the link. Links are drawn on
-    a sphere of `radius` (m), the distance of the farthest centre of mass, 1 m without any.
+    axis, as stiff as the time step allows. If a load acts at it, the pair has to be a
+    joint: the joint carries a *twin*, a second body of the link with half of its inertia,
+    which is welded to the link. Inputs have motors (N m). If the mechanism has no masses,
+    inputs have servos whose controls are angles (rad). Links are drawn on a sphere whose
+    radius is the distance of the farthest centre of mass, or 1 m without masses.
 
     Parameters
     ----------
-    mechanism, values
-        As for `rigid_bodies`, which says what is raised.
+    mechanism
+        The mechanism.
+    values
+        (variables,) pair variables (rad) of a closed configuration.
     timestep
-        Step (s) of MuJoCo's integrator; the stiffness of the loops follows from it.
+        Time step (s) of MuJoCo's integrator. The stiffness of the loops follows from it.
+
+    Attributes
+    ----------
+    notes
+        What the model states differently or leaves out, in sentences.
+
+    Raises
+    ------
+    ModelError
+        If bodies on hinges cannot express the mechanism, see
+        `spherekit.exchange.rigid_bodies.construct_rigid_bodies`.
     """
 
     def __init__(
         self, mechanism: Mechanism, values: Floats, timestep: float = 1e-3
     ) -> None:
-        self.mechanism, self.timestep = mechanism, timestep
-        self.actuated: list[tuple[PairTorque | PointForce | Moment, Attributes]] = []
-        self.gravity = np.zeros(3)
-        self._lost: dict[str, str] = {}
-        self._otherwise: list[str] = []
-        self.hinges = self._taken()
-        pulled = (x.pair for x, _ in self.actuated if isinstance(x, PairTorque))
-        held = [*self.hinges, *pulled]
-        self.made = made = rigid_bodies(mechanism, values, held)
-        far = max(
-            (np.linalg.norm(body.centre) for body in made.bodies if body.stated), default=0
-        )
-        self.radius = 1.0 if made.made_up else float(np.round(far, 3) or far or 1.0)
-        self.connected = [cut for cut in made.cuts if cut.pair not in held]
-        # Second bodies of links, at cut pairs where loads act.
-        self.twins = [
-            cut._replace(parent=cut.child, child=cut.parent, axis=-cut.axis)
-            if cut.child == mechanism.ground
-            else cut
-            for cut in made.cuts
-            if cut.pair in held
-        ]
-        self.names = name_elements(
-            mechanism,
-            list(dict.fromkeys([*mechanism.links, *(x.child for x in made.hinges)])),
-            {twin.pair: twin.child for twin in self.twins},
-        )
-        self.shapes = link_shapes(mechanism)
-        self.notes = tuple(self._noted())
-
-    def _taken(self) -> dict[str, Attributes]:
-        """Take loads as MuJoCo has them; return what hinges have of them, by pair."""
-        mechanism = self.mechanism
-        sums = {pair: dict.fromkeys(_SUMS, 0.0) for pair in mechanism.angles}
-        for load in mechanism.loads:
-            if isinstance(load, Gravity):
-                self.gravity = self.gravity + load.acceleration
-            elif isinstance(load, Spring):
-                sums[load.pair]["stiffness"] += load.stiffness
-                sums[load.pair]["springref"] += load.stiffness * load.rest
-            elif isinstance(load, Damper):
-                sums[load.pair]["damping"] += load.damping
-            elif isinstance(load, Friction):
-                sums[load.pair]["frictionloss"] += load.torque
-                sums[load.pair]["damping"] += load.viscous
-                self._otherwise.append(
-                    f"load {load.name}: MuJoCo's dry friction jumps at rest, where the "
-                    f"file smooths it below {load.speed:g} rad/s"
+        self._mechanism = mechanism
+        self._timestep = timestep
+        self._loads = convert_loads(mechanism)
+        loaded_pairs = self._loads.loaded_pairs
+        self._rigid_bodies = construct_rigid_bodies(mechanism, values, loaded_pairs)
+        self._radius = self._choose_radius()
+        self._connected_hinges: list[Hinge] = []
+        self._twin_hinges: list[Hinge] = []
+        for hinge in self._rigid_bodies.loop_hinges:
+            if hinge.pair not in loaded_pairs:
+                self._connected_hinges.append(hinge)
+            elif hinge.child == mechanism.ground:
+                # The child gets the twin, and the ground has none: the ends are exchanged.
+                reversed_hinge = hinge._replace(
+                    parent=hinge.child, child=hinge.parent, axis=-hinge.axis
                 )
-            elif isinstance(load, PairTorque | PointForce | Moment):
-                try:
-                    self.actuated.append((load, _constant(mechanism, load)))
-                except EngineError as why:
-                    self._lost[load.name] = str(why)
-            elif isinstance(load, TorqueTable):
-                self._lost[load.name] = "MuJoCo has no tables in time"
+                self._twin_hinges.append(reversed_hinge)
             else:
-                self._lost[load.name] = f"MuJoCo has no load of kind {load.kind}"
-        stops = {stop.pair: (stop.low, stop.high) for stop in mechanism.joint_limits}
-        hinges: dict[str, Attributes] = {}
-        for pair, here in sums.items():
-            here["springref"] /= here["stiffness"] or 1.0
-            held: Attributes = {**here, "range": stops.get(pair)}
-            if any(held.values()):
-                hinges[pair] = {key: value for key, value in held.items() if value}
-        return hinges
+                self._twin_hinges.append(hinge)
+        added_bodies = [hinge.child for hinge in self._rigid_bodies.hinges]
+        self._names = name_elements(
+            mechanism,
+            list(dict.fromkeys([*mechanism.links, *added_bodies])),
+            {hinge.pair: hinge.child for hinge in self._twin_hinges},
+        )
+        self._link_shapes = link_shapes(mechanism)
+        self.notes = tuple(self._write_notes())
 
-    def _noted(self) -> list[str]:
-        """Return what the model has otherwise or not, in sentences."""
-        made, mechanism = self.made, self.mechanism
-        notes, lost = [], self._lost
-        if made.made_up:
+    def _choose_radius(self) -> float:
+        """Return the radius (m) of the sphere on which links are drawn."""
+        if self._rigid_bodies.has_made_up_masses:
+            return 1.0
+        farthest_centre = max(
+            (
+                np.linalg.norm(body.centre)
+                for body in self._rigid_bodies.bodies
+                if body.is_stated
+            ),
+            default=0,
+        )
+        # Whole millimetres, unless the mechanism is smaller than one.
+        return float(np.round(farthest_centre, 3) or farthest_centre or 1.0)
+
+    def _write_notes(self) -> list[str]:
+        """Return what the model states differently or leaves out, in sentences."""
+        mechanism = self._mechanism
+        rigid_bodies = self._rigid_bodies
+        has_made_up_masses = rigid_bodies.has_made_up_masses
+        notes: list[str] = []
+        reason_by_omitted_load = self._loads.reason_by_omitted_load
+        if has_made_up_masses:
             notes.append(
                 "kinematics only: the file has no masses, and MuJoCo moves none without, "
                 "so links are wires of 1 kg/m on a sphere of 1 m, servos turn the inputs, "
                 "and forces mean nothing"
             )
-            names = (load.name for load in mechanism.loads)
-            lost = dict.fromkeys(names, "the model has no masses of its own")
-        notes += [f"load {name} left out: {reason}" for name, reason in lost.items()]
-        notes += () if made.made_up else self._otherwise
-        weighed = {mass.link for mass in mechanism.masses if np.any(mass.tensor)}
-        light = [
+            reason_by_omitted_load = {
+                load.name: "the model has no masses of its own" for load in mechanism.loads
+            }
+        for load_name, reason in reason_by_omitted_load.items():
+            notes.append(f"load {load_name} left out: {reason}")
+        if not has_made_up_masses:
+            notes += self._loads.approximations
+        limited_pairs = listing(joint_limit.pair for joint_limit in mechanism.joint_limits)
+        if limited_pairs:
+            notes.append(
+                f"joint limits of {limited_pairs} are MuJoCo's soft limits, where "
+                "spherekit ends a simulation"
+            )
+        links_with_mass = {mass.link for mass in mechanism.masses if np.any(mass.tensor)}
+        bodies = rigid_bodies.bodies
+        chosen_links = listing(
             body.link
-            for body in made.bodies
-            if body.link not in weighed and not made.made_up
-        ]
-        bodies, limits = made.bodies, (stop.pair for stop in mechanism.joint_limits)
-        for words, named in (
-            (
-                "joint limits of {} are MuJoCo's soft limits, where spherekit ends a "
-                "simulation",
-                limits,
-            ),
-            (
+            for body in bodies
+            if not body.is_stated and body.link in links_with_mass
+        )
+        if chosen_links:
+            notes.append(
                 "mass and centre chosen so that the tensor about the centre of the sphere "
-                "is the file's, without weight: links {}",
-                (b.link for b in bodies if not b.stated and b.link in weighed),
-            ),
-            (
-                f"links without mass were given {LIGHT_CARRIER:g} of the largest inertia: "
-                "{}",
-                (link for link in light if link not in made.light_ends),
-            ),
-            (
-                f"links without mass were given {LIGHT_END:g} of the largest inertia, and "
-                "the loops that they close are soft, so that the motion is not exact; its "
-                "error falls with the square of the timestep: {}",
-                (link for link in light if link in made.light_ends),
-            ),
-        ):
-            if told := listing(named):
-                notes.append(words.format(told))
-        return [*notes, *self.names.notes]
+                f"is the file's, without weight: links {chosen_links}"
+            )
+        light_links: list[str] = []
+        if not has_made_up_masses:
+            light_links = [body.link for body in bodies if body.link not in links_with_mass]
+        carriers = listing(
+            link for link in light_links if link not in rigid_bodies.light_ends
+        )
+        if carriers:
+            notes.append(
+                f"links without mass were given {LIGHT_CARRIER_RATIO:g} of the largest "
+                f"inertia: {carriers}"
+            )
+        ends = listing(link for link in light_links if link in rigid_bodies.light_ends)
+        if ends:
+            notes.append(
+                f"links without mass were given {LIGHT_END_RATIO:g} of the largest "
+                "inertia, and the loops that they close are soft, so that the motion is "
+                "not exact; its error falls with the square of the timestep: "
+                f"{ends}"
+            )
+        return [*notes, *self._names.notes]
 
     @cached_property
     def text(self) -> str:
         """The model as MJCF."""
-        made, radius, mechanism = self.made, self.radius, self.mechanism
-        far = 3.0 * radius
-        frame = FRAME.format(
-            name=mechanism.name,
-            timestep=self.timestep,
-            gravity=_text(np.zeros(3) if made.made_up else self.gravity),
-            extent=_drawn(2.4 * radius),
-            arc=_drawn(LINK_RADIUS * radius),
-            pin=_drawn(PIN_RADIUS * radius),
-            above=_drawn((far, -far, 2.0 * far)),
-            beside=_drawn((-far, -far, far)),
-            ball=_drawn(0.97 * radius),
-            ground=self.names.bodies[mechanism.ground],
-        )
-        root = ElementTree.fromstring("".join(frame.splitlines()))
-        cited = (mechanism.source.citation,) if mechanism.source else ()
-        for k, note in enumerate((*cited, *self.notes)):
-            root.insert(k, ElementTree.Comment(f" {xml_comment(note)} "))
-        part = {child.tag: child for child in root if isinstance(child.tag, str)}
-        # What MuJoCo has no place for and `spherekit import` reads again.
-        for item in mechanism.inputs:
-            _add(
-                part["custom"],
-                "numeric",
-                name=f"input_{item.pair}",
-                data=(item.start, item.stop),
-            )
-        for cut in made.cuts:
-            _add(part["custom"], "numeric", name=f"value_{cut.pair}", data=cut.value)
-        if made.made_up:
-            _add(part["custom"], "text", name="masses", data="made up")
-        ground = part["worldbody"][-1]
-        self._turned(ground, made.rotations[0])
-        self._looks(ground, mechanism.ground)
-        self._bodies(ground, mechanism.ground)
-        for _, attributes in self.actuated:
-            if axes := attributes.get("refsite"):
-                name = self.names.axes_sites[axes]
-                _add(part["worldbody"], "site", name=name, size=_drawn(1e-3 * radius))
-        self._equalities(part["tendon"], part["equality"])
-        self._actuators(part["actuator"])
+        mechanism = self._mechanism
+        rigid_bodies = self._rigid_bodies
+        root = self._fill_template()
+        citation = (mechanism.source.citation,) if mechanism.source else ()
+        for position, note in enumerate((*citation, *self.notes)):
+            root.insert(position, ElementTree.Comment(f" {xml_comment(note)} "))
+        part_by_tag = {child.tag: child for child in root if isinstance(child.tag, str)}
+        self._add_custom_numbers(part_by_tag["custom"])
+        ground = part_by_tag["worldbody"][-1]
+        _set_rotation(ground, rigid_bodies.rotations[0])
+        self._add_appearance(ground, mechanism.ground)
+        self._add_bodies(ground, mechanism.ground)
+        for _, attributes in self._loads.actuator_loads:
+            if "refsite" in attributes:
+                site_name = self._names.axes_sites[attributes["refsite"]]
+                size = _format_drawn(INVISIBLE_SITE_RATIO * self._radius)
+                _add(part_by_tag["worldbody"], "site", name=site_name, size=size)
+        self._add_loops(part_by_tag["tendon"], part_by_tag["equality"])
+        self._add_actuators(part_by_tag["actuator"])
         for output in mechanism.outputs:
-            kinds = {"objtype": "body", "reftype": "body"}
-            bodies = self.names.bodies
-            ends = {
-                "objname": bodies[output.link],
-                "refname": bodies[output.relative_to],
-            }
-            _add(part["sensor"], "framequat", name=output.name, **kinds, **ends)
-        if made.made_up:  # servos hold the pose that the model is in
-            values = {hinge.pair: hinge.value for hinge in made.hinges}
-            held = [values[item.pair] for item in mechanism.inputs]
-            _add(part["keyframe"], "key", name="pose", ctrl=held)
-        for empty in [x for x in root if not len(x) and not x.attrib and x.text is None]:
-            root.remove(empty)
+            _add(
+                part_by_tag["sensor"],
+                "framequat",
+                name=output.name,
+                objtype="body",
+                reftype="body",
+                objname=self._names.bodies[output.link],
+                refname=self._names.bodies[output.relative_to],
+            )
+        if rigid_bodies.has_made_up_masses:
+            # The controls of servos that hold the pose in which the model is.
+            value_by_pair = {hinge.pair: hinge.value for hinge in rigid_bodies.hinges}
+            controls = [value_by_pair[pair] for pair in mechanism.input_pairs]
+            _add(part_by_tag["keyframe"], "key", name="pose", ctrl=controls)
+        unused_parts = [
+            part for part in root if not len(part) and not part.attrib and part.text is None
+        ]
+        for part in unused_parts:
+            root.remove(part)
         ElementTree.indent(root)
         return ElementTree.tostring(root, encoding="unicode") + "\n"
 
-    def _bodies(self, parent: Element, link: str) -> None:
-        """Add the bodies on the hinges of a link, second ones last, and those on these."""
-        inertia = {body.link: body for body in self.made.bodies}
-        for hinge in [*self.made.hinges, *self.twins]:
-            if hinge.parent != link:
+    def _fill_template(self) -> Element:
+        """Return the root element of a model without bodies."""
+        radius = self._radius
+        light_distance = 3.0 * radius
+        has_made_up_masses = self._rigid_bodies.has_made_up_masses
+        gravity = np.zeros(3) if has_made_up_masses else self._loads.gravity
+        text = MODEL_TEMPLATE.format(
+            name=self._mechanism.name,
+            timestep=self._timestep,
+            gravity=_format_numbers(gravity),
+            extent=_format_drawn(2.4 * radius),
+            arc=_format_drawn(LINK_RADIUS_RATIO * radius),
+            pin=_format_drawn(PIN_RADIUS_RATIO * radius),
+            above=_format_drawn((light_distance, -light_distance, 2.0 * light_distance)),
+            beside=_format_drawn((-light_distance, -light_distance, light_distance)),
+            ball=_format_drawn(0.97 * radius),
+            ground=self._names.bodies[self._mechanism.ground],
+        )
+        return ElementTree.fromstring("".join(text.splitlines()))
+
+    def _add_custom_numbers(self, custom: Element) -> None:
+        """Add what MuJoCo has no place for, and what `spherekit import` reads again."""
+        for driven in self._mechanism.inputs:
+            _add(
+                custom,
+                "numeric",
+                name=f"input_{driven.pair}",
+                data=(driven.start, driven.stop),
+            )
+        for hinge in self._rigid_bodies.loop_hinges:
+            _add(custom, "numeric", name=f"value_{hinge.pair}", data=hinge.value)
+        if self._rigid_bodies.has_made_up_masses:
+            _add(custom, "text", name="masses", data="made up")
+
+    def _add_bodies(self, parent_element: Element, parent: str) -> None:
+        """Add the bodies on the hinges of a body, twins last, and the bodies on these.
+
+        Parameters
+        ----------
+        parent_element
+            Element of the body that carries the hinges.
+        parent
+            Name of its link.
+        """
+        inertia_by_link = {body.link: body for body in self._rigid_bodies.bodies}
+        for hinge in [*self._rigid_bodies.hinges, *self._twin_hinges]:
+            if hinge.parent != parent:
                 continue
-            twin = hinge in self.twins
-            names = self.names
-            name = names.twins[hinge.pair] if twin else names.bodies[hinge.child]
-            body = _add(parent, "body", name=name)
-            turn, held = self._turn(hinge.child), self.hinges.get(hinge.pair, {})
-            self._turned(body, self._turn(link).T @ turn)
-            named = {"name": hinge.pair, "type": "hinge", "ref": hinge.value}
-            _add(body, "joint", **named, axis=turn.T @ hinge.axis, **held)
-            self._inertia(body, inertia[hinge.child])
-            if not twin:
-                self._looks(body, hinge.child)
-                self._bodies(body, hinge.child)
+            is_twin = hinge in self._twin_hinges
+            name = (
+                self._names.twins[hinge.pair]
+                if is_twin
+                else self._names.bodies[hinge.child]
+            )
+            body = _add(parent_element, "body", name=name)
+            rotation = self._rotation_of(hinge.child)
+            _set_rotation(body, self._rotation_of(parent).T @ rotation)
+            _add(
+                body,
+                "joint",
+                name=hinge.pair,
+                type="hinge",
+                ref=hinge.value,
+                axis=rotation.T @ hinge.axis,
+                **self._loads.hinge_attributes.get(hinge.pair, {}),
+            )
+            self._add_inertia(body, inertia_by_link[hinge.child])
+            if not is_twin:
+                self._add_appearance(body, hinge.child)
+                self._add_bodies(body, hinge.child)
 
-    def _turn(self, link: str) -> Floats:
-        number = self.mechanism.link_number.get(link)
-        return np.eye(3) if number is None else self.made.rotations[number]
+    def _rotation_of(self, link: str) -> Floats:
+        """Return the rotation (3, 3) from body axes to ground axes."""
+        number = self._mechanism.link_number.get(link)
+        if number is None:  # A body between the centres of circles has ground axes.
+            return np.eye(3)
+        return self._rigid_bodies.rotations[number]
 
-    def _turned(self, body: Element, rotation: Floats) -> None:
-        x, y, z, w = quaternion(rotation[None])[0]
-        if abs(w) < 1.0:
-            body.set("quat", _text((w, x, y, z)))
+    def _add_inertia(self, body: Element, inertia: BodyInertia) -> None:
+        """Add the inertia of a body, of which the link and its twins have equal parts.
 
-    def _inertia(self, body: Element, inertia: BodyInertia) -> None:
-        share = 1.0 / (1 + sum(twin.child == inertia.link for twin in self.twins))
-        turn = self._turn(inertia.link)
-        t = share * (turn.T @ inertia.tensor @ turn)
-        excess = 2.0 * np.linalg.eigvalsh(t)[-1] - np.trace(t)
-        t = t + (THICKNESS * np.trace(t) + max(excess, 0.0)) * np.eye(3)
-        inner = t[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        mass, centre = share * inertia.mass, turn.T @ inertia.centre
-        _add(body, "inertial", mass=mass, pos=centre, fullinertia=inner)
-        if not inertia.stated:
+        Parameters
+        ----------
+        body
+            Element of the body.
+        inertia
+            Inertia of the whole link in ground axes.
+        """
+        twin_count = sum(hinge.child == inertia.link for hinge in self._twin_hinges)
+        share = 1.0 / (1 + twin_count)
+        rotation = self._rotation_of(inertia.link)
+        tensor = share * (rotation.T @ inertia.tensor @ rotation)
+        # The largest moment may exceed the sum of the others, which is the trace less it,
+        # by rounding of the file.
+        excess = 2.0 * np.linalg.eigvalsh(tensor)[-1] - np.trace(tensor)
+        thickness = TENSOR_THICKNESS * np.trace(tensor) + max(excess, 0.0)
+        tensor = tensor + thickness * np.eye(3)
+        # MuJoCo's order: xx, yy, zz, xy, xz, yz.
+        elements = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        _add(
+            body,
+            "inertial",
+            mass=share * inertia.mass,
+            pos=rotation.T @ inertia.centre,
+            fullinertia=elements,
+        )
+        if not inertia.is_stated:
+            # The chosen mass and centre must not weigh.
             body.set("gravcomp", "1")
 
-    def _looks(self, body: Element, link: str) -> None:
-        mechanism, radius = self.mechanism, self.radius
+    def _add_appearance(self, body: Element, link: str) -> None:
+        """Add the shapes of a link, and the sites of its outputs and loads.
+
+        Parameters
+        ----------
+        body
+            Element of the body.
+        link
+            Name of the link. A body that is no link has no shapes.
+        """
+        mechanism = self._mechanism
+        radius = self._radius
         number = mechanism.link_number.get(link)
         if number is None:
             return
-        shape = self.shapes[number]
+        shape = self._link_shapes[number]
         rgba = " ".join(f"{part / 255:.3g}" for part in (*link_colour(number), 255))
-        for line in shape.curves or spokes(shape.joints):
-            corners = line[[*range(0, len(line) - 1, CHORD), -1]]
+        for curve in shape.curves or radial_lines(shape.joints):
+            corners = curve[[*range(0, len(curve) - 1, POINTS_PER_CAPSULE), -1]]
             for ends in np.hstack([corners[:-1], corners[1:]]):
-                fromto = _drawn(radius * ends)
-                _add(body, "geom", fromto=fromto, rgba=rgba, **{"class": "arc"})
+                attributes = {"fromto": _format_drawn(radius * ends), "rgba": rgba}
+                _add(body, "geom", **attributes, **{"class": "arc"})
         for name, axis in zip(shape.joint_labels, shape.joints, strict=True):
             if mechanism.pair(name).links[0] == link:
-                half = 0.5 * PIN_LENGTH
-                ends = _drawn(np.outer([1 - half, 1 + half], radius * axis))
-                _add(body, "geom", fromto=ends, **{"class": "pin"})
+                half_length = 0.5 * PIN_LENGTH_RATIO
+                ends = np.outer([1 - half_length, 1 + half_length], radius * axis)
+                _add(body, "geom", fromto=_format_drawn(ends), **{"class": "pin"})
         for output in mechanism.outputs:
             if output.link == link and output.direction is not None:
-                drawn = {"size": _drawn(PIN_RADIUS * radius), "rgba": "1 0.77 0 1"}
-                place = np.multiply(radius, output.direction)
-                name = self.names.output_sites[output.name]
-                _add(body, "site", name=name, pos=place, **drawn)
-        for load, _ in self.actuated:
-            if getattr(load, "link", None) == link:
-                point = getattr(load, "point", np.zeros(3))
-                name = self.names.load_sites[load.name]
-                _add(body, "site", name=name, pos=point, size=_drawn(1e-3 * radius))
+                _add(
+                    body,
+                    "site",
+                    name=self._names.output_sites[output.name],
+                    pos=np.multiply(radius, output.direction),
+                    size=_format_drawn(PIN_RADIUS_RATIO * radius),
+                    rgba="1 0.77 0 1",
+                )
+        for load, _ in self._loads.actuator_loads:
+            if isinstance(load, PointForce | Moment) and load.link == link:
+                point = load.point if isinstance(load, PointForce) else np.zeros(3)
+                _add(
+                    body,
+                    "site",
+                    name=self._names.load_sites[load.name],
+                    pos=point,
+                    size=_format_drawn(INVISIBLE_SITE_RATIO * radius),
+                )
 
-    def _equalities(self, tendons: Element, equal: Element) -> None:
-        rate = STIFF / self.timestep
-        hold = {"solref": (-(rate**2), -2.0 * rate), "solimp": IMPEDANCE}
-        bodies = self.names.bodies
-        for cut in self.connected:
-            anchor = self.radius * (self._turn(cut.parent).T @ cut.axis)
-            ends = {"body1": bodies[cut.parent], "body2": bodies[cut.child]}
-            _add(equal, "connect", name=cut.pair, anchor=anchor, **ends, **hold)
-        for twin in self.twins:
-            ends = {"body1": bodies[twin.child], "body2": self.names.twins[twin.pair]}
-            _add(equal, "weld", name=twin.pair, **ends, **hold)
-        for name, factors in self.made.ratios.items():
-            fixed = _add(tendons, "fixed", name=name)
+    def _add_loops(self, tendons: Element, equalities: Element) -> None:
+        """Add the constraints of loops, twins and rolling contacts.
+
+        Parameters
+        ----------
+        tendons, equalities
+            Elements of the model to which they are added.
+        """
+        # Negative numbers are stiffness and damping: here those of a critically damped
+        # correction, r^2 and 2 r with the rate r.
+        rate = CORRECTION_PER_STEP / self._timestep
+        stiffness: Attributes = {
+            "solref": (-(rate**2), -2.0 * rate),
+            "solimp": LOOP_IMPEDANCE,
+        }
+        body_names = self._names.bodies
+        for hinge in self._connected_hinges:
+            axis_in_parent = self._rotation_of(hinge.parent).T @ hinge.axis
+            _add(
+                equalities,
+                "connect",
+                name=hinge.pair,
+                anchor=self._radius * axis_in_parent,
+                body1=body_names[hinge.parent],
+                body2=body_names[hinge.child],
+                **stiffness,
+            )
+        for hinge in self._twin_hinges:
+            _add(
+                equalities,
+                "weld",
+                name=hinge.pair,
+                body1=body_names[hinge.child],
+                body2=self._names.twins[hinge.pair],
+                **stiffness,
+            )
+        for name, factors in self._rigid_bodies.gear_equations.items():
+            # A tendon of constant length keeps the sum of its joint angles.
+            tendon = _add(tendons, "fixed", name=name)
             for pair, factor in factors.items():
-                _add(fixed, "joint", joint=pair, coef=factor)
-            _add(equal, "tendon", name=name, tendon1=name, **hold)
+                _add(tendon, "joint", joint=pair, coef=factor)
+            _add(equalities, "tendon", name=name, tendon1=name, **stiffness)
 
-    def _actuators(self, actuators: Element) -> None:
-        made = self.made
-        inertia = sum(np.trace(mass.tensor) for mass in made.bodies)
-        servo: Attributes = {"kp": float(f"{inertia * SERVO**2:.2g}"), "dampratio": "1"}
-        for item in made.mechanism.inputs:
-            ends = {"name": item.pair, "joint": item.pair}
-            if made.made_up:
-                _add(actuators, "position", **ends, **servo, ctrlrange=item.range)
+    def _add_actuators(self, actuators: Element) -> None:
+        """Add motors or servos of the inputs, and the loads that are actuators.
+
+        Parameters
+        ----------
+        actuators
+            Element of the model to which they are added.
+        """
+        rigid_bodies = self._rigid_bodies
+        has_made_up_masses = rigid_bodies.has_made_up_masses
+        total_inertia = sum(np.trace(body.tensor) for body in rigid_bodies.bodies)
+        # The rate of a servo is the root of stiffness over inertia. Two digits are enough.
+        servo_stiffness = float(f"{total_inertia * SERVO_RATE_PER_S**2:.2g}")
+        for driven in self._mechanism.inputs:
+            if has_made_up_masses:
+                _add(
+                    actuators,
+                    "position",
+                    name=driven.pair,
+                    joint=driven.pair,
+                    kp=servo_stiffness,
+                    dampratio="1",
+                    ctrlrange=driven.range,
+                )
             else:
-                _add(actuators, "motor", **ends)
-        affine = {"gainprm": "0", "biastype": "affine"}
-        for load, attributes in () if made.made_up else self.actuated:
-            named = dict(attributes)
+                _add(actuators, "motor", name=driven.pair, joint=driven.pair)
+        if has_made_up_masses:
+            return
+        for load, attributes in self._loads.actuator_loads:
+            named_attributes = dict(attributes)
             if "site" in attributes:
-                named["site"] = self.names.load_sites[load.name]
+                named_attributes["site"] = self._names.load_sites[load.name]
             if "refsite" in attributes:
-                named["refsite"] = self.names.axes_sites[load.name]
-            name = self.names.load_actuators[load.name]
-            _add(actuators, "general", name=name, **affine, **named)
+                named_attributes["refsite"] = self._names.axes_sites[load.name]
+            # Without gain the force does not depend on a control.
+            _add(
+                actuators,
+                "general",
+                name=self._names.load_actuators[load.name],
+                gainprm="0",
+                biastype="affine",
+                **named_attributes,
+            )
+
+
+def _set_rotation(body: Element, rotation: Floats) -> None:
+    """Set the orientation of a body relative to its parent, (3, 3), unless it has none."""
+    x, y, z, w = quaternion(rotation[None])[0]
+    if abs(w) < 1.0:
+        body.set("quat", _format_numbers((w, x, y, z)))
 
 
 def _add(parent: Element, tag: str, **attributes: Any) -> Element:
-    """Return a new element whose attributes are texts, numbers, or rows of numbers."""
-    texts = {k: x if isinstance(x, str) else _text(x) for k, x in attributes.items()}
+    """Return a new element whose attributes are texts, numbers, or arrays of numbers."""
+    texts = {
+        name: value if isinstance(value, str) else _format_numbers(value)
+        for name, value in attributes.items()
+    }
     return ElementTree.SubElement(parent, tag, texts)
 
 
-def _drawn(numbers: Any) -> str:
-    """Return numbers that nothing is computed from, to five digits."""
-    return " ".join(f"{x:.5g}" if abs(x) > 1e-12 else "0" for x in np.ravel(numbers))
+def _format_drawn(numbers: Any) -> str:
+    """Return numbers of the appearance, from which nothing is computed, in five digits."""
+    return " ".join(f"{x:.5g}" if abs(x) > DRAWN_ZERO else "0" for x in np.ravel(numbers))
 
 
-def _text(numbers: Any) -> str:
+def _format_numbers(numbers: Any) -> str:
+    """Return numbers in all their digits; a number that is zero by rounding is 0."""
     values = np.ravel(numbers)
-    least = ROUNDING * max_abs(values)
-    return " ".join(repr(float(x)) if abs(x) > least else "0" for x in values)
+    least_written = WRITTEN_ZERO_RATIO * max_abs(values)
+    return " ".join(
+        repr(float(value)) if abs(value) > least_written else "0" for value in values
+    )

@@ -1,7 +1,8 @@
 """Names of elements of a MuJoCo model.
 
-MuJoCo asks that elements of one kind have different names, and calls its own body `world`.
-In a mechanism file an output and a load, or a pair and a load, may have the same name.
+MuJoCo requires that elements of one kind have different names, and calls its own body
+`world`. In a mechanism file an output and a load, or a pair and a load, may have the same
+name.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,21 +12,28 @@ from spherekit.exchange.identifiers import unique_names
 from spherekit.mechanism.mechanism import Mechanism
 
 WORLD = "world"
-"""The name of the body that MuJoCo's models begin with."""
+"""Name of the body with which every MuJoCo model begins."""
 
 
 @dataclass(frozen=True)
 class ModelNames:
-    """The names that a model has for what a mechanism file names.
+    """The names of elements of a MuJoCo model, by the names in the mechanism file.
 
     Attributes
     ----------
-    bodies, twins
-        Of bodies by their links, and of second bodies by the pair that they close.
-    output_sites, load_sites, axes_sites
-        Of sites by outputs, by loads, and by loads that are given in ground axes.
+    bodies
+        Names of bodies, by their links.
+    twins
+        Names of second bodies of links, by the pair that each one closes.
+    output_sites
+        Names of sites that mark outputs, by the outputs.
+    load_sites
+        Names of sites at which loads act, by the loads.
+    axes_sites
+        Names of sites that give the ground axes of a load, by the loads.
     load_actuators
-        Of actuators by loads. Those of inputs are called as their pairs.
+        Names of actuators, by the loads that they exert. Actuators of inputs have the names
+        of their pairs.
     """
 
     bodies: Mapping[str, str]
@@ -37,15 +45,18 @@ class ModelNames:
 
     @property
     def notes(self) -> Iterator[str]:
-        """The sentences on names that are other ones in the model."""
+        """Sentences on the elements that cannot have their name of the mechanism file."""
         for kind, names in (
             ("body of link", self.bodies),
             ("site of load", self.load_sites),
             ("actuator of load", self.load_actuators),
         ):
-            for name, other in names.items():
-                if other != name:
-                    yield f"the {kind} {name} is called {other}, as {name} is in use"
+            for file_name, model_name in names.items():
+                if model_name != file_name:
+                    yield (
+                        f"the {kind} {file_name} is called {model_name}, as {file_name} is "
+                        "in use"
+                    )
 
 
 def name_elements(
@@ -60,21 +71,25 @@ def name_elements(
     links
         Names of its links, and of bodies that are added.
     twins
-        Links of second bodies by the pair that they close.
+        For each loop pair that gets a second body the link of that body.
     """
     outputs = [output.name for output in mechanism.outputs]
     loads = [load.name for load in mechanism.loads]
-    wanted = [*links, *(f"{link}_at_{pair}" for pair, link in twins.items())]
-    bodies = unique_names(wanted, [WORLD])
-    sites = unique_names([*outputs, *loads, *(f"{name}_axes" for name in loads)])
     inputs = mechanism.input_pairs
-    actuators = unique_names([*inputs, *loads])[len(inputs) :]
-    first_axes = len(outputs) + len(loads)
+    twin_texts = [f"{link}_at_{pair}" for pair, link in twins.items()]
+    axes_texts = [f"{load}_axes" for load in loads]
+    # Names of one kind are made together. An earlier name keeps its text.
+    body_names = unique_names([*links, *twin_texts], [WORLD])
+    site_names = unique_names([*outputs, *loads, *axes_texts])
+    actuator_names = unique_names([*inputs, *loads])
+    output_site_names = site_names[: len(outputs)]
+    load_site_names = site_names[len(outputs) : len(outputs) + len(loads)]
+    axes_site_names = site_names[len(outputs) + len(loads) :]
     return ModelNames(
-        bodies=dict(zip(links, bodies, strict=False)),
-        twins=dict(zip(twins, bodies[len(links) :], strict=True)),
-        output_sites=dict(zip(outputs, sites, strict=False)),
-        load_sites=dict(zip(loads, sites[len(outputs) :], strict=False)),
-        axes_sites=dict(zip(loads, sites[first_axes:], strict=True)),
-        load_actuators=dict(zip(loads, actuators, strict=True)),
+        bodies=dict(zip(links, body_names[: len(links)], strict=True)),
+        twins=dict(zip(twins, body_names[len(links) :], strict=True)),
+        output_sites=dict(zip(outputs, output_site_names, strict=True)),
+        load_sites=dict(zip(loads, load_site_names, strict=True)),
+        axes_sites=dict(zip(loads, axes_site_names, strict=True)),
+        load_actuators=dict(zip(loads, actuator_names[len(inputs) :], strict=True)),
     )

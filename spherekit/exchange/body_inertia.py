@@ -1,0 +1,202 @@
+"""Masses and inertia tensors of the bodies of exported models.
+
+Links without mass are given a small inertia, since general engines move none without. If no
+link of the mechanism has mass, links are wires.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.mechanism.inertia import point_mass_inertia
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.scenes.link_scenes import link_shapes
+
+LEAST_INERTIA_KG_M2 = 1e-14
+"""Smallest moment of inertia (kg m2) of a link.
+
+Smaller: MuJoCo refuses less than 1e-15; larger: tiny mechanisms move too slowly.
+"""
+
+CENTRE_RADIUS_RATIO = 1e-9
+"""Distance below which a centre of mass is at the centre of the sphere, relative to the
+radius of gyration.
+
+Larger: the weight of a link whose centre is close to the centre of the sphere is lost;
+smaller: a centre that differs from it by rounding counts as a stated one, and MuJoCo weighs
+loops wrongly.
+"""
+
+
+class BodyInertia(NamedTuple):
+    """Mass and inertia of a body in ground axes.
+
+    Attributes
+    ----------
+    link
+        Name of the body: its link, or the pair whose centres it joins.
+    mass
+        Mass (kg).
+    centre
+        (3,) centre of mass (m).
+    tensor
+        (3, 3) inertia tensor about the centre of mass (kg m2).
+    is_stated
+        Whether mass and centre are those of the mechanism. Otherwise they are chosen so
+        that the tensor about the centre of the sphere is right, which alone matters if no
+        gravity acts on the link.
+    """
+
+    link: str
+    mass: float
+    centre: Floats
+    tensor: Floats
+    is_stated: bool
+
+
+class LinkInertia(NamedTuple):
+    """Inertia of a link in its axes.
+
+    Attributes
+    ----------
+    tensor
+        (3, 3) inertia tensor about the centre of the sphere (kg m2).
+    mass
+        Mass (kg), or None if it is not stated.
+    centre
+        (3,) centre of mass (m), or None if it is not stated.
+    """
+
+    tensor: Any
+    mass: float | None
+    centre: Any
+
+
+@dataclass(frozen=True)
+class LinkInertias:
+    """The inertia of all links that have some.
+
+    Attributes
+    ----------
+    by_link
+        Inertia by the name of the link.
+    are_made_up
+        Whether the mechanism has no masses, and links are wires of 1 kg/m on a sphere of
+        1 m.
+    """
+
+    by_link: Mapping[str, LinkInertia]
+    are_made_up: bool
+
+    def has_mass(self, link: str) -> bool:
+        """Return whether a link has any inertia."""
+        return link in self.by_link and bool(np.any(self.by_link[link].tensor))
+
+
+def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
+    """Return the inertia of the links, made up if no moving link has any."""
+    inertia_by_link = {
+        mass.link: LinkInertia(mass.tensor, mass.mass, mass.centre)
+        for mass in mechanism.masses
+    }
+    if any(
+        np.any(inertia.tensor)
+        for link, inertia in inertia_by_link.items()
+        if link != mechanism.ground
+    ):
+        return LinkInertias(inertia_by_link, are_made_up=False)
+    shapes = link_shapes(mechanism)
+    for link, shape in zip(mechanism.links, shapes, strict=True):
+        wires = [*shape.curves, *radial_lines(shape.joints)]
+        inertia_by_link[link] = _wire_inertia(wires)
+    return LinkInertias(inertia_by_link, are_made_up=True)
+
+
+def _wire_inertia(wires: list[Floats]) -> LinkInertia:
+    """Return the inertia of wires of 1 kg/m.
+
+    Parameters
+    ----------
+    wires
+        Polygons (n, 3) of points (m).
+    """
+    # Each segment is a thin rod. Its second moments are those of its mass at its middle,
+    # and those of the rod about it, length/12 times the square of the segment.
+    middles = np.concatenate([0.5 * (wire[1:] + wire[:-1]) for wire in wires])
+    segments = np.concatenate([np.diff(wire, axis=0) for wire in wires])
+    lengths = np.linalg.norm(segments, axis=1)
+    moments_of_middles = (lengths * middles.T) @ middles
+    moments_of_segments = (lengths / 12.0 * segments.T) @ segments
+    second_moments = moments_of_middles + moments_of_segments
+    mass = float(np.sum(lengths))
+    tensor = np.trace(second_moments) * np.eye(3) - second_moments
+    return LinkInertia(tensor, mass, lengths @ middles / (mass or 1.0))
+
+
+def radial_lines(axes: Floats) -> Floats:
+    """Return the lines (j, 2, 3) from the centre of the sphere to axes (j, 3) of a link."""
+    return np.stack([0.0 * axes, axes], axis=1)
+
+
+def make_body_inertia(
+    link_inertias: LinkInertias, link: str, rotation: Floats, light_ratio: float
+) -> BodyInertia:
+    """Return the inertia of a body; that of a link without mass is small.
+
+    Parameters
+    ----------
+    link_inertias
+        Inertia of all links.
+    link
+        Name of the body. It has no mass if it is no link.
+    rotation
+        (3, 3) rotation from the axes of the link to ground axes.
+    light_ratio
+        Inertia of a link without mass, relative to the largest of all links.
+    """
+    link_inertia = link_inertias.by_link.get(
+        link, LinkInertia(np.zeros((3, 3)), None, None)
+    )
+    mass = link_inertia.mass
+    # The tensor about the centre of the sphere O, in ground axes.
+    tensor_about_O = rotation @ link_inertia.tensor @ rotation.T
+    if not np.any(link_inertia.tensor):
+        largest_trace = max(
+            np.trace(inertia.tensor) for inertia in link_inertias.by_link.values()
+        )
+        moment = max(light_ratio * largest_trace, LEAST_INERTIA_KG_M2)
+        tensor_about_O = moment * np.eye(3)
+        mass = None
+    is_stated = False
+    if mass is not None and link_inertia.centre is not None:
+        gyration_radius = np.sqrt(np.trace(tensor_about_O) / mass)
+        centre_distance = np.linalg.norm(link_inertia.centre)
+        is_stated = bool(centre_distance > CENTRE_RADIUS_RATIO * gyration_radius)
+        centre = rotation @ link_inertia.centre
+    if mass is None or not is_stated:
+        mass, centre = _choose_mass(tensor_about_O)
+    tensor = tensor_about_O - point_mass_inertia(mass, centre)
+    symmetric_tensor = 0.5 * (tensor + tensor.T)
+    return BodyInertia(link, mass, centre, symmetric_tensor, is_stated)
+
+
+def _choose_mass(tensor: Floats) -> tuple[float, Floats]:
+    """Return a mass, and a centre away from O, of a body with this tensor about O.
+
+    Many bodies have the tensor. This one has all its mass at unit distance from O. Its
+    centre is on the axis of the largest second moment, halfway to the point beyond which
+    the moments about it would be negative.
+
+    Parameters
+    ----------
+    tensor
+        (3, 3) inertia tensor about O (kg m2).
+    """
+    second_moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+    moments, directions = np.linalg.eigh(second_moments)
+    mass = float(np.trace(second_moments))
+    centre = 0.5 * np.sqrt(moments[-1] / mass) * directions[:, -1]
+    return mass, centre

@@ -1,0 +1,226 @@
+"""Loads and joint limits of a mechanism as MuJoCo states them."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import EngineError
+from spherekit.geometry.vectors import all_finite
+from spherekit.mechanism.load import Called, Component, TorqueTable
+from spherekit.mechanism.load_kinds import (
+    Damper,
+    Friction,
+    Gravity,
+    Moment,
+    PairTorque,
+    PointForce,
+    Spring,
+)
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_evaluation import array_function
+from spherekit.symbolic.expression_graph import has_variables, symbols
+from spherekit.symbolic.parsed_expressions import convert_to_graph
+
+Attributes = dict[str, Any]
+"""Attributes of an element of MJCF: texts, numbers, or arrays of numbers."""
+
+ActuatorLoad = PairTorque | PointForce | Moment
+"""A load that an actuator without control can exert."""
+
+
+@dataclass(frozen=True)
+class MujocoLoads:
+    """The loads and joint limits of a mechanism that MuJoCo has too.
+
+    Attributes
+    ----------
+    gravity
+        (3,) acceleration (m/s2) in ground axes.
+    hinge_attributes
+        Springs, dampers, dry friction and limits as attributes of joints, by pair. Pairs
+        without any are missing.
+    actuator_loads
+        Loads that are actuators without control, with the attributes of the actuators. A
+        torque at a pair is affine in its variable and rate. A force or moment on a link is
+        constant in the axes of the ground or of the link; its sites are given by the name
+        of the load.
+    reason_by_omitted_load
+        For each load that MuJoCo does not have, by name, the reason.
+    approximations
+        Sentences on loads that MuJoCo states differently.
+    """
+
+    gravity: Floats
+    hinge_attributes: dict[str, Attributes]
+    actuator_loads: list[tuple[ActuatorLoad, Attributes]]
+    reason_by_omitted_load: dict[str, str]
+    approximations: list[str]
+
+    @property
+    def loaded_pairs(self) -> list[str]:
+        """Pairs at which a load or a limit acts. Their hinges have to be joints."""
+        torque_pairs = [
+            load.pair for load, _ in self.actuator_loads if isinstance(load, PairTorque)
+        ]
+        return [*self.hinge_attributes, *torque_pairs]
+
+
+@dataclass
+class JointSums:
+    """Sums of the springs, dampers and dry friction at one pair.
+
+    Attributes
+    ----------
+    stiffness
+        Stiffness (N m/rad).
+    damping
+        Damping constant (N m s/rad).
+    dry_friction
+        Torque of dry friction (N m).
+    weighted_rest
+        Sum of stiffness times rest angle (N m).
+    """
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    dry_friction: float = 0.0
+    weighted_rest: float = 0.0
+
+
+def convert_loads(mechanism: Mechanism) -> MujocoLoads:
+    """Return the loads and joint limits of a mechanism as MuJoCo states them."""
+    gravity = np.zeros(3)
+    sums_by_pair = {pair: JointSums() for pair in mechanism.angles}
+    actuator_loads: list[tuple[ActuatorLoad, Attributes]] = []
+    reason_by_omitted_load: dict[str, str] = {}
+    approximations: list[str] = []
+    for load in mechanism.loads:
+        if isinstance(load, Gravity):
+            gravity = gravity + load.acceleration
+        elif isinstance(load, Spring):
+            sums_by_pair[load.pair].stiffness += load.stiffness
+            sums_by_pair[load.pair].weighted_rest += load.stiffness * load.rest
+        elif isinstance(load, Damper):
+            sums_by_pair[load.pair].damping += load.damping
+        elif isinstance(load, Friction):
+            sums_by_pair[load.pair].dry_friction += load.torque
+            sums_by_pair[load.pair].damping += load.viscous
+            approximations.append(
+                f"load {load.name}: MuJoCo's dry friction jumps at rest, where the "
+                f"file smooths it below {load.speed:g} rad/s"
+            )
+        elif isinstance(load, PairTorque | PointForce | Moment):
+            try:
+                actuator_loads.append((load, _actuator_attributes(mechanism, load)))
+            except EngineError as error:
+                reason_by_omitted_load[load.name] = str(error)
+        elif isinstance(load, TorqueTable):
+            reason_by_omitted_load[load.name] = "MuJoCo has no tables in time"
+        else:
+            reason_by_omitted_load[load.name] = f"MuJoCo has no load of kind {load.kind}"
+
+    range_by_pair = {
+        joint_limit.pair: (joint_limit.low, joint_limit.high)
+        for joint_limit in mechanism.joint_limits
+    }
+    hinge_attributes: dict[str, Attributes] = {}
+    for pair, sums in sums_by_pair.items():
+        attributes = {
+            "stiffness": sums.stiffness,
+            "damping": sums.damping,
+            "frictionloss": sums.dry_friction,
+            # The rest angle of several springs together.
+            "springref": sums.weighted_rest / (sums.stiffness or 1.0),
+            "range": range_by_pair.get(pair),
+        }
+        # Attributes that are zero are MuJoCo's defaults.
+        stated_attributes = {key: value for key, value in attributes.items() if value}
+        if stated_attributes:
+            hinge_attributes[pair] = stated_attributes
+    return MujocoLoads(
+        gravity=gravity,
+        hinge_attributes=hinge_attributes,
+        actuator_loads=actuator_loads,
+        reason_by_omitted_load=reason_by_omitted_load,
+        approximations=approximations,
+    )
+
+
+def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes:
+    """Return a load as the attributes of an actuator.
+
+    Sites are given by the name of the load. `MujocoModel` replaces it by the name of the
+    site in the model.
+
+    Raises
+    ------
+    EngineError
+        If the load is not constant, and not affine in the variable and rate of its pair.
+    """
+    if isinstance(load, PairTorque):
+        (component,) = load.components(mechanism)
+        return {"joint": load.pair, "biasprm": _find_affine_law(component, load.pair)}
+    components = load.components(mechanism)
+    # One component for each coordinate of the vector. All are constant.
+    vector = [_find_affine_law(component, pair="")[0] for component in components]
+    zeros = [0.0] * 3
+    gear = [*vector, *zeros] if isinstance(load, PointForce) else [*zeros, *vector]
+    attributes: Attributes = {"site": load.name}
+    if load.axes == "ground":
+        attributes["refsite"] = load.name
+    attributes["gear"] = gear
+    attributes["biasprm"] = (1.0, 0.0, 0.0)
+    return attributes
+
+
+def _find_affine_law(component: Component, pair: str) -> Floats:
+    """Return the magnitude of a component as an affine function of variable and rate.
+
+    Parameters
+    ----------
+    component
+        A component of a load.
+    pair
+        The pair whose variable and rate the magnitude may depend on, empty for none.
+
+    Returns
+    -------
+    (3,) the constant, the factor of the variable (rad), and that of the rate (rad/s).
+
+    Raises
+    ------
+    EngineError
+        If the magnitude is another function.
+    """
+    law = component.magnitude
+    if isinstance(law, Called | TorqueTable):
+        raise EngineError("it is a Python function")
+    if "t" in law.names:
+        raise EngineError(f"MuJoCo has no loads that change in time: {law.text}")
+    names: Sequence[str] = (f"theta_{pair}", f"dtheta_{pair}") if pair else ()
+    if not law.names <= set(names):
+        raise EngineError(f"it depends on other pairs: {law.text}")
+    variables = symbols(names)
+    factors = np.array([np.nan])
+    with suppress(EngineError), np.errstate(all="ignore"):
+        # Whole turns, for which the second expression is, play no part here.
+        named_expressions = {
+            name: (variable, variable)
+            for name, variable in zip(names, variables, strict=True)
+        }
+        magnitude = convert_to_graph(law, named_expressions)
+        slopes = [differentiate([magnitude], {variable: 1.0})[0] for variable in variables]
+        # The function is affine if its derivatives are constant.
+        if not any(map(has_variables, slopes)):
+            evaluate = array_function([magnitude, *slopes], variables)
+            factors = evaluate(np.zeros((len(names), 1)))[:, 0]
+    if not all_finite(factors):
+        raise EngineError(
+            f"it is not constant, and not in proportion to an angle or rate: {law.text}"
+        )
+    return np.append(factors, [0.0, 0.0])[:3]

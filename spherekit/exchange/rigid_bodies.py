@@ -1,0 +1,347 @@
+"""A mechanism as rigid bodies on the hinges of a tree, and constraints that close loops.
+
+General engines move bodies of a tree and close loops by constraints. Two bodies that turn
+about the centre O of the sphere share an axis if one point of it coincides in both. The
+usual three equations for a point then have rank two, since the radial one is empty. An
+engine that weighs constraints by the mobility of centres of mass needs centres away from
+O. Otherwise its result is wrong by radians, without a message.
+"""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import ModelError
+from spherekit.exchange.body_inertia import (
+    BodyInertia,
+    find_link_inertias,
+    make_body_inertia,
+)
+from spherekit.geometry.vectors import all_finite
+from spherekit.mechanism.elements import Pair
+from spherekit.mechanism.graph import component_labels, find_spanning_tree
+from spherekit.mechanism.joint import Joint
+from spherekit.mechanism.joint_construction import make_joints
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.wheel_train import on_carrier, rolled_angles
+from spherekit.positions.loop_closure import Closure
+from spherekit.wording import listing
+
+LIGHT_END_RATIO = 1e-6
+"""Inertia of a link without mass that carries no mass in the tree, relative to the largest.
+
+Smaller: a load on it, or the loop that it closes, is followed less exactly, because engines
+weigh constraints by the mobility of the bodies; larger: the motion lags.
+"""
+
+LIGHT_CARRIER_RATIO = 1e-9
+"""The same of a link without mass that carries others with mass.
+
+These move with it, so it may be much lighter. Larger: the motion lags by as much.
+"""
+
+
+class Hinge(NamedTuple):
+    """An R pair between two bodies, in ground axes.
+
+    Attributes
+    ----------
+    pair
+        Name of the pair.
+    parent, child
+        Names of the two bodies. A hinge of the tree places the child. A hinge that closes a
+        loop is a constraint: the point `axis` coincides in both bodies.
+    axis
+        (3,) unit vector about which a positive variable turns the child.
+    value
+        Variable (rad) of the pair in the given configuration.
+    """
+
+    pair: str
+    parent: str
+    child: str
+    axis: Floats
+    value: float
+
+
+class Branch(NamedTuple):
+    """A pair of the tree, by number, with the link it starts from and the one it places."""
+
+    pair: int
+    parent: int
+    child: int
+
+
+class RigidBodies(NamedTuple):
+    """A mechanism in one configuration, in ground axes. All bodies have their origin at O.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism.
+    hinges
+        Hinges of the tree, depth first, so that each subtree is in one piece. Pinocchio
+        assumes this order. The last hinges are at the centres of circles that slide on each
+        other. Each of them carries a body that is no link and has ground axes.
+    bodies
+        Body k is the child of hinge k.
+    loop_hinges
+        The pairs that close loops.
+    gear_equations
+        For each rolling contact, by name, the factors of the rates of hinges, by pair, in
+        a sum that is zero.
+    rotations
+        (links, 3, 3) rotations from link axes to ground axes.
+    has_made_up_masses
+        Whether the mechanism has no masses and its links were given some.
+    light_ends
+        Links without mass that carry no mass in the tree.
+    """
+
+    mechanism: Mechanism
+    hinges: tuple[Hinge, ...]
+    bodies: tuple[BodyInertia, ...]
+    loop_hinges: tuple[Hinge, ...]
+    gear_equations: Mapping[str, Mapping[str, float]]
+    rotations: Floats
+    has_made_up_masses: bool
+    light_ends: tuple[str, ...]
+
+
+def construct_rigid_bodies(
+    mechanism: Mechanism, values: Floats, tree_pairs: Iterable[str] = ()
+) -> RigidBodies:
+    """Return the bodies, hinges, loops and gear equations of a mechanism.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism of R pairs, of rolling contacts with a constant ratio, and of circles
+        that slide on each other, whose centres keep their distance.
+    values
+        (variables,) a closed configuration.
+    tree_pairs
+        Pairs that close no loop if that is possible, the most important first. Inputs and
+        pairs of links without mass go before all.
+
+    Raises
+    ------
+    ModelError
+        If a contact has no constant ratio, some links are joined by contacts alone, or the
+        number of variables is wrong.
+    """
+    values = np.asarray(values, dtype=float)
+    variable_count = len(mechanism.variable_names)
+    if values.shape != (variable_count,) or not all_finite(values):
+        raise ModelError(
+            f"{mechanism.name}: a configuration has {variable_count} finite variables "
+            f"({listing(mechanism.variable_names)}), not {values.tolist()}"
+        )
+    pairs = mechanism.pairs
+    links = mechanism.links
+    pose = Closure.of(mechanism, make_joints(mechanism)).at(values[None])
+    rotations = pose.placed[0]
+    pair_frames = pose.frames[0]
+    link_inertias = find_link_inertias(mechanism)
+    massless_links = {
+        link for link in mechanism.links[1:] if not link_inertias.has_mass(link)
+    }
+    # Loops are cut between links with mass if that is possible: engines close a loop softly
+    # if a light link closes it.
+    pairs_of_massless_links = [
+        pair.name
+        for pair in pairs
+        if pair.kind.has_axis and not massless_links.isdisjoint(pair.links)
+    ]
+    branches = _choose_tree(
+        mechanism, [*mechanism.input_pairs, *pairs_of_massless_links, *tree_pairs]
+    )
+    light_ends = _find_light_ends(mechanism, branches, massless_links)
+
+    def make_hinge(pair: int, parent: int, child: int) -> Hinge:
+        """Return the hinge of an R pair; numbers as in `Branch`."""
+        sense = 1.0 if mechanism.ends[pair][0] == parent else -1.0
+        axis = pair_frames[pair, :, 2] * sense
+        name = pairs[pair].name
+        value = values[mechanism.angles[name]]
+        return Hinge(name, links[parent], links[child], axis, value)
+
+    hinges: list[Hinge] = []
+    bodies: list[BodyInertia] = []
+    for branch in branches:
+        hinges.append(make_hinge(*branch))
+        link = links[branch.child]
+        light_ratio = LIGHT_END_RATIO if link in light_ends else LIGHT_CARRIER_RATIO
+        bodies.append(
+            make_body_inertia(link_inertias, link, rotations[branch.child], light_ratio)
+        )
+    tree_pair_numbers = [branch.pair for branch in branches]
+    loop_hinges: list[Hinge] = []
+    gear_equations: dict[str, Mapping[str, float]] = {}
+    for number, pair in enumerate(pairs):
+        if pair.kind.has_axis:
+            if number not in tree_pair_numbers:
+                loop_hinges.append(make_hinge(number, *mechanism.ends[number]))
+        elif pair.rolls or _find_noncircular_links(pair):
+            gear_equations[pair.name] = _find_gear_equation(
+                mechanism, pose.joints, number, tree_pair_numbers
+            )
+        else:
+            # Circles that slide keep the distance of their centres, so a body between the
+            # centres replaces the contact. The centre of a circle, or the opposite point,
+            # is the direction that is fixed while its tangent turns with the curvature.
+            name = f"centres_{pair.name}"
+            first_centre, second_centre = (
+                pair_frames[number] @ [0.0, 1.0, curvature] / np.hypot(1.0, curvature)
+                for curvature in pose.states.curvatures[0, number]
+            )
+            first_link, second_link = pair.links
+            hinges.append(Hinge(name, first_link, name, first_centre, 0.0))
+            loop_hinges.append(Hinge(pair.name, name, second_link, second_centre, 0.0))
+            bodies.append(
+                make_body_inertia(link_inertias, name, np.eye(3), LIGHT_END_RATIO)
+            )
+    return RigidBodies(
+        mechanism=mechanism,
+        hinges=tuple(hinges),
+        bodies=tuple(bodies),
+        loop_hinges=tuple(loop_hinges),
+        gear_equations=gear_equations,
+        rotations=rotations,
+        has_made_up_masses=link_inertias.are_made_up,
+        light_ends=tuple(light_ends),
+    )
+
+
+def _find_light_ends(
+    mechanism: Mechanism, branches: Sequence[Branch], massless_links: Collection[str]
+) -> list[str]:
+    """Return the links without mass that carry no mass in the tree, in its order.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    branches
+        The tree, depth first.
+    massless_links
+        Names of the links without mass.
+    """
+    links = mechanism.links
+    links_carrying_mass: set[int] = set()
+    # From the ends of the tree to the ground, so that children come before their parents.
+    for branch in reversed(branches):
+        has_mass = links[branch.child] not in massless_links
+        if has_mass or branch.child in links_carrying_mass:
+            links_carrying_mass.add(branch.parent)
+    return [
+        links[branch.child]
+        for branch in branches
+        if links[branch.child] in massless_links and branch.child not in links_carrying_mass
+    ]
+
+
+def _find_noncircular_links(pair: Pair) -> list[str]:
+    """Return the links of a contact whose profiles are not circles."""
+    profiles = zip(pair.links, pair.profiles or (), strict=True)
+    return [link for link, profile in profiles if profile.round_axis is None]
+
+
+def _find_gear_equation(
+    mechanism: Mechanism, joints: Sequence[Joint], contact: int, hinges: Collection[int]
+) -> dict[str, float]:
+    """Return the equation of a rolling contact between the rates of hinges.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    joints
+        Its joints.
+    contact
+        Number of the contact.
+    hinges
+        Numbers of the pairs that are hinges of the tree.
+
+    Returns
+    -------
+    Factors by pair in a sum that is zero; the largest is 1 or -1.
+
+    Raises
+    ------
+    ModelError
+        If the ratio is not constant.
+    """
+    pair = mechanism.pairs[contact]
+    rolling_on_carrier = on_carrier(mechanism, joints, contact, pairs=hinges)
+    if rolling_on_carrier is not None:
+        factors = rolled_angles(rolling_on_carrier)
+        largest_factor = max(map(abs, factors.values()))
+        return {
+            mechanism.pairs[number].name: factor / largest_factor
+            for number, factor in factors.items()
+        }
+    reason = "no link carries both circles, each on a hinge through its centre"
+    noncircular_links = _find_noncircular_links(pair)
+    if noncircular_links:
+        reason = f"the profile of link {noncircular_links[0]} is no circle"
+    raise ModelError(
+        f"{mechanism.name}: pairs.{pair.name}: bodies on hinges express R pairs, circles "
+        "that slide on each other, and rolling circles that turn about their centres on "
+        f"one carrier, whose ratio is constant; {reason}. Leave the pair out of a copy of "
+        "the file, or lock it away"
+    )
+
+
+def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[Branch]:
+    """Return a spanning tree of R pairs from the ground, depth first.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    preferred_pairs
+        Names of pairs, the most important first. Each one that closes no loop with those
+        before it belongs to the tree.
+
+    Raises
+    ------
+    ModelError
+        If R pairs do not join all links.
+    """
+    ends = mechanism.ends
+    links = mechanism.links
+    revolute_pairs = [k for k, pair in enumerate(mechanism.pairs) if pair.kind.has_axis]
+    default_tree = find_spanning_tree(ends, pairs=revolute_pairs)
+    if len(default_tree) + 1 < len(links):
+        reached_links = {0, *(child for _, _, child in default_tree)}
+        unreached_links = listing(
+            name for link, name in enumerate(links) if link not in reached_links
+        )
+        raise ModelError(
+            f"{mechanism.name}: link {unreached_links} is held by contacts alone; bodies "
+            "on hinges need a chain of R pairs from the ground to every link"
+        )
+    candidates = [mechanism.pair_number[name] for name in preferred_pairs]
+    candidates += [pair for pair, _, _ in default_tree]
+    tree_pairs: list[int] = []
+    for pair in candidates:
+        if pair not in revolute_pairs:
+            continue
+        component = component_labels(len(links), [ends[k] for k in tree_pairs])
+        first, second = ends[pair]
+        if component[first] != component[second]:
+            tree_pairs.append(pair)
+    branches = [Branch(*branch) for branch in find_spanning_tree(ends, pairs=tree_pairs)]
+
+    def subtree(link: int) -> list[Branch]:
+        """Return all branches beyond a link, depth first."""
+        result: list[Branch] = []
+        for branch in branches:
+            if branch.parent == link:
+                result += [branch, *subtree(branch.child)]
+        return result
+
+    return subtree(0)
