@@ -9,7 +9,7 @@ from spherekit.files.mechanism_reader import load
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Type
-from spherekit.singularities.single_freedom import SingleFreedom
+from spherekit.singularities.single_freedom import SingleFreedomSingularities
 
 UNIT = "four_bar"
 QUICK = (UNIT, "stephenson", "roller_cam")
@@ -75,7 +75,7 @@ def _timed(name: str) -> tuple[float, float, float, float, tuple[Cell, ...]]:
     marks.append(time.process_time())
     curves = [item.curve for item in tracer.configurations.curves]
     marks.append(time.process_time())
-    report = SingleFreedom(tracer, curves, [_output(made)])
+    report = SingleFreedomSingularities(tracer, curves, [_output(made)])
     kinds = [point.type for point in report.points]
     marks.append(time.process_time())
     crossed = len(report.crossings)

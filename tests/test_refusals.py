@@ -30,7 +30,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.registry import registered
 from spherekit.runs.trade import trade
 from spherekit.singularities.aspects import aspects
-from spherekit.singularities.single_freedom import SingleFreedom
+from spherekit.singularities.single_freedom import SingleFreedomSingularities
 from spherekit.singularities.singular_curves import singular_curves
 from spherekit.singularities.singular_surface import singular_surface
 from spherekit.singularities.stationarity import output_of
@@ -42,7 +42,15 @@ MECHANISMS = (
 )
 STUDIES = "study.study", "constant.study", "table.study", "timed.study"
 CALLED = (
-    *(MujocoModel, PositionAnalysis, SingleFreedom, Tabulated, aspects, between, built),
+    *(
+        MujocoModel,
+        PositionAnalysis,
+        SingleFreedomSingularities,
+        Tabulated,
+        aspects,
+        between,
+        built,
+    ),
     *(find_region, inverse_dynamics, output_of, reduced_model, replace, simulate),
     *(singular_curves, singular_surface, trade, two_four_bars),
 )

@@ -9,7 +9,7 @@ from spherekit.completeness import Guarantee
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Type
-from spherekit.singularities.single_freedom import SingleFreedom
+from spherekit.singularities.single_freedom import SingleFreedomSingularities
 
 CHAINS = (STEPHENSON, WATT, *EIGHT_BARS)
 RESTING = 1e-28
@@ -32,7 +32,9 @@ def analysed(number):
     tracer = PositionAnalysis(made, samples=9)
     found = tracer.configurations
     curves = [item.curve for item in found.curves]
-    analysis = SingleFreedom(tracer, curves, [(made.links[-1], "1"), ("5", "3")])
+    analysis = SingleFreedomSingularities(
+        tracer, curves, [(made.links[-1], "1"), ("5", "3")]
+    )
     return tracer, found, analysis
 
 
@@ -43,8 +45,8 @@ def check_exact(tracer, analysis, points):
         links = point.output if point.type == Type.I else analysis.input
         key = point.curve, point.s, links
         if key not in solved:
-            along = analysis.along[point.curve]
-            rates = along.at(np.array([point.s]))
+            along = analysis.curve_motions[point.curve]
+            rates = along.links_at(np.array([point.s]))
             placed = rates.motion.rotations
             slope = rates.dw[0, links[0]] - rates.dw[0, links[1]]
             solved[key] = exact_rest(made, placed[0], rates.w[0], links, slope)
@@ -58,9 +60,9 @@ def check_exact(tracer, analysis, points):
         rest = {Type.I: (output,), Type.II: (driven,), Type.SELF_MOTION: (driven, output)}
         assert max(rest[point.type]) < RESTING
         place, number = np.array([point.s]), analysis.outputs.index(point.output)
-        q, y, _ = analysis.at(point.curve, place, number)
-        assert abs(driven - abs(q[0])) < 1e-12
-        assert abs(output - abs(y[0])) < 1e-12
+        at = analysis.evaluate_relations(point.curve, place, number)
+        assert abs(driven - abs(at.input_rate[0])) < 1e-12
+        assert abs(output - abs(at.output_rate[0])) < 1e-12
         if point.type != Type.SELF_MOTION:
             assert max(driven, output) > 1e-6
 
@@ -75,7 +77,7 @@ def check_counts(tracer, found, analysis, points):
     dead = [p for p in points if p.output == analysis.outputs[0] and p.input_turns]
     places = np.array([p.values[single] for p in dead])
     slopes = np.array(
-        [analysis.along[p.curve].curve.at(p.s).bends[0, single] for p in dead]
+        [analysis.curve_motions[p.curve].curve.at(p.s).bends[0, single] for p in dead]
     )
     inputs = np.sort(np.random.default_rng(1).uniform(-np.pi, np.pi, INPUTS))
     modes = [assemblies(tracer.solver, np.array([q])) for q in inputs]
@@ -101,7 +103,9 @@ def test_singularities_of_random_chains_are_exact_and_all(number):
     tracer, found, analysis = analysed(number)
     assert found.guarantee is Guarantee.COMPLETE and not found.mismatches
     points = analysis.points
-    assert not (analysis.crossings or analysis.whole or analysis.notes or analysis.gaps)
+    assert not (
+        analysis.crossings or analysis.resting_curves or analysis.notes or analysis.gaps
+    )
     assert all(p.certain and not p.double for p in points)
     check_exact(tracer, analysis, points)
     dead, counts = check_counts(tracer, found, analysis, points)

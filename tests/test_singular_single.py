@@ -13,8 +13,8 @@ from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.curve_crossing import find_crossing, find_outgoing_points
 from spherekit.positions.curve_segment import curve_points
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.singularities.input_output_relation import FourLinks, Type, relation_of
-from spherekit.singularities.single_freedom import SingleFreedom
+from spherekit.singularities.input_output_relation import FourLinks, Type, make_relation
+from spherekit.singularities.single_freedom import SingleFreedomSingularities
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
@@ -54,7 +54,7 @@ def test_a_tangential_zero_of_an_output_is_one_double_point():
 
 def report_at(tracer, curve, output, given):
     """Return the real singular points in the reference pose."""
-    points = SingleFreedom(tracer, [curve], [output], given).points
+    points = SingleFreedomSingularities(tracer, [curve], [output], given).points
     return [p for p in points if np.max(np.abs(curve.wrapped(p.values))) < 1e-6]
 
 
@@ -65,7 +65,7 @@ FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50
 @pytest.mark.parametrize("degrees", FOLDING)
 def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
     tracer = PositionAnalysis(four_bar(np.radians(degrees)))
-    report = SingleFreedom(tracer, all_curves(tracer), ["4/1"])
+    report = SingleFreedomSingularities(tracer, all_curves(tracer), ["4/1"])
     assert report.crossings
     q, y = 0, 3
     for point in report.crossings:
@@ -90,7 +90,7 @@ def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
                 assert abs(gap) < 1e-12
                 assert three.residual < 1e-12
         if degrees == (60, 40, 60, 40):
-            assert report.whole == []
+            assert report.resting_curves == []
 
 
 def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
@@ -132,27 +132,27 @@ def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
     """A relative rate reverses between two of many samples, and in finer ones vanishes."""
     axes = random_axes(np.random.default_rng(seed), len(joints(text)))
     tracer = PositionAnalysis(mechanism(text, axes, span=(-np.pi, np.pi)), samples=41)
-    along = SingleFreedom(tracer, all_curves(tracer)[:1], []).along[0]
+    along = SingleFreedomSingularities(tracer, all_curves(tracer)[:1], []).curve_motions[0]
     every = all_poles(len(tracer.mechanism.links))
     s = np.linspace(0.0, along.curve.length, 1501)
-    w = along.at(s).w
+    w = along.links_at(s).w
     for i, j in every:
         rate = w[:, j] - w[:, i]
-        zeros, *_ = along.zeros((i, j))
+        zeros = along.rest_points((i, j)).s
         (cells,) = np.nonzero(np.sum(rate[1:] * rate[:-1], axis=1) <= 0.0)
         resting = 0
         for k in cells:
-            fine = along.at(np.linspace(s[k], s[k + 1], 201)).w
+            fine = along.links_at(np.linspace(s[k], s[k + 1], 201)).w
             size = np.linalg.norm(fine[:, j] - fine[:, i], axis=1)
             if np.min(size) > 0.02 * max(size[0], size[-1]):
                 continue
             resting += 1
             assert np.any((zeros > s[k] - 1e-9) & (zeros < s[k + 1] + 1e-9))
         assert resting == len(zeros)
-        signed, _ = along.signed(s, (i, j))
+        signed, _ = along.signed_rate(s, (i, j))
         assert np.sum(signed[1:] * signed[:-1] < 0.0) == resting
         if len(zeros):
-            there = along.at(zeros).w
+            there = along.links_at(zeros).w
             assert np.max(np.abs(there[:, j] - there[:, i])) < 1e-12
 
 
@@ -178,7 +178,7 @@ def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations
         for form in ("i", "ii"):
             if form == "ii" and links.o in (links.r, links.i):
                 continue
-            relation = relation_of(form, links, direction)
+            relation = make_relation(form, links, direction)
             output, driven = (
                 np.sum((rates.w[a] - rates.w[b]) * direction(pole_of(a, b)), axis=1)
                 for a, b in (relation.output, (links.i, links.r))

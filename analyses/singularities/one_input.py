@@ -103,7 +103,7 @@ class OneInput:
         rows: list[Row] = []
         for point in (*sampled.report.points, *sampled.report.crossings):
             rows += self._rows(point)
-        for whole in sampled.report.whole:
+        for whole in sampled.report.resting_curves:
             rows.append(
                 {
                     "kind": str(whole.type),
@@ -355,7 +355,7 @@ class OneInput:
         outputs = [self.names.index(name) for name in points["output"]]
         places = [points["curve"].tolist(), points["s"]]
         six = [
-            sampled.report.at(curve, s[None], output)[2][-1].poles
+            sampled.report.evaluate_relations(curve, s[None], output).relations[-1].poles
             for curve, s, output in zip(*places, outputs, strict=True)
         ]
         turned = np.stack([*map(sampled.configuration, *places)])

@@ -1,11 +1,13 @@
 """Rates and pole axes along a configuration curve, per unit of its arc length.
 
-Per arc length every rate is finite, at the dead points of every pair too. The angular
-velocity of link j relative to i is w u with u a unit vector along their pole; w is smooth
-through its zeros, and there u is the limit that the derivative of w u points along.
+Per unit of arc length every rate is finite, also at the dead points of every pair. The
+angular velocity of link j relative to link i is w u, where u is a unit vector along their
+pole axis. w is smooth and may change its sign. Where w = 0, u is the limit, in the
+direction of the derivative of the angular velocity.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
@@ -22,209 +24,344 @@ from spherekit.status import Status
 from spherekit.tolerances import EPS
 from spherekit.velocities.pole_sequence import PlannedPoles
 
-NEAR_REST = 1e-6
-"""Relative rates below this part of their derivative take its direction."""
-AT_REST = 100.0
-"""Relative rates below this times the bound of their rounding error vanish."""
-KEPT = 16
-"""Sets of places on a curve whose rates are kept: all poles are asked for at the same."""
-ASIDE = np.array([0.5257311, 0.3090170, 0.7925405])
-"""A direction that no axis is at right angles to, but by chance."""
-SETTLING = 3
-"""Gauss-Newton steps to where a rate is least."""
+NEAR_REST_RAD = 1e-6
+"""Arc length from a zero of a relative rate within which the direction of its derivative is
+used for its sense. Larger: the direction is less accurate; smaller: rounding of the rate
+decides the sense."""
+REST_ROUNDING_FACTOR = 100.0
+"""Relative rates below this multiple of the bound of their rounding error are zero. Larger:
+slow links count as resting; smaller: rounding hides zeros."""
+CACHED_POSITION_SETS = 16
+"""Sets of arc lengths of a curve whose rates are kept, because all poles are needed at the
+same arc lengths."""
+PROJECTION = np.array([0.5257311, 0.3090170, 0.7925405])
+"""Direction on which relative rates are projected to find their zeros. It is at right
+angles to no axis, except by chance."""
+REST_NEWTON_STEPS = 3
+"""Gauss-Newton steps from a zero of the projected rate to the least relative rate."""
+ZERO_ROUNDING_FACTOR = 16.0
+"""Error of a zero from rounding of its arc length, in EPS times the length of the curve."""
 
 
-Axes = tuple[dict[Pole, Floats], dict[Pole, Floats]]
-"""Unit vectors (n, 3) along poles, and bounds (n,) of their errors.
+@dataclass(frozen=True)
+class PoleAxes:
+    """Axes of poles at n configurations.
 
-NaN with an error of 1 where the links do not move relative to each other and nothing else
-says where their pole is.
-"""
+    A pole axis is unknown if its links do not move relative to each other and no plan of
+    poles gives it. Its vector is then NaN and its error 1.
+
+    Attributes
+    ----------
+    directions
+        (n, 3) unit vectors by pole, of arbitrary sense.
+    errors
+        (n,) bounds of their errors (rad) by pole, at most 1.
+    """
+
+    directions: dict[Pole, Floats]
+    errors: dict[Pole, Floats]
 
 
 class LinkMotion:
-    """The links of a mechanism in given motions at n configurations.
+    """Velocities of all links in given motions at n configurations.
 
     Attributes
     ----------
     values
-        (n, variables) rad.
+        (n, variables) variables (rad).
+    motion
+        The configurations.
     w, dw
-        (n, bodies, 3) angular velocity relative to body 0 and its derivative by the
-        motion's parameter; `dw` is NaN where second derivatives of the variables are.
+        (n, bodies, 3) angular velocity relative to body 0, and its derivative by the
+        parameter of the motion; `dw` is NaN where second derivatives of the variables are.
     rounding
         (n,) bounds of the rounding errors of w. Beside a crossing of curves the
-        configuration itself is known to EPS / flatness only, and what follows from it to
-        EPS / flatness^2.
+        configuration itself is known to EPS / k only, where k is the reciprocal condition
+        number, and what follows from it to EPS / k^2.
+
+    Parameters
+    ----------
+    position_analysis
+        The mechanism, with one degree of freedom.
+    values, tangents, bends
+        (n, variables) variables (rad) and their first and second derivatives by the
+        parameter, for example the arc length of a curve. Second derivatives that are NaN
+        denote that the motion is given exactly.
     """
 
     def __init__(
-        self, tracer: PositionAnalysis, values: Floats, tangents: Floats, bends: Floats
+        self,
+        position_analysis: PositionAnalysis,
+        values: Floats,
+        tangents: Floats,
+        bends: Floats,
     ) -> None:
         self.values = values
-        self.motion = make_motion(tracer.solver, values)
-        at = self.motion.linearisation
-        self.w = at.body_rates(tangents)
-        self.dw = at.body_rates(bends)
-        self.dw += at.tree.body_rates(at.turned(self.w), tangents)
-        equations = bordered(at.jacobian, tangents)
-        flat = np.maximum(
+        self.motion = make_motion(position_analysis.solver, values)
+        linearisation = self.motion.linearisation
+        self.w = linearisation.body_rates(tangents)
+        # w = sum of vectors times rates: the rates change, and the vectors do.
+        self.dw = linearisation.body_rates(bends)
+        vector_derivatives = linearisation.turned(self.w)
+        self.dw += linearisation.tree.body_rates(vector_derivatives, tangents)
+        equations = bordered(linearisation.jacobian, tangents)
+        reciprocal_condition = np.maximum(
             bordered_reciprocal_condition(equations, left_inverse(equations)), EPS
         )
-        flat[np.isnan(bends[:, 0])] = 1.0  # a motion that is given
-        size = np.linalg.norm(self.w, axis=2).max(axis=1, initial=1.0)
-        self.rounding = EPS * size * (8.0 / flat + 0.25 / flat**2)
+        is_given_exactly = np.isnan(bends[:, 0])
+        reciprocal_condition[is_given_exactly] = 1.0
+        largest_w = np.linalg.norm(self.w, axis=2).max(axis=1, initial=1.0)
+        amplification = 8.0 / reciprocal_condition + 0.25 / reciprocal_condition**2
+        self.rounding = EPS * largest_w * amplification
 
     def relative(self, i: int, j: int) -> tuple[Floats, Floats]:
         """Return w and dw (n, 3) of body j relative to body i."""
         return self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
 
     def speeds(self, pole: Pole) -> tuple[Floats, Floats]:
-        """Return the sizes (n,) of w and dw of a pole's links."""
+        """Return the sizes (n,) of w and dw of a pole's links relative to each other."""
         w, dw = self.relative(*pole)
         return np.linalg.norm(w, axis=1), np.linalg.norm(dw, axis=1)
 
-    def axes(self, poles: Iterable[Pole], planned: Plan | None) -> Axes:
-        """Return the axes of poles, in either sense, and bounds of their errors.
+    def pole_axes(self, poles: Iterable[Pole], plan: Plan | None) -> PoleAxes:
+        """Return the axes of poles with bounds of their errors.
 
-        By the great circles of the plan, along the relative angular velocity, or its
-        derivative where that vanishes: what has the least error bound. At a distance x
-        from a zero of w the derivative is off the axis by about x |u'|.
+        At each configuration the axis is taken from the source with the least error bound:
+        the great circles of a plan, the relative angular velocity, or its derivative.
+
+        Parameters
+        ----------
+        poles
+            The poles.
+        plan
+            A plan that gives these poles, or None.
         """
-        units, errors = {}, {}
+        directions: dict[Pole, Floats] = {}
+        errors: dict[Pole, Floats] = {}
+        rows = np.arange(len(self.values))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            sequence = None if planned is None else PlannedPoles(planned, self.motion)
+            planned_poles = None if plan is None else PlannedPoles(plan, self.motion)
             for pole in poles:
-                (w, dw) = self.relative(*pole)
-                (length, growth) = self.speeds(pole)
-                unit, error = w / length[:, None], self.rounding / length
-                rate = (dw - unit * np.vecdot(unit, dw)[:, None]) / length[:, None]
-                swing = np.linalg.norm(rate, axis=1)
-                swing = np.minimum(swing, 1.0 / np.clip(error, EPS, 1.0))
-                turned = length * (1.0 + np.nan_to_num(swing))
-                away = (self.rounding + turned) / growth
-                ways = [(unit, error), (dw / growth[:, None], away)]
-                if sequence is not None:
-                    ways.insert(0, (sequence.directions[pole].T, sequence.errors[pole]))
-                unit, error = (np.stack(part) for part in zip(*ways, strict=True))
-                error = np.minimum(np.nan_to_num(error, nan=1.0), 1.0)
-                best = np.argmin(error, axis=0), np.arange(len(w))
-                units[pole], errors[pole] = unit[best], error[best]
-        return units, errors
+                candidates = [self._axis_by_velocity(pole), self._axis_by_derivative(pole)]
+                if planned_poles is not None:
+                    planned_direction = planned_poles.directions[pole].T
+                    candidates.insert(0, (planned_direction, planned_poles.errors[pole]))
+                candidate_directions = np.stack([axis for axis, _ in candidates])
+                candidate_errors = np.stack([error for _, error in candidates])
+                candidate_errors = np.nan_to_num(candidate_errors, nan=1.0)
+                candidate_errors = np.minimum(candidate_errors, 1.0)
+                best = np.argmin(candidate_errors, axis=0)
+                directions[pole] = candidate_directions[best, rows]
+                errors[pole] = candidate_errors[best, rows]
+        return PoleAxes(directions, errors)
+
+    def _axis_by_velocity(self, pole: Pole) -> tuple[Floats, Floats]:
+        """Return the axis (n, 3) along the angular velocity, and its error bound (n,)."""
+        w, _ = self.relative(*pole)
+        speed, _ = self.speeds(pole)
+        return w / speed[:, None], self.rounding / speed
+
+    def _axis_by_derivative(self, pole: Pole) -> tuple[Floats, Floats]:
+        """Return the axis (n, 3) along the derivative of w, and its error (n,).
+
+        The derivative has the direction of the axis where w = 0. At a distance x from
+        there, it deviates from the axis by about x |u'|.
+        """
+        _, dw = self.relative(*pole)
+        speed, growth = self.speeds(pole)
+        axis, axis_error = self._axis_by_velocity(pole)
+        axis_derivative = (dw - axis * np.vecdot(axis, dw)[:, None]) / speed[:, None]
+        axis_rate = np.linalg.norm(axis_derivative, axis=1)
+        # Near the zero of w its direction is only rounding, so the rate is limited.
+        axis_rate = np.minimum(axis_rate, 1.0 / np.clip(axis_error, EPS, 1.0))
+        deviation = speed * (1.0 + np.nan_to_num(axis_rate))
+        return dw / growth[:, None], (self.rounding + deviation) / growth
 
 
-class AlongCurve:
-    """Rates and axes of the links of a mechanism along one of its configuration curves.
+@dataclass(frozen=True)
+class RestPoints:
+    """The k points of a curve at which two links rest relative to each other.
+
+    Attributes
+    ----------
+    s
+        (k,) arc lengths (rad).
+    is_double
+        (k,) whether the relative rate touches zero without a change of sign, or has two
+        zeros that cannot be separated.
+    errors
+        (k,) bounds of the errors of s (rad).
+    """
+
+    s: Floats
+    is_double: Bools
+    errors: Floats
+
+
+class CurveMotion:
+    """Velocities and pole axes of all links along one configuration curve.
 
     Parameters
     ----------
-    tracer
-        The mechanism, with one freedom.
+    position_analysis
+        The mechanism, with one degree of freedom.
     curve
         One of its configuration curves.
-    plan_of
-        What makes the plan of some poles, None where there is none.
+    plan_poles
+        Function that returns the plan of some poles, or None if there is none.
+
+    Attributes
+    ----------
+    rest_points
+        Function that returns the `RestPoints` of a pole on the whole curve; None if its
+        links rest relative to each other everywhere. Results are kept.
     """
 
     def __init__(
         self,
-        tracer: PositionAnalysis,
+        position_analysis: PositionAnalysis,
         curve: ArcCurve,
-        plan_of: Callable[[tuple[Pole, ...]], Plan | None],
+        plan_poles: Callable[[tuple[Pole, ...]], Plan | None],
     ) -> None:
-        self.tracer = tracer
+        self.position_analysis = position_analysis
         self.curve = curve
-        self.plan_of = plan_of
-        self._at = lru_cache(KEPT)(self._links)
-        self.zeros = cache(self._zeros)
+        self.plan_poles = plan_poles
+        self._cached_links = lru_cache(CACHED_POSITION_SETS)(self._evaluate_links)
+        self.rest_points = cache(self._find_rest_points)
 
-    def at(self, s: Floats) -> LinkMotion:
-        """Return the links at s (n,) by arc length; the last results are kept."""
-        return self._at(s.tobytes())
+    def links_at(self, s: Floats) -> LinkMotion:
+        """Return the velocities of all links at arc lengths s (n,); results are kept."""
+        # Arrays are no keys of a cache, their bytes are.
+        return self._cached_links(s.tobytes())
 
-    def _links(self, places: bytes) -> LinkMotion:
-        there = self.curve.at(np.frombuffer(places))
-        return LinkMotion(self.tracer, there.values, there.tangents, there.bends)
+    def _evaluate_links(self, s_bytes: bytes) -> LinkMotion:
+        """Return the velocities of all links at arc lengths, given as bytes of float64."""
+        points = self.curve.at(np.frombuffer(s_bytes))
+        return LinkMotion(
+            self.position_analysis, points.values, points.tangents, points.bends
+        )
 
-    def axes(self, s: Floats, poles: Iterable[Pole]) -> Axes:
-        """Return the axes of poles at s (n,), in either sense, and bounds of errors."""
-        wanted = tuple(dict.fromkeys(poles))
-        return self.at(s).axes(wanted, self.plan_of(wanted))
+    def pole_axes(self, s: Floats, poles: Iterable[Pole]) -> PoleAxes:
+        """Return the axes of poles at arc lengths s (n,), of arbitrary sense."""
+        distinct_poles = tuple(dict.fromkeys(poles))
+        plan = self.plan_poles(distinct_poles)
+        return self.links_at(s).pole_axes(distinct_poles, plan)
 
-    def oriented(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, Floats]:
-        """Return the axes (n, 3) with senses that are continuous along the curve.
+    def oriented_axes(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, Floats]:
+        """Return the axes (n, 3) of poles with senses that are continuous along the curve.
 
-        They are those of `axes` where the curve starts.
+        At the start of the curve the sense is that of `pole_axes`.
+
+        Parameters
+        ----------
+        s
+            (n,) arc lengths (rad).
+        poles
+            The poles.
         """
-        both = np.append(self.curve.s[0], s)
-        units, _ = self.axes(both, poles)
-        for pole, unit in units.items():
-            against = np.vecdot(unit, self._heading(both, pole)) < 0.0
-            units[pole] = np.where(against != against[0], -1.0, 1.0)[1:, None] * unit[1:]
-        return units
+        start_and_s = np.append(self.curve.s[0], s)
+        directions = self.pole_axes(start_and_s, poles).directions
+        for pole, direction in directions.items():
+            continuous = self._continuous_direction(start_and_s, pole)
+            is_opposite = np.vecdot(direction, continuous) < 0.0
+            signs = np.where(is_opposite != is_opposite[0], -1.0, 1.0)
+            directions[pole] = signs[1:, None] * direction[1:]
+        return directions
 
-    def signed(self, s: Floats, pole: Pole) -> tuple[Floats, Floats]:
-        """Return the rate (n,) of a pole's links at s, and its slope.
+    def signed_rate(self, s: Floats, pole: Pole) -> tuple[Floats, Floats]:
+        """Return the relative rate (n,) of a pole's links, and its derivative by s (n,).
 
-        Its sign is such that it is smooth through zero, and not negative at the start.
+        The rate is smooth through its zeros, and not negative at the start of the curve.
         """
-        (w, dw) = self.at(s).relative(*pole)
-        unit = self._heading(s, pole)
-        return np.vecdot(w, unit), np.vecdot(dw, unit)
+        w, dw = self.links_at(s).relative(*pole)
+        direction = self._continuous_direction(s, pole)
+        return np.vecdot(w, direction), np.vecdot(dw, direction)
 
-    def _heading(self, s: Floats, pole: Pole) -> Floats:
-        """Return unit vectors (n, 3) along a pole, of one sense on the whole curve.
+    def _continuous_direction(self, s: Floats, pole: Pole) -> Floats:
+        """Return unit vectors (n, 3) along a pole, continuous on the whole curve.
 
-        Along w, which reverses at each of its zeros but the double ones; at these along
-        its derivative. Zero where the links move as one.
+        They have the direction of w, reversed after each zero at which w changes its sign.
+        Near zeros they have the direction of the derivative of w. They are zero if the
+        links move as one.
         """
-        there, roots = self.at(s), self.zeros(pole)
-        if roots is None:
+        links = self.links_at(s)
+        rest_points = self.rest_points(pole)
+        if rest_points is None:
             return np.zeros((len(s), 3))
-        (w, dw) = there.relative(*pole)
-        (length, growth) = there.speeds(pole)
-        resting = length <= NEAR_REST * growth
-        reversals = roots[0][~roots[1]]
-        again = np.append(reversals, reversals + self.curve.length)  # a lap later
-        odd = np.searchsorted(again, s + 2.0 * NEAR_REST * resting, side="right") % 2 == 1
-        size = np.where(resting, growth, length) * np.where(odd, -1.0, 1.0)
+        w, dw = links.relative(*pole)
+        speed, growth = links.speeds(pole)
+        is_near_rest = speed <= NEAR_REST_RAD * growth
+        sign_changes = rest_points.s[~rest_points.is_double]
+        # On a closed curve s may be in the next lap.
+        sign_changes = np.append(sign_changes, sign_changes + self.curve.length)
+        # At a zero the derivative has the sense of w after the zero, so the zero counts as
+        # passed.
+        compared_s = s + 2.0 * NEAR_REST_RAD * is_near_rest
+        passed = np.searchsorted(sign_changes, compared_s, side="right")
+        sense = np.where(passed % 2 == 1, -1.0, 1.0)
+        divisor = np.where(is_near_rest, growth, speed) * sense
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.nan_to_num(np.where(resting[:, None], dw, w) / size[:, None])
+            direction = np.where(is_near_rest[:, None], dw, w) / divisor[:, None]
+            return np.nan_to_num(direction)
 
-    def _zeros(self, pole: Pole) -> tuple[Floats, Bools, Floats] | None:
-        """Return all s at which two links rest relative to each other, None if everywhere.
+    def _find_rest_points(self, pole: Pole) -> RestPoints | None:
+        """Return all points at which two links rest relative to each other.
 
-        With whether each is double, and bounds of the errors of s (k,). They are zeros of
-        any component of the relative rate, at which all of it vanishes.
+        They are zeros of one component of the relative rate at which all of it vanishes.
+        None if the links rest on the whole curve.
         """
         curve = self.curve
-        there = self.at(curve.s)
-        if np.all(there.speeds(pole)[0] <= AT_REST * there.rounding):
+        node_links = self.links_at(curve.s)
+        node_speeds, _ = node_links.speeds(pole)
+        if np.all(node_speeds <= REST_ROUNDING_FACTOR * node_links.rounding):
             return None
 
-        def component(s: Floats) -> tuple[Floats, Floats]:
-            w, dw = self.at(s).relative(*pole)
-            return w @ ASIDE, dw @ ASIDE
+        def projected_rate(s: Floats) -> tuple[Floats, Floats]:
+            """Return a component (n,) of the relative rate, and its derivative by s."""
+            w, dw = self.links_at(s).relative(*pole)
+            return w @ PROJECTION, dw @ PROJECTION
 
-        rests = find_zeros(component, curve.s)
+        zeros = find_zeros(projected_rate, curve.s)
         if curve.closed:
-            rests = rests.merge_seam(curve.length)
-        s, double = rests.places, rests.double
-        for _ in range(SETTLING):
-            w, dw = self.at(s).relative(*pole)
-            step = np.vecdot(w, dw) / np.maximum(np.vecdot(dw, dw), EPS**2)
-            s = np.where(double | (np.abs(step) > NEAR_REST), s, s - step)
-        s = np.maximum(s, 0.0)
-        there = self.at(s)
-        speed, slope = there.speeds(pole)
-        error = there.rounding / np.maximum(slope, EPS) + 16.0 * EPS * curve.length
+            zeros = zeros.merge_seam(curve.length)
+        is_double = zeros.double
+        s = self._refine_zeros(zeros.places, is_double, pole)
+        links = self.links_at(s)
+        speed, slope = links.speeds(pole)
+        rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * curve.length
+        errors = links.rounding / np.maximum(slope, EPS) + rounding_of_s
+        # Near a double zero the rate is a parabola. Its second derivative is estimated from
+        # the slope a little aside, towards the middle of the curve.
         step = 1e-3 * curve.length
-        aside = np.where(s[double] > 0.5 * curve.length, -step, step)
-        bend = np.maximum(self.at(s[double] + aside).speeds(pole)[1] / step, EPS)
-        error[double] = np.sqrt(2.0 * there.rounding[double] / bend)
-        error = np.minimum(error, curve.length)
-        rest = speed <= AT_REST * there.rounding
-        for why, way in zip(curve.ends, (s, curve.length - s), strict=True):
-            if why == Status.AT_SINGULARITY:  # the zero may be that of the crossing
-                rest &= way > 4.0 * error
-        return s[rest], double[rest], error[rest]
+        double_s = s[is_double]
+        aside = np.where(double_s > 0.5 * curve.length, -step, step)
+        _, slope_aside = self.links_at(double_s + aside).speeds(pole)
+        curvature = np.maximum(slope_aside / step, EPS)
+        errors[is_double] = np.sqrt(2.0 * links.rounding[is_double] / curvature)
+        errors = np.minimum(errors, curve.length)
+        is_rest = speed <= REST_ROUNDING_FACTOR * links.rounding
+        distances_to_ends = (s, curve.length - s)
+        for end_status, distance in zip(curve.ends, distances_to_ends, strict=True):
+            if end_status == Status.AT_SINGULARITY:
+                # The rate vanishes at the crossing itself, where every rate may vanish.
+                is_rest &= distance > 4.0 * errors
+        return RestPoints(s[is_rest], is_double[is_rest], errors[is_rest])
+
+    def _refine_zeros(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
+        """Return the points of least relative rate near simple zeros of its projection.
+
+        Parameters
+        ----------
+        s, is_double
+            (k,) arc lengths of the zeros (rad), and whether they are double. Double zeros
+            are not changed.
+        pole
+            The two links.
+        """
+        for _ in range(REST_NEWTON_STEPS):
+            w, dw = self.links_at(s).relative(*pole)
+            step = np.vecdot(w, dw) / np.maximum(np.vecdot(dw, dw), EPS**2)
+            # A longer step shows that only the projection of the rate vanishes.
+            is_kept = is_double | (np.abs(step) > NEAR_REST_RAD)
+            s = np.where(is_kept, s, s - step)
+        return np.maximum(s, 0.0)

@@ -1,8 +1,8 @@
-"""Geometric conditions that hold at a singularity: parallel axes, coincident planes.
+"""Geometric conditions at a singularity: parallel axes and coincident planes.
 
 The names III.1 to III.5 and III.a to III.g are those of R. Di Gregorio's lecture on the
 singularity analysis of spherical mechanisms. The conditions of types I and II have no
-names there; here they are I.1 to I.3 and II.1 to II.3 in form i, I.a to I.c and II.a to
+names there. Here they are I.1 to I.3 and II.1 to II.3 in form i, I.a to I.c and II.a to
 II.c in form ii, in the order in which the lecture gives them.
 """
 
@@ -15,26 +15,30 @@ from spherekit.arrays import Bools, Floats
 from spherekit.geometry.vectors import cross, max_abs
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.singularities.input_output_relation import (
-    AXES,
+    LINKS_OF_AXIS,
     Form,
     FourLinks,
     Relation,
+    SixPoles,
     Type,
-    third_axis,
+    find_third_axis,
 )
 from spherekit.singularities.tangent_space import decompose
 
-TOLERANCE = 1e-9
-"""Sines up to this are taken for zero where the error of the axes is not larger."""
-
-
-UNDECIDED = 1e3
-"""Conditions that miss the tolerance by less than this factor are undecided."""
+VANISHING_SINE = 1e-9
+"""Sines up to this are taken for zero, unless the error of the axes is larger. Larger:
+conditions are reported that are not quite fulfilled; smaller: rounding hides some."""
+UNDECIDED_FACTOR = 1e3
+"""Conditions that exceed the tolerance by less than this factor are reported as uncertain.
+Larger: more conditions are reported."""
+AXIS_ERROR_FACTOR = 10.0
+"""A condition may be missed by this multiple of the error bound of the axes, because it
+combines several axes. Larger: more conditions are reported beside crossings."""
 
 
 @dataclass(frozen=True)
-class Holding:
-    """A condition that holds at a configuration.
+class FulfilledCondition:
+    """A geometric condition that is fulfilled at a configuration.
 
     Attributes
     ----------
@@ -45,8 +49,8 @@ class Holding:
     residual
         The largest sine of the angles between what should coincide.
     certain
-        Whether the residual is within the tolerance; False where it misses it by less
-        than `UNDECIDED`.
+        Whether the residual is within the tolerance. False if it exceeds the tolerance by
+        less than `UNDECIDED_FACTOR`.
     """
 
     label: str
@@ -55,87 +59,136 @@ class Holding:
     certain: bool
 
 
-IN_1 = "ir is_ rs = or_ ir io"
+@dataclass(frozen=True)
+class ParallelAxes:
+    """The condition that axes, named as in `SixPoles`, are parallel."""
+
+    axes: tuple[str, ...]
+
+    def sine(self, poles: SixPoles) -> Floats:
+        """Return the largest sine (n,) between two of the axes, NaN if one is unknown."""
+        vectors = poles.stacked(self.axes)
+        products = cross(vectors[:, :, None], vectors[:, None])
+        return np.max(np.linalg.norm(products, axis=-1), axis=(1, 2))
+
+    def describe(self, links: FourLinks, names: Sequence[str]) -> str:
+        """Return the condition in words, with the names of all links."""
+        *others, last = _axis_names(self.axes, links, names)
+        return f"the axes {', '.join(others)} and {last} are parallel"
 
 
-IN_A = "io os is_ = ir is_ rs"
+@dataclass(frozen=True)
+class CoincidentPlanes:
+    """The condition that the planes of twice three axes, as in `SixPoles`, coincide."""
+
+    first: tuple[str, ...]
+    second: tuple[str, ...]
+
+    def sine(self, poles: SixPoles) -> Floats:
+        """Return the sine (n,) of the angle of the planes, NaN if an axis is unknown.
+
+        Axes that are parallel have no plane. The planes then count as coincident if one
+        plane contains all six axes.
+        """
+        first_normal, first_angle = poles.plane(self.first)
+        second_normal, second_angle = poles.plane(self.second)
+        sine = np.linalg.norm(cross(first_normal, second_normal), axis=-1)
+        sine_to_common_plane = _sine_to_best_plane(
+            poles.stacked([*self.first, *self.second])
+        )
+        has_no_plane = np.minimum(first_angle, second_angle) < VANISHING_SINE
+        return np.where(has_no_plane, sine_to_common_plane, sine)
+
+    def describe(self, links: FourLinks, names: Sequence[str]) -> str:
+        """Return the condition in words, with the names of all links."""
+        first = " ".join(_axis_names(self.first, links, names))
+        second = " ".join(_axis_names(self.second, links, names))
+        return f"the planes of the axes ({first}) and ({second}) coincide"
 
 
-OUT = "or_ os rs = io os is_"
+@dataclass(frozen=True)
+class AllAxesCoplanar:
+    """The condition that all axes of `SixPoles` are in one plane."""
+
+    def sine(self, poles: SixPoles) -> Floats:
+        """Return the largest sine (n,) to the plane, NaN if an axis is unknown."""
+        return _sine_to_best_plane(poles.stacked(tuple(LINKS_OF_AXIS)))
+
+    def describe(self, links: FourLinks, names: Sequence[str]) -> str:
+        """Return the condition in words."""
+        return "all six axes lie in one plane"
 
 
-IN_ONE_PLANE = ""
+Condition = ParallelAxes | CoincidentPlanes | AllAxesCoplanar
+"""One geometric condition."""
 
+INPUT_PLANES_FORM_I = CoincidentPlanes(("ir", "is_", "rs"), ("or_", "ir", "io"))
+"""Planes that coincide at type I in form i."""
+INPUT_PLANES_FORM_II = CoincidentPlanes(("io", "os", "is_"), ("ir", "is_", "rs"))
+"""Planes that coincide at type I in form ii."""
+OUTPUT_PLANES = CoincidentPlanes(("or_", "os", "rs"), ("io", "os", "is_"))
+"""Planes that coincide at type II in both forms."""
 
-FOUR_LINKS = {
-    ("i", "I"): {"I.2": "ir || rs", "I.3": "ir || io", "I.1": IN_1},
-    ("ii", "I"): {"I.b": "is_ || ir", "I.c": "is_ || os", "I.a": IN_A},
-    ("i", "II"): {"II.2": "os || rs", "II.3": "os || io", "II.1": OUT},
-    ("ii", "II"): {"II.b": "os || is_", "II.c": "os || or_", "II.a": OUT},
+FOUR_LINKS: Mapping[tuple[Form, str], Mapping[str, tuple[Condition, ...]]] = {
+    ("i", "I"): {
+        "I.2": (ParallelAxes(("ir", "rs")),),
+        "I.3": (ParallelAxes(("ir", "io")),),
+        "I.1": (INPUT_PLANES_FORM_I,),
+    },
+    ("ii", "I"): {
+        "I.b": (ParallelAxes(("is_", "ir")),),
+        "I.c": (ParallelAxes(("is_", "os")),),
+        "I.a": (INPUT_PLANES_FORM_II,),
+    },
+    ("i", "II"): {
+        "II.2": (ParallelAxes(("os", "rs")),),
+        "II.3": (ParallelAxes(("os", "io")),),
+        "II.1": (OUTPUT_PLANES,),
+    },
+    ("ii", "II"): {
+        "II.b": (ParallelAxes(("os", "is_")),),
+        "II.c": (ParallelAxes(("os", "or_")),),
+        "II.a": (OUTPUT_PLANES,),
+    },
     ("i", "III"): {
-        "III.2": "rs || os || ir",
-        "III.3": "io || os || ir",
-        "III.4": "ir || rs, os || io",
-        "III.5": "ir || io, os || rs",
-        "III.1": IN_ONE_PLANE,
+        "III.2": (ParallelAxes(("rs", "os", "ir")),),
+        "III.3": (ParallelAxes(("io", "os", "ir")),),
+        "III.4": (ParallelAxes(("ir", "rs")), ParallelAxes(("os", "io"))),
+        "III.5": (ParallelAxes(("ir", "io")), ParallelAxes(("os", "rs"))),
+        "III.1": (AllAxesCoplanar(),),
     },
     ("ii", "III"): {
-        "III.e": "is_ || ir || os",
-        "III.f": "is_ || os || or_",
-        "III.d": "is_ || ir, os || or_",
-        "III.b": f"{IN_A}, os || is_",
-        "III.c": f"{OUT}, is_ || os",
-        "III.g": "is_ || os",
-        "III.a": IN_ONE_PLANE,
+        "III.e": (ParallelAxes(("is_", "ir", "os")),),
+        "III.f": (ParallelAxes(("is_", "os", "or_")),),
+        "III.d": (ParallelAxes(("is_", "ir")), ParallelAxes(("os", "or_"))),
+        "III.b": (INPUT_PLANES_FORM_II, ParallelAxes(("os", "is_"))),
+        "III.c": (OUTPUT_PLANES, ParallelAxes(("is_", "os"))),
+        "III.g": (ParallelAxes(("is_", "os")),),
+        "III.a": (AllAxesCoplanar(),),
     },
 }
-"""The conditions of four different links, by form and type, the most special first.
-
-Axes are named as in `SixPoles`: they are parallel (||), planes of three coincide (=), or
-all lie in one plane.
-"""
+"""The conditions of four different links, by form and type, the most special ones first.
+All conditions of a label have to be fulfilled."""
 
 
-def _sine(said: str, relation: Relation) -> Floats:
-    """Return (n,) the largest sine of the angles between what should coincide.
+def _axis_names(axes: Sequence[str], links: FourLinks, names: Sequence[str]) -> list[str]:
+    """Return names of axes for users, such as ``4/1``, with the names of the two links."""
+    return ["/".join(names[link] for link in links.ends(axis)) for axis in axes]
 
-    NaN where an axis is not known. Where one of two sets of axes is parallel it has no
-    plane, and the planes coincide if one plane holds all axes.
+
+def _sine_to_best_plane(vectors: Floats) -> Floats:
+    """Return the largest sine (n,) of the angles of unit vectors (n, k, 3) to a plane.
+
+    The plane is the one with the least sum of squared distances.
     """
-    poles = relation.poles
-    if "=" in said:
-        one, other = (side.split() for side in said.split("="))
-        first, sure = poles.plane(one)
-        second, also = poles.plane(other)
-        sine = np.linalg.norm(cross(first, second), axis=-1)
-        both = _out_of_plane(poles.stacked([*one, *other]))
-        return np.where(np.minimum(sure, also) < TOLERANCE, both, sine)
-    if said == IN_ONE_PLANE:
-        return _out_of_plane(poles.stacked(AXES))
-    vectors = poles.stacked(said.split(" || "))
-    turn = cross(vectors[:, :, None], vectors[:, None])
-    return np.max(np.linalg.norm(turn, axis=-1), axis=(1, 2))
+    normals = decompose(vectors).right[:, -1]
+    return max_abs(np.einsum("nki,ni->nk", vectors, normals), axis=1)
 
 
-def _words(said: str, links: FourLinks, names: Sequence[str]) -> str:
-    """Return what coincides, with the names of the links."""
-    sides = [
-        ["/".join(names[end] for end in links.ends(axis)) for axis in side.split()]
-        for side in said.replace(" ||", "").split("=")
-    ]
-    if len(sides) == 2:
-        first, second = map(" ".join, sides)
-        return f"the planes of the axes ({first}) and ({second}) coincide"
-    if said == IN_ONE_PLANE:
-        return "all six axes lie in one plane"
-    *others, last = sides[0]
-    return f"the axes {', '.join(others)} and {last} are parallel"
-
-
-def conditions(
-    relation: Relation, names: Sequence[str], kind: str, allowed: Floats
-) -> list[tuple[Holding, ...]]:
-    """Return for each of n configurations the conditions that hold, most special first.
+def find_conditions(
+    relation: Relation, names: Sequence[str], kind: str, tolerances: Floats
+) -> list[tuple[FulfilledCondition, ...]]:
+    """Return the geometric conditions that are fulfilled at each of n configurations.
 
     Parameters
     ----------
@@ -145,33 +198,56 @@ def conditions(
         The names of all links of the mechanism.
     kind
         Type of the singularity: ``I``, ``II`` or ``III``.
-    allowed
-        (n,) by how much a condition may be missed (rad).
+    tolerances
+        (n,) largest sine at which a condition is fulfilled.
+
+    Returns
+    -------
+    For each configuration the certain conditions, then the uncertain ones, the most special
+    ones first.
     """
-    rows: list[list[Holding]] = [[] for _ in allowed]
-    form, links = relation.form, relation.links
-    listed = FOUR_LINKS[form, kind] if len(links.different) == 4 else {}
-    if len(links.different) == 3:
-        # Three axes in a plane leave one condition for each type. With r = s or o = i it
-        # is one of the lecture's; the others are called by the type alone.
-        third, _, number = third_axis(form, links)
-        out = "os" if form == "i" else "or_"
-        axes = {"I": ("ir", third), "II": (out, third), "III": (third, out, "ir")}[kind]
-        listed = {kind + number: " || ".join(axes)}
-    for label, said in listed.items():
-        parts = said.split(", ")
-        residual = np.max([_sine(part, relation) for part in parts], axis=0)
-        words = " and ".join(_words(part, links, names) for part in parts)
-        for row, (size, most) in enumerate(zip(residual.tolist(), allowed, strict=True)):
-            if size <= UNDECIDED * most:
-                rows[row].append(Holding(label, words, size, bool(size <= most)))
-    return [tuple(sorted(row, key=lambda holding: not holding.certain)) for row in rows]
+    links = relation.links
+    listed: Mapping[str, tuple[Condition, ...]] = {}
+    if len(links.different) == 4:
+        listed = FOUR_LINKS[relation.form, kind]
+    elif len(links.different) == 3:
+        listed = _condition_of_three_links(relation, kind)
+
+    conditions_by_row: list[list[FulfilledCondition]] = [[] for _ in tolerances]
+    for label, conditions in listed.items():
+        sines = [condition.sine(relation.poles) for condition in conditions]
+        residuals = np.max(sines, axis=0).tolist()
+        words = " and ".join(condition.describe(links, names) for condition in conditions)
+        for row, (residual, tolerance) in enumerate(
+            zip(residuals, tolerances, strict=True)
+        ):
+            if residual <= UNDECIDED_FACTOR * tolerance:
+                is_certain = bool(residual <= tolerance)
+                conditions_by_row[row].append(
+                    FulfilledCondition(label, words, residual, is_certain)
+                )
+    return [
+        tuple(sorted(conditions, key=lambda condition: not condition.certain))
+        for conditions in conditions_by_row
+    ]
 
 
-def _out_of_plane(vectors: Floats) -> Floats:
-    """Return (n,) the largest sine of the angles of vectors (n, k, 3) to their plane."""
-    right = decompose(vectors).right
-    return max_abs(np.einsum("nki,ni->nk", vectors, right[:, -1]), axis=1)
+def _condition_of_three_links(
+    relation: Relation, kind: str
+) -> dict[str, tuple[Condition, ...]]:
+    """Return the condition of a type if two of the four links are one, by its label.
+
+    Three axes in a plane leave one condition for each type. If r = s or o = i, it has a
+    number in the lecture; the others are called by the type alone.
+    """
+    third_axis = find_third_axis(relation.form, relation.links)
+    output_axis = "os" if relation.form == "i" else "or_"
+    axes_by_kind = {
+        "I": ("ir", third_axis.name),
+        "II": (output_axis, third_axis.name),
+        "III": (third_axis.name, output_axis, "ir"),
+    }
+    return {kind + third_axis.label_suffix: (ParallelAxes(axes_by_kind[kind]),)}
 
 
 @dataclass(frozen=True)
@@ -185,13 +261,14 @@ class RelationAt:
     c, d
         Its coefficients.
     residual
-        By how much the rates on the curve break c y' = d q', relative to them.
+        By how much the rates on the curve violate c y' = d q', relative to them.
     type
-        What its own coefficients say: I (d = 0), II (c = 0), III (both), or None.
+        The type by its own coefficients: I (d = 0), II (c = 0), III (both), or None.
     conditions
-        The geometric conditions that hold, the most special first.
+        The geometric conditions that are fulfilled, the most special ones first.
     note
-        Why `type` is not what the rates of its input and output say, or an empty string.
+        Why `type` differs from the type by the rates of its input and output, or an empty
+        string.
     """
 
     form: Form
@@ -199,76 +276,127 @@ class RelationAt:
     d: float
     residual: float
     type: Type | None
-    conditions: tuple[Holding, ...]
+    conditions: tuple[FulfilledCondition, ...]
     note: str
 
     @property
     def agrees(self) -> bool:
-        """Whether `type` is what the rates of its input and output say."""
+        """Whether `type` is the type by the rates of its input and output."""
         return not self.note
 
 
-TOLD = {(True, True): Type.III, (True, False): Type.II, (False, True): Type.I}
+TYPE_OF_VANISHING = {
+    (True, True): Type.III,
+    (True, False): Type.II,
+    (False, True): Type.I,
+}
 """The type by whether c and d vanish."""
 
 
-def judged(
+def compare_with_rates(
     relation: Relation,
     names: Sequence[str],
-    rates: tuple[Floats, Floats],
-    errors: Floats,
-    facts: Sequence[Type],
-    resting: Mapping[Pole, Bools],
+    output_rate: Floats,
+    input_rate: Floats,
+    axis_errors: Floats,
+    types_by_rates: Sequence[Type],
+    is_resting: Mapping[Pole, Bools],
 ) -> list[RelationAt]:
-    """Return a relation at n configurations, compared with what the rates say.
+    """Return a relation at n singularities, compared with the types by the rates.
 
-    `rates` are those of its output and input, (n,) each, `errors` (n,) bounds of those of
-    its axes, of which conditions may be missed by ten times as much, `facts` the types by
-    the rates, and `resting` (n,) says which poles rest.
+    Parameters
+    ----------
+    relation
+        The relation at n configurations.
+    names
+        The names of all links of the mechanism.
+    output_rate, input_rate
+        (n,) rates of its output and of its input.
+    axis_errors
+        (n,) error bounds (rad) of the pole axes.
+    types_by_rates
+        Type of each singularity by the rates.
+    is_resting
+        (n,) for each pole whether its two links rest relative to each other.
     """
-    allowed = np.maximum(TOLERANCE, 10.0 * errors)
-    vanishing = np.abs([relation.c, relation.d]) <= allowed
-    types = [TOLD.get((c, d)) for c, d in vanishing.T.tolist()]
-    told = {kind for kind in types if kind}
-    held = {kind: conditions(relation, names, kind, allowed) for kind in told}
-    links, other = relation.links, pole_of(*relation.output)
-    sizes = np.transpose([relation.c, relation.d, relation.residual(*rates)]).tolist()
-    out = []
-    for k, (kind, given) in enumerate(zip(types, facts, strict=True)):
-        fact = Type.III if given == Type.SELF_MOTION else given
-        still = [
-            f"{names[a]} and {names[b]}"
-            for a, b in links.poles
-            if resting[a, b][k] and (a, b) != other
-        ]
-        said = "" if kind == fact else _disagreement(kind, fact, links, still)
-        holding = held[kind][k] if kind else ()
-        c, d, gap = sizes[k]
-        out.append(RelationAt(relation.form, c, d, gap, kind, holding, said))
-    return out
+    tolerances = np.maximum(VANISHING_SINE, AXIS_ERROR_FACTOR * axis_errors)
+    c_vanishes = np.abs(relation.c) <= tolerances
+    d_vanishes = np.abs(relation.d) <= tolerances
+    types_by_coefficients = [
+        TYPE_OF_VANISHING.get((c_is_zero, d_is_zero))
+        for c_is_zero, d_is_zero in zip(
+            c_vanishes.tolist(), d_vanishes.tolist(), strict=True
+        )
+    ]
+    conditions_by_type = {
+        kind: find_conditions(relation, names, kind, tolerances)
+        for kind in set(types_by_coefficients)
+        if kind is not None
+    }
+    residuals = relation.residual(output_rate, input_rate).tolist()
+    output_pole = pole_of(*relation.output)
+    relations = []
+    for row, kind in enumerate(types_by_coefficients):
+        type_by_rates = types_by_rates[row]
+        if type_by_rates == Type.SELF_MOTION:
+            # Input and output rest, which is type III of the relation.
+            type_by_rates = Type.III
+        note = ""
+        if kind != type_by_rates:
+            resting_links = [
+                f"{names[a]} and {names[b]}"
+                for a, b in relation.links.poles
+                if is_resting[a, b][row] and (a, b) != output_pole
+            ]
+            note = _explain_disagreement(kind, type_by_rates, relation.links, resting_links)
+        relations.append(
+            RelationAt(
+                form=relation.form,
+                c=relation.c[row].item(),
+                d=relation.d[row].item(),
+                residual=residuals[row],
+                type=kind,
+                conditions=() if kind is None else conditions_by_type[kind][row],
+                note=note,
+            )
+        )
+    return relations
 
 
-def _disagreement(
-    kind: Type | None, fact: Type, links: FourLinks, still: Sequence[str]
+def _explain_disagreement(
+    kind: Type | None,
+    type_by_rates: Type,
+    links: FourLinks,
+    resting_links: Sequence[str],
 ) -> str:
-    """Return why the coefficients say something else than the rates."""
+    """Return why the coefficients give another type than the rates.
+
+    Parameters
+    ----------
+    kind, type_by_rates
+        The type by the coefficients, None if none vanishes, and the type by the rates.
+    links
+        The links of the relation.
+    resting_links
+        Names of links that rest relative to each other, such as ``3 and 4``.
+    """
     if len(links.different) == 2:
         return "the output is the input, and c and d are constant"
     if kind == Type.III:
         cause = "the six axes of the chosen links lie in one plane"
-        if still:
-            cause = f"links {', '.join(still)} stand still relative to each other"
+        if resting_links:
+            cause = f"links {', '.join(resting_links)} stand still relative to each other"
         return (
-            f"c = d = 0, but the rates say type {fact}: {cause}; a relation of other links "
-            "decides"
+            f"c = d = 0, but the rates say type {type_by_rates}: {cause}; a relation of "
+            "other links decides"
         )
-    if fact == Type.III and kind is None:
+    if type_by_rates == Type.III and kind is None:
         return (
             "input and output stand still together while other links move; c and d do not "
             "vanish, and y'/q' = d/c stays finite"
         )
-    told = "nothing vanishes" if kind is None else f"type {kind}"
+    vanishing = "nothing vanishes" if kind is None else f"type {kind}"
     return (
-        f"c and d say: {told}; the rates: type {fact}; a coefficient nearly vanishes, or "
-        "is not known well enough"
+        f"c and d say: {vanishing}; the rates: type {type_by_rates}; a coefficient nearly "
+        "vanishes, or is not known well enough"
     )

@@ -1,10 +1,11 @@
-"""Which links of a spherical four-bar turn fully: Grashof's criterion on the sphere.
+"""Grashof's criterion on the sphere: which links of a spherical four-bar turn fully.
 
 With arcs g of the fixed link, a of the input, h of the coupler, b of the output in (0, pi]
 the distance c of the two moving axes runs from |g - a| to g + a, or 2 pi less that, while
 the input turns. Coupler and output close where |h - b| <= c <= min(h + b, 2 pi - h - b).
-Both hold throughout where T1 T2 >= 0 and T3 T4 >= 0, see J. M. McCarthy and G. S. Soh,
-Geometric Design of Linkages, 2nd ed., Springer, 2011, section 7.2.
+Both conditions are fulfilled at all inputs where T1 T2 >= 0 and T3 T4 >= 0, see
+J. M. McCarthy and G. S. Soh, Geometric Design of Linkages, 2nd ed., Springer, 2011,
+section 7.2. The four sums T are defined in `class_of`.
 """
 
 from dataclasses import dataclass
@@ -16,16 +17,22 @@ from spherekit.geometry.triangle import arc
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes
 
-FOLDS = 1e-9
-"""Sums of arcs (rad) below this are zero: the links can lie in one great circle."""
+CHANGE_POINT_TOLERANCE_RAD = 1e-9
+"""A sum T of arcs below this is zero: all links can lie in one great circle. Larger: more
+four-bars are change-point; smaller: rounding of the arcs decides the class."""
 
 
 @dataclass(frozen=True)
 class Grashof:
-    """The class of a four-bar: names of its input and output links, and how they move.
+    """The class of a four-bar, and the names of its input and output links.
 
-    `name` is crank-rocker, rocker-crank, double-crank, double-rocker (the coupler turns
-    fully), triple-rocker (no link does: not of Grashof's kind) or change-point.
+    Attributes
+    ----------
+    name
+        crank-rocker, rocker-crank, double-crank, double-rocker (the coupler turns fully),
+        triple-rocker (no link does: not of Grashof's kind) or change-point.
+    input, output
+        Names of the input link and of the output link.
     """
 
     name: str
@@ -47,17 +54,22 @@ class Grashof:
 
 
 def grashof(mechanism: Mechanism) -> Grashof | None:
-    """Return the class of a four-bar of R pairs driven at one of its links' ends.
+    """Return the class of a four-bar of R pairs that is driven at one of its pairs.
 
-    None for other mechanisms. The fixed link is the ground, where the driven pair is on
-    it, else the pair's first link.
+    None for other mechanisms. The fixed link is the ground if the driven pair is on it,
+    else the pair's first link.
     """
-    places = four_bar_links(mechanism)
-    if places is None:
+    links = four_bar_links(mechanism)
+    if links is None:
         return None
-    axes = [of_link.values() for of_link in link_axes(mechanism).values()]
-    name = str(class_of(*(arc(*axes[k]) for k in places)))
-    return Grashof(name, mechanism.links[places[1]], mechanism.links[places[3]])
+    axes_by_link = list(link_axes(mechanism).values())
+    arcs = [arc(*axes_by_link[link].values()) for link in links]
+    _, input_link, _, output_link = links
+    return Grashof(
+        name=str(class_of(*arcs)),
+        input=mechanism.links[input_link],
+        output=mechanism.links[output_link],
+    )
 
 
 def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
@@ -66,32 +78,51 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
     None for other mechanisms.
     """
     ends = mechanism.ends
-    joined = np.bincount(np.ravel(ends), minlength=len(mechanism.links)).tolist()
-    turning = all(pair.kind.has_axis for pair in mechanism.pairs)
-    if not turning or joined != [2, 2, 2, 2] or len(mechanism.inputs) != 1:
+    pairs_of_link = np.bincount(np.ravel(ends), minlength=len(mechanism.links)).tolist()
+    has_axes_only = all(pair.kind.has_axis for pair in mechanism.pairs)
+    is_loop_of_four = pairs_of_link == [2, 2, 2, 2]
+    if not has_axes_only or not is_loop_of_four or len(mechanism.inputs) != 1:
         return None
-    fixed, moved = ends[mechanism.pair_number[mechanism.inputs[0].pair]]
-    if moved == 0:
-        fixed, moved = moved, fixed
+    fixed, input_link = ends[mechanism.pair_number[mechanism.inputs[0].pair]]
+    if input_link == 0:
+        fixed, input_link = input_link, fixed
+    # The output link is joined to the fixed link by the pair that is not driven.
     (output,) = (
-        sum(links) - fixed for links in ends if fixed in links and moved not in links
+        sum(links) - fixed for links in ends if fixed in links and input_link not in links
     )
-    return fixed, moved, 6 - fixed - moved - output, output
+    # The link numbers are 0, 1, 2 and 3, whose sum is 6.
+    coupler = 6 - fixed - input_link - output
+    return fixed, input_link, coupler, output
 
 
 def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[np.str_]:
-    """Return the class (n,) of arcs (n,) rad of fixed link, input, coupler and output."""
+    """Return the class of four-bars from the arcs of their links.
+
+    Parameters
+    ----------
+    g, a, h, b
+        (n,) arcs (rad) of fixed link, input, coupler and output.
+
+    Returns
+    -------
+    (n,) names of classes, as in `Grashof`.
+    """
     g, a, h, b = (np.asarray(arc, dtype=float) for arc in (g, a, h, b))
-    t = np.stack([g - a + h - b, g - a - h + b, h + b - g - a, 2.0 * np.pi - g - a - h - b])
-    turns = (t[0] * t[1] > 0.0) & (t[2] * t[3] > 0.0)
-    output_turns = (t[0] * t[2] < 0.0) & (t[1] * t[3] < 0.0)
+    t1 = g - a + h - b
+    t2 = g - a - h + b
+    t3 = h + b - g - a
+    t4 = 2.0 * np.pi - g - a - h - b
+    sums = np.stack([t1, t2, t3, t4])
+    input_turns_fully = (t1 * t2 > 0.0) & (t3 * t4 > 0.0)
+    output_turns_fully = (t1 * t3 < 0.0) & (t2 * t4 < 0.0)
+    # The first condition that is fulfilled decides.
     return np.select(
         [
-            np.min(np.abs(t), axis=0) < FOLDS,
-            turns & output_turns,
-            turns,
-            output_turns,
-            np.prod(t, axis=0) > 0.0,
+            np.min(np.abs(sums), axis=0) < CHANGE_POINT_TOLERANCE_RAD,
+            input_turns_fully & output_turns_fully,
+            input_turns_fully,
+            output_turns_fully,
+            np.prod(sums, axis=0) > 0.0,
         ],
         ["change-point", "double-crank", "crank-rocker", "rocker-crank", "double-rocker"],
         "triple-rocker",

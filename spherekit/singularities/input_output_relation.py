@@ -1,8 +1,9 @@
 """The instantaneous input-output relation c y' = d q' from six pole axes.
 
-Link i turns relative to r (the input), link o relative to s (the output). Of the six
-poles of these four links any three that share a link lie in one plane, and a triple
-product of three directions removes the two rates that are not wanted.
+Link i turns relative to r (the input), link o relative to s (the output). The pole axes of
+any three links are in one plane (Aronhold and Kennedy). A triple product of three of the
+six axes therefore eliminates the two rates that are neither that of the input nor that of
+the output.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,16 +17,26 @@ from spherekit.arrays import Floats
 from spherekit.geometry.vectors import all_finite, cross, dot
 from spherekit.planning.pole_plan import Pole, pole_of
 
-AXES = ("os", "ir", "io", "or_", "is_", "rs")
-"""The axes of `SixPoles` in order, by their links: the output's and the input's first."""
-ONE_LINE = 1e-12
-"""Axes whose sines are all smaller lie on one line and span no plane."""
+LINKS_OF_AXIS = {
+    "os": ("o", "s"),
+    "ir": ("i", "r"),
+    "io": ("i", "o"),
+    "or_": ("o", "r"),
+    "is_": ("i", "s"),
+    "rs": ("r", "s"),
+}
+"""The fields of `FourLinks` whose pole is each field of `SixPoles`, the output's first,
+then the input's."""
+ONE_LINE_SINE = 1e-12
+"""Axes of which any two have a smaller sine are on one line and span no plane. Larger: more
+relations are not determined; smaller: a plane is determined by rounding."""
 
 
 class Type(StrEnum):
     """What vanishes: the output (I), the input (II), or both.
 
-    Both in a self-motion, in which other links move; III where curves cross.
+    Both vanish in a self-motion, in which other links move, and where curves of
+    configurations cross (III).
     """
 
     I = "I"  # noqa: E741
@@ -40,9 +51,16 @@ Form = Literal["i", "ii"]
 
 @dataclass(frozen=True)
 class FourLinks:
-    """Numbers of the input link i, its reference r, the output link o, its reference s.
+    """Numbers of the links of an input and an output.
 
-    i and r differ, and so do o and s; others may be the same link.
+    i and r differ, and so do o and s. Others may be the same link.
+
+    Attributes
+    ----------
+    i, r
+        The input link and its reference link.
+    o, s
+        The output link and its reference link.
     """
 
     i: int
@@ -56,14 +74,19 @@ class FourLinks:
         return tuple(dict.fromkeys((self.i, self.r, self.o, self.s)))
 
     def ends(self, axis: str) -> tuple[int, int]:
-        """Return the two links of one of `AXES`."""
-        a, b = (getattr(self, letter) for letter in axis.rstrip("_"))
-        return a, b
+        """Return the numbers of the two links of an axis, a field name of `SixPoles`."""
+        first, second = LINKS_OF_AXIS[axis]
+        return getattr(self, first), getattr(self, second)
 
     @property
     def poles(self) -> list[Pole]:
         """The poles of the links, each once: the output's and the input's first."""
-        return list(dict.fromkeys(pole_of(a, b) for a, b in map(self.ends, AXES) if a != b))
+        poles: list[Pole] = []
+        for axis in LINKS_OF_AXIS:
+            first, second = self.ends(axis)
+            if first != second and pole_of(first, second) not in poles:
+                poles.append(pole_of(first, second))
+        return poles
 
 
 @dataclass(frozen=True)
@@ -71,8 +94,8 @@ class SixPoles:
     """Unit vectors (n, 3) along the poles of four links, in one set of axes.
 
     The vector of a pole is the same in both orders of its links, and the rate changes
-    its sign: w_ab u_ab, the angular velocity of a relative to b, is -w_ba u_ab. NaN where
-    the two links are one.
+    its sign: w_ab u_ab, the angular velocity of a relative to b, is -w_ba u_ab. It is NaN
+    if the two links are one.
     """
 
     os: Floats
@@ -82,28 +105,54 @@ class SixPoles:
     is_: Floats
     rs: Floats
 
-    @staticmethod
-    def of(links: FourLinks, direction: Callable[[Pole], Floats]) -> "SixPoles":
-        """Return the six vectors from a function of poles, (n, 3)."""
-        none = np.full_like(direction(pole_of(links.i, links.r)), np.nan)
-        ends = map(links.ends, AXES)
-        return SixPoles(*(none if a == b else direction(pole_of(a, b)) for a, b in ends))
-
     def stacked(self, axes: Sequence[str]) -> Floats:
-        """Return some of the vectors, (n, k, 3)."""
+        """Return some of the vectors as an array (n, k, 3), by their k field names."""
         return np.stack([getattr(self, axis) for axis in axes], axis=1)
 
     def plane(self, axes: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return unit normals (n, 3) of three axes, and the sine of their widest angle.
+        """Return the plane of three axes.
 
-        NaN where they are one line.
+        The two axes with the largest angle between them determine it most accurately.
+
+        Parameters
+        ----------
+        axes
+            Three field names.
+
+        Returns
+        -------
+        normals
+            (n, 3) unit normals, NaN if the axes are one line.
+        sine
+            (n,) sine of the largest angle between two of the axes.
         """
         vectors = self.stacked(axes)
-        normals = cross(vectors, np.roll(vectors, -1, axis=1))
-        length = np.linalg.norm(normals, axis=-1)
-        widest = np.arange(len(vectors)), np.argmax(np.nan_to_num(length), axis=1)
-        sine = length[widest]
-        return normals[widest] / np.where(sine > 0.0, sine, np.nan)[:, None], sine
+        products = cross(vectors, np.roll(vectors, -1, axis=1))
+        sines = np.linalg.norm(products, axis=-1)
+        rows = np.arange(len(vectors))
+        widest = np.argmax(np.nan_to_num(sines), axis=1)
+        sine = sines[rows, widest]
+        divisor = np.where(sine > 0.0, sine, np.nan)[:, None]
+        return products[rows, widest] / divisor, sine
+
+
+def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> SixPoles:
+    """Return the vectors of four links.
+
+    Parameters
+    ----------
+    links
+        The four links.
+    pole_axis
+        Function that returns the unit vectors (n, 3) of a pole.
+    """
+    no_axis = np.full_like(pole_axis(pole_of(links.i, links.r)), np.nan)
+    vectors = {}
+    for axis in LINKS_OF_AXIS:
+        first, second = links.ends(axis)
+        is_one_link = first == second
+        vectors[axis] = no_axis if is_one_link else pole_axis(pole_of(first, second))
+    return SixPoles(**vectors)
 
 
 @dataclass(frozen=True)
@@ -115,11 +164,12 @@ class Relation:
     form
         Which relation.
     links, poles
-        The links from which it is made, and their poles.
+        The links and poles from which it is formed.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
-        (n,), at most 1 in size; 0 where the vectors do not span what they have to.
+        (n,) coefficients, at most 1 in size. Both are 0 if the axes do not span the plane
+        or space that they generally do.
     """
 
     form: Form
@@ -130,65 +180,119 @@ class Relation:
     d: Floats
 
     def residual(self, output_rate: Floats, input_rate: Floats) -> Floats:
-        """Return (n,) by how much rates break the relation, relative to their size."""
+        """Return by how much rates violate the relation, relative to their size.
+
+        Parameters
+        ----------
+        output_rate, input_rate
+            (n,) y' and q', by any common parameter.
+        """
         size = np.hypot(output_rate, input_rate)
-        gap = np.abs(self.c * output_rate - self.d * input_rate)
-        return gap / np.where(size > 0.0, size, 1.0)
+        difference = np.abs(self.c * output_rate - self.d * input_rate)
+        return difference / np.where(size > 0.0, size, 1.0)
 
 
-def third_axis(form: Form, links: FourLinks) -> tuple[str, float, str]:
-    """Return of three links the axis that is that of neither rate.
+@dataclass(frozen=True)
+class ThirdAxis:
+    """The one of three axes in a plane that is neither that of the input nor of the output.
 
-    With it the sign of d, and what the lecture's names of its conditions end with.
+    Attributes
+    ----------
+    name
+        Field name in `SixPoles`.
+    sign_of_d
+        Sign of the coefficient d.
+    label_suffix
+        End of the names that Di Gregorio's lecture gives to the conditions in this case,
+        empty if the lecture does not number them.
     """
+
+    name: str
+    sign_of_d: float
+    label_suffix: str
+
+
+def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
+    """Return the third axis of four links of which two are one."""
     if form == "ii":
-        return "os" if links.s == links.i else "io", 1.0, ""
-    return {
-        links.r == links.s: ("io", 1.0, ".3"),
-        links.o == links.i: ("rs", 1.0, ".2"),
-        links.o == links.r: ("is_", -1.0, ""),
-        links.i == links.s: ("or_", -1.0, ""),
-    }[True]
+        return ThirdAxis("os" if links.s == links.i else "io", 1.0, "")
+    if links.i == links.s:
+        return ThirdAxis("or_", -1.0, "")
+    if links.o == links.r:
+        return ThirdAxis("is_", -1.0, "")
+    if links.o == links.i:
+        return ThirdAxis("rs", 1.0, ".2")
+    return ThirdAxis("io", 1.0, ".3")
 
 
-def relation_of(
-    form: Form, links: FourLinks, direction: Callable[[Pole], Floats]
+def make_relation(
+    form: Form, links: FourLinks, pole_axis: Callable[[Pole], Floats]
 ) -> Relation:
     """Return c w_os = d w_ir (form i) or c w_or = d w_ir (form ii), from axes of poles.
 
-    With four links c = u_rs . (u_os x u_io) and d = u_rs . (u_ir x u_io), in form ii
-    c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is) with any link beside the other
-    three for s (Di Gregorio 2012). Where links are one, three poles lie in a plane of unit
-    normal n, the third one, p, is that of neither rate, u that of the output, and
-    c = n . (u x p), d = +-n . (u_ir x p). Where (o, s) is (i, r) nothing is left but
-    y' = q' or y' = -q'. There is no form ii where o is r or i.
+    With four links c = u_rs . (u_os x u_io) and d = u_rs . (u_ir x u_io). In form ii
+    c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is), with any link other than i, r and
+    o for s (Di Gregorio 2012).
+
+    If two of the links are one, three poles are in a plane with unit normal n. Let u be the
+    axis of the output and p the third axis. Then c = n . (u x p) and d = +-n . (u_ir x p).
+    If (o, s) are i and r, the relation is y' = q' or y' = -q'. There is no form ii if o is
+    r or i.
+
+    Parameters
+    ----------
+    form, links
+        Which relation, and between which links.
+    pole_axis
+        Function that returns the unit vectors (n, 3) of a pole.
     """
-    i, o = links.i, links.o
-    poles = SixPoles.of(links, direction)
-    out, reference = ("os", links.s) if form == "i" else ("or_", links.r)
-    sign = 1.0
-    if len(links.different) == 2:
-        one = np.ones(len(poles.ir))
-        return Relation(form, links, poles, (o, links.s), one, one if o == i else -one)
-    if len(links.different) == 4:
-        normal = cross(*((poles.io, poles.rs) if form == "i" else (poles.os, poles.is_)))
+    poles = make_six_poles(links, pole_axis)
+    if form == "i":
+        output_axis = poles.os
+        output_name = "os"
+        output_links = (links.o, links.s)
     else:
-        third, sign, _ = third_axis(form, links)
-        normal = _across(poles, out, third)
-    c = dot(getattr(poles, out), normal)
-    return Relation(form, links, poles, (o, reference), c, sign * dot(poles.ir, normal))
+        output_axis = poles.or_
+        output_name = "or_"
+        output_links = (links.o, links.r)
+    if len(links.different) == 2:
+        ones = np.ones(len(poles.ir))
+        d = ones if links.o == links.i else -ones
+        return Relation(form, links, poles, (links.o, links.s), ones, d)
+    sign_of_d = 1.0
+    if len(links.different) == 3:
+        third_axis = find_third_axis(form, links)
+        sign_of_d = third_axis.sign_of_d
+        normal = _normal_to_third_axis(poles, output_name, third_axis.name)
+    elif form == "i":
+        normal = cross(poles.io, poles.rs)
+    else:
+        normal = cross(poles.os, poles.is_)
+    c = dot(output_axis, normal)
+    d = sign_of_d * dot(poles.ir, normal)
+    return Relation(form, links, poles, output_links, c, d)
 
 
-def _across(poles: SixPoles, out: str, third: str) -> Floats:
-    """Return vectors (n, 3) at right angles to one of three axes, in their plane.
+def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) -> Floats:
+    """Return vectors in the plane of three axes and at right angles to the third one.
 
-    The plane is spanned by the surest two of them; NaN where all three lie on one line.
-    Its side is continued from row to row, so that it is continuous along a curve.
+    Parameters
+    ----------
+    poles
+        The axes. Those of the output, of the input and the third one are in one plane.
+    output_name, third_name
+        Field names of the axes of the output and of the third one.
+
+    Returns
+    -------
+    (n, 3) unit vectors, NaN if all three axes are on one line. Their side is that of the
+    row before, so that they are continuous along a curve of configurations.
     """
-    normals, size = poles.plane((out, "ir", third))
-    normals[~(size > ONE_LINE)] = np.nan
-    good = np.flatnonzero(all_finite(normals, 1))
-    beside = np.vecdot(normals[good[1:]], normals[good[:-1]])
-    signs = np.cumprod(np.append(1.0, np.where(beside < 0.0, -1.0, 1.0)))
-    normals[good] *= signs[: len(good), None]
-    return cross(getattr(poles, third), normals)
+    normals, sine = poles.plane((output_name, "ir", third_name))
+    normals[~(sine > ONE_LINE_SINE)] = np.nan
+    rows = np.flatnonzero(all_finite(normals, 1))
+    cosines = np.vecdot(normals[rows[1:]], normals[rows[:-1]])
+    reversals = np.where(cosines < 0.0, -1.0, 1.0)
+    signs = np.cumprod(np.append(1.0, reversals))
+    normals[rows] *= signs[: len(rows), None]
+    return cross(getattr(poles, third_name), normals)

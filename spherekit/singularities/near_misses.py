@@ -1,13 +1,13 @@
-"""Where an output comes near a singularity along its curves without reaching it.
+"""Points at which an output comes near a singularity along its curves without reaching it.
 
-Of type I the velocity coefficient is measured, of type II the transmission: neither
-vanishes where the links of a relation c y' = d q' are badly chosen, as c and d do.
+The distance from type I is measured by the velocity coefficient, that from type II by the
+transmission measure. Unlike c and d of a relation c y' = d q', neither vanishes if the
+links of the relation are badly chosen.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 
 import numpy as np
 
@@ -19,33 +19,42 @@ from spherekit.singularities.sampled_singularities import SampledSingularities
 from spherekit.status import Status
 from spherekit.velocities.transmission import SINGULAR
 
-SAME_INPUT = 1e-7
-"""Inputs (rad) that differ by less are one: an extremum is known to half its digits."""
+EQUAL_EXTREMUM_INPUT_RAD = 1e-7
+"""Inputs of an extremum that differ by less are the same: rounding leaves half the digits
+of its position. Larger: an extremum just before the end of a full range is moved to its
+start."""
+RANGE_END_TOLERANCE_RAD = 1e-9
+"""An input or arc length as near to the end of a range or curve is at it."""
+EQUAL_TRANSMISSION_ANGLE_RAD = 1e-8
+"""Transmission angles that differ by less are equal. Larger: modes with a slightly larger
+least angle are listed, too."""
+INWARD_PART = 1e-3
+"""Distance from the end of a piece of a curve, in parts of its length, at which a measure
+is compared with that at the end."""
 
 
-AT_END = 1e-9
-"""An input as near (rad) to the end of its range is at it."""
-
-
-ALIKE = 1e-8
-"""Angles (rad) that differ by less are one."""
-
-
-INWARD = 1e-3
-"""How far into an assembly mode is looked from its end, in parts of its length."""
-
-
-Angles = Callable[[Floats], Floats]
-"""Angles (n,) rad at places (n,) of a curve."""
+AngleFunction = Callable[[Floats], Floats]
+"""A function that returns angles (n,) in rad at arc lengths (n,) of a curve."""
 
 
 @dataclass(frozen=True)
 class NearMiss:
-    """A local least of the angle to a type of singularity of an output.
+    """A local minimum of the angular distance of an output from a type of singularity.
 
-    `output` is its position; `curve` and `s` say where, `q` at which input of the range, in
-    `assembly_modes`. `angle` (rad) is that of the samples, `velocity_coefficient` the
-    size of y'/q' there.
+    Attributes
+    ----------
+    type, output
+        The type, and the position of the output.
+    curve, s
+        Number of the curve, and arc length on it (rad).
+    q
+        The input in the range (rad).
+    assembly_modes
+        Numbers of the assembly modes there.
+    angle
+        The distance (rad), see `SampledSingularities.angle`.
+    velocity_coefficient
+        The size of y'/q' there.
     """
 
     type: Type
@@ -59,114 +68,218 @@ class NearMiss:
 
 
 def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
-    """Return where outputs come within `near` (rad) of types I and II in the range.
+    """Return where outputs come within an angle of types I and II in the range.
 
-    What is singular itself, to a millionth, is none. The velocity coefficient counts in
-    parts of the greatest on the curve, where that is less than 1: a reducer's output is
-    slow throughout. The transmission counts in parts of the largest sine of an arc, so that
-    small arcs alone are not near type II. Where dyads place the output, one of them also
-    has to be within `near` of being stretched or folded.
+    Configurations that are singular themselves, to a millionth, are not included. The
+    velocity coefficient is compared with the greatest one on the curve if that is less than
+    1, because the output of a reducer is slow throughout. The transmission measure is
+    compared with the largest sine of an arc, because it is small for all mechanisms with
+    small arcs. If dyads place the output, one of them must also be within `near` of being
+    stretched or folded.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves, and the range.
+    near
+        Largest angle (rad).
     """
-    misses = []
-    for kind, output, number in product(
-        (Type.I, Type.II), range(len(sampled.report.outputs)), range(len(sampled.curves))
-    ):
-        angle = partial(sampled.angle, kind, number, output=output)
-        curve, limit = sampled.curves[number], np.sin(near)
-        if kind is Type.I:
-            limit *= min(1.0, np.tan(np.nanmax(angle(curve.s), initial=0.0)))
-        size = sampled.largest_arc_sine if kind is Type.II else 1.0
-        places, sines = local_least(sampled, number, angle, limit * size)
-        for s in places[sines > SINGULAR * size]:
-            values = curve.at(s).values
-            if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
-                continue
-            here, slope = (
-                float(sampled.angle(one, number, s[None], output)[0])
-                for one in (kind, Type.I)
+    misses: list[NearMiss] = []
+    for kind in (Type.I, Type.II):
+        for output in range(len(sampled.report.outputs)):
+            for number in range(len(sampled.curves)):
+                misses += _near_misses_on_curve(sampled, kind, output, number, near)
+    return misses
+
+
+def _near_misses_on_curve(
+    sampled: SampledSingularities, kind: Type, output: int, number: int, near: float
+) -> list[NearMiss]:
+    """Return the near misses of one type, for one output on one curve.
+
+    Parameters
+    ----------
+    sampled, near
+        As in `near_misses`.
+    kind, output, number
+        Type I or II, position of the output, and number of the curve.
+    """
+    angle = partial(sampled.angle, kind, number, output=output)
+    curve = sampled.curves[number]
+    limit = np.sin(near)
+    scale = 1.0
+    if kind is Type.I:
+        greatest_angle = np.nanmax(angle(curve.s), initial=0.0)
+        limit *= min(1.0, np.tan(greatest_angle))
+    else:
+        scale = sampled.largest_arc_sine
+    positions, sines = local_minima(sampled, number, angle, limit * scale)
+    misses: list[NearMiss] = []
+    for s in positions[sines > SINGULAR * scale]:
+        values = curve.at(s).values
+        if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
+            continue
+        (distance,) = sampled.angle(kind, number, s[None], output)
+        (slope_angle,) = sampled.angle(Type.I, number, s[None], output)
+        for q, modes in _inputs_and_modes(sampled, number, float(s), values[0]):
+            misses.append(
+                NearMiss(
+                    type=kind,
+                    output=output,
+                    curve=number,
+                    s=float(s),
+                    q=q,
+                    assembly_modes=modes,
+                    angle=float(distance),
+                    velocity_coefficient=np.tan(float(slope_angle)),
+                )
             )
-            misses += [
-                NearMiss(kind, output, number, float(s), q, modes, here, np.tan(slope))
-                for q, modes in _met(sampled, number, float(s), curve.at(s).values[0])
-            ]
     return misses
 
 
 def least_transmission(
     sampled: SampledSingularities, output: int
 ) -> tuple[float, float, tuple[int, ...]] | None:
-    """Return the least transmission angle (rad) of an output in the range.
+    """Return the least transmission angle of an output in the range of the input.
 
-    With it at which input q (rad), and in which assembly modes; None if no dyad places
-    the output. Between samples too, and where curves cross.
+    It is searched between samples too, and where curves cross.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves, and the range.
+    output
+        Position of the output.
+
+    Returns
+    -------
+    The angle (rad), the input (rad) at which it occurs, and the assembly modes in which it
+    occurs at any input. None if no dyad places the output.
     """
-    every: list[tuple[float, float, tuple[int, ...]]] = []
+    candidates: list[tuple[float, float, tuple[int, ...]]] = []
     for number, curve in enumerate(sampled.curves):
 
         def angles(s: Floats, curve: ArcCurve = curve) -> Floats:
+            """Return the transmission angles (n,) at arc lengths (n,) of the curve."""
             return sampled.transmission_angles(curve.at(s).values)[output]
 
-        places, _ = local_least(sampled, number, angles)
-        candidates = [*zip(places, curve.at(places).values, strict=True)]
-        for s, values in [*candidates, *sampled.crossing_ends(number)]:
+        positions, _ = local_minima(sampled, number, angles)
+        minima = list(zip(positions, curve.at(positions).values, strict=True))
+        for s, values in [*minima, *sampled.crossing_ends(number)]:
             (angle,) = sampled.transmission_angles(values[None])[output]
             size = 0.0 if angle <= SINGULAR else float(angle)
-            every += [(size, *met) for met in _met(sampled, number, float(s), values)]
-    if not every or not np.isfinite(every[0][0]):
+            for q, modes in _inputs_and_modes(sampled, number, float(s), values):
+                candidates.append((size, q, modes))
+    if not candidates:
         return None
-    least, q, _ = min(every, key=lambda candidate: candidate[0])
-    alike = {mode for size, _, modes in every if size - least < ALIKE for mode in modes}
-    return least, q, tuple(sorted(alike))
+    first_size, _, _ = candidates[0]
+    if not np.isfinite(first_size):
+        return None
+    least, q, _ = min(candidates, key=lambda candidate: candidate[0])
+    modes_with_least: set[int] = set()
+    for size, _, modes in candidates:
+        if size - least < EQUAL_TRANSMISSION_ANGLE_RAD:
+            modes_with_least |= set(modes)
+    return least, q, tuple(sorted(modes_with_least))
 
 
-def _met(
+def _inputs_and_modes(
     sampled: SampledSingularities, curve: int, s: float, values: Floats
 ) -> list[tuple[float, tuple[int, ...]]]:
-    """Return the inputs of the range with a configuration of a curve, and its modes."""
-    met = sampled.met([(curve, s)], values, SAME_INPUT)
-    return [(q, tuple(modes)) for q, modes, inside in met if modes and inside]
+    """Return the inputs (rad) of the range at which a configuration occurs, with its modes.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves, and the range.
+    curve, s
+        Number of the curve, and arc length on it (rad).
+    values
+        (variables,) the configuration (rad).
+    """
+    occurrences = sampled.met([(curve, s)], values, EQUAL_EXTREMUM_INPUT_RAD)
+    return [(q, tuple(modes)) for q, modes, is_inside in occurrences if modes and is_inside]
 
 
-def local_least(
-    sampled: SampledSingularities, number: int, angles: Angles, limit: float = np.inf
+def local_minima(
+    sampled: SampledSingularities,
+    number: int,
+    angles: AngleFunction,
+    limit: float = np.inf,
 ) -> tuple[Floats, Floats]:
-    """Return places (k,) of a curve at which sines of angles are locally least, and these.
+    """Return the local minima of the sine of an angle along a curve.
 
-    Also the ends of the range, and of the curve where no others cross it, if what is
-    beside them is larger.
+    An end of the range is included if the angle increases from there inwards. So is an end
+    of the curve at which no other curve crosses it.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves, and the range.
+    number
+        Number of the curve.
+    angles
+        The angle along the curve.
+    limit
+        Minima with a larger sine are left out.
+
+    Returns
+    -------
+    positions, sines
+        (k,) arc lengths (rad), and the sines there.
     """
     curve = sampled.curves[number]
     grid = curve.s
     if curve.closed:
+        # Two cells of the next lap, so that a minimum at the start is an inner one.
         grid = np.append(grid, grid[1:3] + curve.length)
 
-    def square(s: Floats) -> Floats:
+    def squared_sine(s: Floats) -> Floats:
+        """Return a smooth function (n,) with the minima of the size of the sine."""
         return np.sin(angles(s)) ** 2
 
-    places, squares = find_local_minima(square, grid, limit**2)
+    positions, squares = find_local_minima(squared_sine, grid, limit**2)
     if curve.closed:
-        lap = (places >= grid[1]) & (places < grid[1] + curve.length)
-        places = np.mod(places[lap], curve.length)
-        squares = squares[lap]
-    ends, inward = _ends(sampled, number)
-    there = square(ends)
-    least = there <= np.minimum(square(inward), limit**2)
-    squares = np.append(squares, there[least])
-    return np.append(places, ends[least]), np.sqrt(squares)
+        is_in_one_lap = (positions >= grid[1]) & (positions < grid[1] + curve.length)
+        positions = np.mod(positions[is_in_one_lap], curve.length)
+        squares = squares[is_in_one_lap]
+    ends, inward = _ends_in_range(sampled, number)
+    end_squares = squared_sine(ends)
+    is_minimum = end_squares <= np.minimum(squared_sine(inward), limit**2)
+    positions = np.append(positions, ends[is_minimum])
+    squares = np.append(squares, end_squares[is_minimum])
+    return positions, np.sqrt(squares)
 
 
-def _ends(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
-    """Return where the range or a curve ends, and places a little inward (k,)."""
+def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
+    """Return the ends of the range and of the curve, and points a little inward.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves, and the range.
+    number
+        Number of the curve.
+
+    Returns
+    -------
+    ends, inward
+        (k,) arc lengths (rad).
+    """
     curve = sampled.curves[number]
     pieces = sampled.configurations.curves[number].pieces
     rows = [(piece.start, piece.stop, piece.shift) for piece in pieces]
+    # Axes: piece, start and stop.
     ends, shifts = np.split(np.reshape(rows, (-1, 3)), [2], axis=1)
-    turned = curve.at(ends.ravel()).values[:, sampled.tracer.solver.input_variable]
-    q = turned.reshape(ends.shape) + shifts
-    taken = np.zeros(ends.shape, dtype=bool)
+    input_variable = sampled.tracer.solver.input_variable
+    inputs_on_curve = curve.at(ends.ravel()).values[:, input_variable]
+    q = inputs_on_curve.reshape(ends.shape) + shifts
+    is_end = np.zeros(ends.shape, dtype=bool)
     if not sampled.whole_range(number):
-        taken |= np.min(np.abs(q[..., None] - sampled.range), axis=2) < AT_END
+        distance_to_range = np.min(np.abs(q[..., None] - sampled.range), axis=2)
+        is_end |= distance_to_range < RANGE_END_TOLERANCE_RAD
     if Status.AT_SINGULARITY not in curve.ends and not curve.closed:
-        taken |= np.minimum(ends, curve.length - ends) < AT_END
-    inward = ends + INWARD * np.diff(ends) * [1.0, -1.0]
-    return ends[taken], inward[taken]
+        distance_to_curve_end = np.minimum(ends, curve.length - ends)
+        is_end |= distance_to_curve_end < RANGE_END_TOLERANCE_RAD
+    inward = ends + INWARD_PART * np.diff(ends) * [1.0, -1.0]
+    return ends[is_end], inward[is_end]

@@ -1,17 +1,11 @@
 """Singularities of a mechanism with one input, and how near the rows of a motion come.
 
-Each row is found on its configuration curve; there everything is regular, also at the
-dead centres at which rates by the input are infinite.
-
-The part of a mechanism that places some links, with the assembly modes of the whole.
-
-What hangs on it multiplies assembly modes and curves, and says nothing of the links asked
-about unless it stops the input. A group that is left out has no dead centre anywhere.
+Each row is located on its configuration curve. Along the curve all quantities are regular,
+also at dead centres, where rates by the input are infinite.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
-from itertools import chain, product
 
 import numpy as np
 
@@ -19,96 +13,29 @@ from spherekit.arrays import Floats, Integers
 from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import all_finite, cross, max_abs, nans
 from spherekit.mechanism.pair_frames import link_axes
-from spherekit.numerics.angles import wrap
 from spherekit.planning.pole_plan import pole_of
-from spherekit.planning.submechanism import part_for, placing_groups
-from spherekit.positions.configuration_space import (
-    SAME_CONFIGURATION,
-    Configurations,
-    Piece,
-)
+from spherekit.planning.submechanism import placing_groups
+from spherekit.positions.configuration_space import Configurations, Piece
 from spherekit.positions.input_revolutions import (
     in_range,
     into_range,
     turns_in_range,
     whole_periods,
 )
-from spherekit.positions.input_turning_points import input_turning_points
-from spherekit.positions.mode_search import MOST_COST, MOST_TIME
-from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Form, Type
-from spherekit.singularities.single_freedom import SingleFreedom
+from spherekit.singularities.placing_part import find_placing_part
+from spherekit.singularities.single_freedom import SingleFreedomSingularities
 from spherekit.status import Status
 from spherekit.velocities.transmission import STILL, Transmission, hold
 
-COMPARED = 9
-"""Samples at which assembly modes of the part and of the whole are compared."""
-SAME_INPUT = 1e-6
-"""Inputs (rad) at which modes meet and that differ by less are one."""
-
-
-def traced_part(
-    tracer: PositionAnalysis, links: Iterable[int]
-) -> tuple[PositionAnalysis, list[int], dict[int, tuple[int, ...]]]:
-    """Return a tracer of the part that places links, by numbers, relative to the input.
-
-    Or of the whole mechanism where nothing can be left out. With it the numbers that its
-    variables have in the whole, and those of the assembly modes of the whole by its own.
-    """
-    whole = tracer.mechanism
-    made = whole if tracer.by_rank else part_for(whole, links)
-    if made is not whole and tracer.solver.gear_phases is None:
-        part = PositionAnalysis(made, path=np.linspace(*tracer.range, COMPARED)[:, None])
-        pairs = (whole.pair_number[pair.name] for pair in made.pairs)
-        variables = [*chain(*map(whole.variables_of, pairs))]
-        modes = _modes(tracer, part, variables)
-        if modes is not None:
-            dead, inner = (  # what is left out may meet none at any input of a turn
-                input_turning_points(solver, -np.pi, np.pi, MOST_COST, MOST_TIME)
-                for solver in (tracer.solver, part.solver)
-            )
-            alike = not len(dead.doubtful) and len(dead.places) == len(inner.places)
-            if alike and np.all(np.abs(dead.places - inner.places) < SAME_INPUT):
-                return part, variables, modes
-    modes = {mode.number: (mode.number,) for mode in tracer.assembly_modes}
-    return tracer, [*range(len(whole.variable_owners))], modes
-
-
-def _modes(
-    tracer: PositionAnalysis, part: PositionAnalysis, variables: list[int]
-) -> dict[int, tuple[int, ...]] | None:
-    """Return the modes of the whole in each of the part, None if one has no place."""
-    motion: Motion = tracer.sparse(COMPARED)
-    k = motion.samples
-    there = {
-        mode.number: part.solver.evaluate(mode, motion.inputs[:k]).values
-        for mode in part.assembly_modes
-    }
-    modes: dict[int, tuple[int, ...]] = dict.fromkeys(there, ())
-    every = motion.values[:, variables].reshape(-1, k, len(variables))
-    for mode, here, status in zip(
-        tracer.assembly_modes, every, motion.status.reshape(-1, k), strict=True
-    ):
-        good = status == Status.OK
-        alike = (
-            number
-            for number, of_part in there.items()
-            if max_abs(wrap((of_part - here)[good])) < SAME_CONFIGURATION
-        )
-        number = next(alike, None) if np.any(good) else None
-        if number is None:
-            return None
-        modes[number] += (mode.number,)
-    return modes
-
-
-NEAR_CROSSING = 1e-4
-"""Configurations (rad) that near to a crossing may lie where no curve is followed."""
-AT_CROSSING = 1e-8
-"""Configurations (rad) that near to it are the crossing, as far as they can be known."""
-TOUCHES = 1e-6
-"""A piece of a curve holds what is nearer than this to its ends (rad of arc length)."""
+NEAR_CROSSING_RAD = 1e-4
+"""A configuration on no curve that is as near to a crossing has status AT_SINGULARITY.
+Curves end a little before crossings. Larger: MODE_LOST is reported as AT_SINGULARITY."""
+AT_CROSSING_RAD = 1e-8
+"""A configuration as near to a crossing is the crossing, as far as it can be known."""
+PIECE_END_TOLERANCE_RAD = 1e-6
+"""A piece of a curve includes points beyond its ends by less than this arc length."""
 
 
 class SampledSingularities:
@@ -117,30 +44,34 @@ class SampledSingularities:
     Parameters
     ----------
     tracer
-        A mechanism with one freedom.
+        Position analysis of a mechanism with one degree of freedom.
     outputs
         Relative motions (o, s), numbers of links.
-    values, assembly mode
-        Configurations (n, variables) of the rows in rad, NaN for none, and their assembly
-        mode.
+    values, assembly_mode
+        Configurations (n, variables) of the rows in rad, NaN for none, and the assembly
+        mode (n,) of each.
     passed
-        The inputs (n,) rad of rows that are a simulation: then what lies between them, on
-        the curves where these rows do, is inside, and the range is what they pass.
+        (n,) inputs (rad) of rows that are a simulation. The range is then from the least to
+        the greatest of them, and only the parts of curves between the rows are inside.
 
     Attributes
     ----------
-    tracer, whole
-        That of the part on which the outputs depend, and the given one. The report's
-        numbers of links and the curves' variables are those of the part.
+    whole, tracer
+        The given position analysis, and that of the part on which the outputs depend. Links
+        of the report and variables of the curves are numbered as in the part.
     configurations, report
         All curves, and the singularities on them.
+    curves
+        The curves of `configurations`.
     curve, s
-        (n,) the number of the curve of each row, -1 without one, and the place on it.
+        (n,) the number of the curve of each row, -1 without one, and its arc length there.
     status
         (n,) OK on a curve, AT_SINGULARITY so near to a crossing of curves that none is
         followed there, MODE_LOST elsewhere.
     crossed
         (n,) whether the row is such a crossing itself, where every rate may vanish.
+    range
+        Lowest and highest input (rad).
     """
 
     def __init__(
@@ -151,141 +82,238 @@ class SampledSingularities:
         assembly_mode: Integers,
         passed: Floats | None = None,
     ) -> None:
-        links = tracer.mechanism.links
-        self.whole, self._values = tracer, values
-        self.tracer, variables, self._modes = traced_part(tracer, [*chain(*outputs)])
+        names = tracer.mechanism.links
+        self.whole = tracer
+        self._values = values
+        output_links = [link for output in outputs for link in output]
+        part = find_placing_part(tracer, output_links)
+        self.tracer = part.position_analysis
+        self._whole_modes = part.whole_modes
         self._driven = self.tracer.solver.input_variable
         self.configurations: Configurations = self.tracer.configurations
         self.curves = [item.curve for item in self.configurations.curves]
-        self.report = SingleFreedom(
-            self.tracer, self.curves, [(links[o], links[s]) for o, s in outputs]
-        )
-        self._place(values[:, variables], assembly_mode)
+        named_outputs = [(names[o], names[s]) for o, s in outputs]
+        self.report = SingleFreedomSingularities(self.tracer, self.curves, named_outputs)
+        self._locate_rows(values[:, part.variables], assembly_mode)
         self.range: tuple[float, float] = tracer.range
-        self._ways: dict[int, tuple[float, float]] | None = None
+        self._passed_ranges: dict[int, tuple[float, float]] | None = None
         if passed is not None:
             self.range = float(np.min(passed)), float(np.max(passed))
-            self._ways = self._passed(passed)
+            self._passed_ranges = self._find_passed_ranges(passed)
 
-    def _place(self, values: Floats, assembly_mode: Integers) -> None:
-        """Find the place of each row on its curve."""
-        curve, s = np.full(len(values), -1), nans(len(values))
-        finite = all_finite(values, 1)
-        for elsewhere in (False, True):
+    def _locate_rows(self, values: Floats, assembly_mode: Integers) -> None:
+        """Set the curve, arc length and status of each row.
+
+        Parameters
+        ----------
+        values
+            (n, variables of the part) configurations (rad), NaN for none.
+        assembly_mode
+            (n,) assembly mode of each row.
+        """
+        curve_numbers = np.full(len(values), -1)
+        s = nans(len(values))
+        is_finite = all_finite(values, 1)
+        # First the curves that hold the mode of the row, then, if none does, all others.
+        for is_other_mode in (False, True):
             for number, item in enumerate(self.configurations.curves):
-                expected = np.isin(assembly_mode, self.modes_of(item.pieces)) != elsewhere
-                (todo,) = np.nonzero(finite & (curve < 0) & expected)
-                places = item.curve.find(values[todo])
-                on = np.isfinite(places)
-                curve[todo[on]], s[todo[on]] = number, places[on]
-        status = np.where(curve < 0, Status.MODE_LOST, Status.OK)
-        crossed = np.zeros(len(curve), dtype=bool)
+                has_mode = np.isin(assembly_mode, self.modes_of(item.pieces))
+                is_candidate = is_finite & (curve_numbers < 0) & (has_mode != is_other_mode)
+                (rows,) = np.nonzero(is_candidate)
+                positions = item.curve.find(values[rows])
+                is_on_curve = np.isfinite(positions)
+                curve_numbers[rows[is_on_curve]] = number
+                s[rows[is_on_curve]] = positions[is_on_curve]
+        has_no_curve = curve_numbers < 0
+        status = np.where(has_no_curve, Status.MODE_LOST, Status.OK)
+        is_crossing = np.zeros(len(values), dtype=bool)
         for crossing in self.report.crossings:
-            wrapped = self.curves[crossing.curve].wrapped(values - crossing.values)
-            away = np.where(curve < 0, max_abs(wrapped, axis=1), np.inf)
-            status[away < NEAR_CROSSING] = Status.AT_SINGULARITY
-            crossed |= (away < AT_CROSSING) & (crossing.crossing is not None)
-        self.curve, self.s, self.status, self.crossed = curve, s, status, crossed
+            difference = self.curves[crossing.curve].wrapped(values - crossing.values)
+            distance = np.where(has_no_curve, max_abs(difference, axis=1), np.inf)
+            status[distance < NEAR_CROSSING_RAD] = Status.AT_SINGULARITY
+            is_located = crossing.crossing is not None
+            is_crossing |= (distance < AT_CROSSING_RAD) & is_located
+        self.curve = curve_numbers
+        self.s = s
+        self.status = status
+        self.crossed = is_crossing
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
-        """Return the numbers of all assembly modes on pieces of curves."""
-        numbers = {piece.assembly_mode for piece in pieces}
-        return sorted(m for k in numbers if k is not None for m in self._modes[k])
+        """Return the numbers of the assembly modes of the whole on pieces of curves."""
+        modes: list[int] = []
+        for part_mode in {piece.assembly_mode for piece in pieces}:
+            if part_mode is not None:
+                modes += self._whole_modes[part_mode]
+        return sorted(modes)
 
     def met(
         self, places: Sequence[tuple[int, float]], values: Floats, margin: float = 0.0
     ) -> Iterator[tuple[float, list[int], bool]]:
-        """Yield the inputs at which a configuration (V,) of places on curves is met.
+        """Yield the inputs in the range at which a configuration occurs.
 
-        With the assembly modes whose pieces of the curves hold or touch it there, and
-        whether it is inside: in the range, and passed by a simulation. Of one outside, as
-        near to the range as turns allow, one input; and of curves that a simulation does
-        not pass. Where the range is of whole periods its end, by a `margin`, is its start.
+        A configuration occurs at several inputs if the range has several periods. If it
+        does not occur in the range, the nearest input is yielded. The same holds for curves
+        that a simulation does not pass.
+
+        Parameters
+        ----------
+        places
+            The configuration as numbers of curves with arc lengths (rad). There are several
+            if curves cross.
+        values
+            (variables,) its variables (rad).
+        margin
+            If the range consists of whole periods, an input nearer to its end than this
+            (rad) is moved to its start.
+
+        Yields
+        ------
+        q
+            The input (rad).
+        modes
+            The assembly modes of the pieces of curves that include the configuration.
+        is_inside
+            Whether it is in the range and, in a simulation, passed.
         """
-        first = places[0][0]
+        first_curve, _ = places[0]
         low, high = self.range
-        every = turns_in_range(values[[self._driven]], low, high, self._period(first))[0]
-        if self._ways is not None and first not in self._ways:
-            every = every[:1]
-        for q in every.tolist():
-            if high - q < margin and self.whole_range(first):
+        q = values[[self._driven]]
+        inputs, _ = turns_in_range(q, low, high, self._period(first_curve))
+        if self._passed_ranges is not None and first_curve not in self._passed_ranges:
+            inputs = inputs[:1]
+        for q in inputs.tolist():
+            if high - q < margin and self.whole_range(first_curve):
                 q = low
-            pieces = (piece for place in places for piece in self._touched(*place, q))
-            inside = bool(in_range(np.array(q), low, high))
-            yield q, self.modes_of(pieces), inside and any(map(self._is_passed, places))
+            pieces: list[Piece] = []
+            for curve, s in places:
+                pieces += self._pieces_at(curve, s, q)
+            is_in_range = bool(in_range(np.array(q), low, high))
+            is_passed = any(self._is_passed(curve, s) for curve, s in places)
+            yield q, self.modes_of(pieces), is_in_range and is_passed
 
-    def _touched(self, curve: int, s: float, q: float) -> Iterator[Piece]:
-        """Yield the pieces of a curve that hold or touch a place s at input q."""
-        pieces = self.configurations.curves[curve].pieces
-        arc = self.curves[curve]
-        around = 1 if self.is_simulation else self.whole_range(curve) or np.inf
-        away = float(arc.at(s).values[0, self._driven]) - q
-        for lap, piece in product((0, 1, -1) if arc.closed else (0,), pieces):
-            grown = away + lap * arc.rise[self._driven] + piece.shift
-            if round(grown / self._period(curve)) % around == 0:
-                place = s + lap * arc.length
-                if piece.start - TOUCHES <= place <= piece.stop + TOUCHES:
+    def _pieces_at(self, curve: int, s: float, q: float) -> Iterator[Piece]:
+        """Yield the pieces of a curve that include an arc length s at an input q.
+
+        A curve passes the same arc length at inputs that differ by whole periods. A piece
+        is an answer only if its input there is q.
+
+        Parameters
+        ----------
+        curve, s
+            Number of the curve, and arc length (rad).
+        q
+            The input (rad).
+        """
+        arc_curve = self.curves[curve]
+        # If the range consists of k periods, inputs that differ by k periods are the same.
+        periods_of_range = 1 if self.is_simulation else self.whole_range(curve) or np.inf
+        input_offset = float(arc_curve.at(s).values[0, self._driven]) - q
+        # A piece of a closed curve may begin in the lap before and end in the lap after.
+        laps = (0, 1, -1) if arc_curve.closed else (0,)
+        for lap in laps:
+            for piece in self.configurations.curves[curve].pieces:
+                rise = lap * arc_curve.rise[self._driven]
+                difference = input_offset + rise + piece.shift
+                periods = round(difference / self._period(curve))
+                if periods % periods_of_range != 0:
+                    continue
+                s_in_lap = s + lap * arc_curve.length
+                start = piece.start - PIECE_END_TOLERANCE_RAD
+                stop = piece.stop + PIECE_END_TOLERANCE_RAD
+                if start <= s_in_lap <= stop:
                     yield piece
 
-    def _is_passed(self, place: tuple[int, float]) -> bool:
-        """Return whether a simulation, if it is one, passes a place on a curve."""
-        number, s = place
-        if self._ways is None or number not in self._ways:
-            return self._ways is None
-        low, high = self._ways[number]
-        curve = self.curves[number]
-        lap = curve.length if curve.closed else np.inf
-        return bool((s - low + TOUCHES) % lap <= high - low + 2.0 * TOUCHES)
+    def _is_passed(self, curve: int, s: float) -> bool:
+        """Return whether a simulation passes an arc length; True without a simulation."""
+        if self._passed_ranges is None:
+            return True
+        if curve not in self._passed_ranges:
+            return False
+        low, high = self._passed_ranges[curve]
+        arc_curve = self.curves[curve]
+        lap = arc_curve.length if arc_curve.closed else np.inf
+        distance = (s - low + PIECE_END_TOLERANCE_RAD) % lap
+        return bool(distance <= high - low + 2.0 * PIECE_END_TOLERANCE_RAD)
 
     def input_at(self, curve: int, s: Floats) -> Floats:
-        """Return the input (n,) at places s, in the range or as near to it as turns allow.
+        """Return the input (n,) at arc lengths s (n,), in the range if possible.
 
-        Only turns are left out after which the configuration is the same.
+        Inputs are shifted by whole periods, after which the configuration is the same, into
+        the range or as near to it as possible.
         """
         q = self.curves[curve].at(s).values[:, self._driven]
         return into_range(q, *self.range, self._period(curve))
 
-    def _passed(self, q: Floats) -> dict[int, tuple[float, float]]:
-        """Return from where to where on curves the rows of a simulation lie."""
-        ways = {}
+    def _find_passed_ranges(self, q: Floats) -> dict[int, tuple[float, float]]:
+        """Return the least and the greatest arc length of a simulation on each curve.
+
+        On closed curves arc lengths grow from lap to lap.
+
+        Parameters
+        ----------
+        q
+            (n,) inputs of the rows (rad), not reduced by periods.
+        """
+        passed_ranges: dict[int, tuple[float, float]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
             (rows,) = np.nonzero(self.curve == number)
-            curve, s = self.curves[number], self.s[rows]
+            curve = self.curves[number]
+            s = self.s[rows]
             if curve.closed:
+                # The number of laps between rows makes the input grow as it did.
                 rise = curve.rise[self._driven] or np.inf
                 laps = np.diff(q[rows]) / rise - np.diff(s) / curve.length
                 s = s + curve.length * np.append(0.0, np.cumsum(np.round(laps)))
-            ways[number] = float(np.min(s)), float(np.max(s))
-        return ways
+            passed_ranges[number] = float(np.min(s)), float(np.max(s))
+        return passed_ranges
 
     def whole_range(self, curve: int) -> int:
-        """Return of how many whole periods of a curve the range is, 0 if of no number."""
-        period = self._period(curve)
-        return 0 if self.is_simulation else whole_periods(*self.range, period)
+        """Return how many periods of a curve the range has, 0 if not a whole number."""
+        if self.is_simulation:
+            return 0
+        return whole_periods(*self.range, self._period(curve))
 
     def _period(self, curve: int) -> float:
-        """Return the growth of the input with which a curve's configurations return."""
-        return self.curves[curve].returns_after(self._driven, *self.tracer.solver.periods)
+        """Return the growth of the input (rad) after which configurations repeat."""
+        (period,) = self.tracer.solver.periods
+        return self.curves[curve].returns_after(self._driven, period)
 
     @property
     def is_simulation(self) -> bool:
-        """Whether what is inside is what a simulation passes."""
-        return self._ways is not None
+        """Whether only what a simulation passes is inside."""
+        return self._passed_ranges is not None
 
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
-        """Return how far (n,), rad, an output is from type I or II at places of a curve.
+        """Return the angular distance of an output from type I or II along a curve.
 
-        Of type I the angle whose tangent is the size of the velocity coefficient y'/q', of
-        type II that whose sine is the transmission. They vanish there and nowhere else; the
-        first is NaN where both rates vanish.
+        For type I the tangent of the angle is the size of the velocity coefficient y'/q'.
+        For type II its sine is the transmission measure. The angles vanish at these
+        singularities and nowhere else.
+
+        Parameters
+        ----------
+        kind
+            Type I or II.
+        curve, s
+            Number of the curve, and arc lengths (n,) on it (rad).
+        output
+            Position of the output.
+
+        Returns
+        -------
+        (n,) angles (rad); for type I NaN where both rates vanish.
         """
-        along = self.report.along[curve]
-        links = self.report.outputs[output]
+        curve_motion = self.report.curve_motions[curve]
+        output_links = self.report.outputs[output]
+        links = curve_motion.links_at(s)
         if kind is Type.I:
-            of, to = (along.at(s).speeds(pole)[0] for pole in (links, self.report.input))
-            return np.where(np.hypot(of, to) > STILL, np.arctan2(of, to), np.nan)
-        measure = Transmission(along.curve.closure.tree, (self._driven,), *links)
-        return np.arcsin(measure.at(along.at(s).motion.vectors))
+            output_speed, _ = links.speeds(output_links)
+            input_speed, _ = links.speeds(self.report.input)
+            is_moving = np.hypot(output_speed, input_speed) > STILL
+            return np.where(is_moving, np.arctan2(output_speed, input_speed), np.nan)
+        tree = curve_motion.curve.closure.tree
+        measure = Transmission(tree, (self._driven,), *output_links)
+        return np.arcsin(measure.at(links.motion.vectors))
 
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return the columns (n,) of each output, by its position, in each form; or NaN.
@@ -296,58 +324,81 @@ class SampledSingularities:
         ``input_margin_II`` (rad), by how much the input changes along the curve to the
         nearest singularity.
         """
-        measured: dict[tuple[int, Form], dict[str, Floats]] = {}
+        columns: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
             (rows,) = np.nonzero(self.curve == number)
             s = self.s[rows]
             angles = self.transmission_angles(self.curves[number].at(s).values)
             for output, transmission in enumerate(angles):
-                q, y, relations = self.report.at(number, s, output)
-                here = {"input_rate": q, "output_rate": y, "transmission": transmission}
+                curve_relations = self.report.evaluate_relations(number, s, output)
+                values = {
+                    "input_rate": curve_relations.input_rate,
+                    "output_rate": curve_relations.output_rate,
+                    "transmission": transmission,
+                }
                 for kind in (Type.I, Type.II):
-                    here[f"distance_{kind}"] = self.angle(kind, number, s, output)
-                    here[f"input_margin_{kind}"] = self._to_nearest(number, output, kind, s)
-                for relation in relations:
-                    columns = measured.setdefault((output, relation.form), {})
-                    here |= {"c": relation.c, "d": relation.d}
-                    for name, part in here.items():
-                        columns.setdefault(name, nans(len(self.s)))[rows] = part
-        return dict(sorted(measured.items()))
+                    values[f"distance_{kind}"] = self.angle(kind, number, s, output)
+                    values[f"input_margin_{kind}"] = self._input_margin(
+                        number, output, kind, s
+                    )
+                for relation in curve_relations.relations:
+                    values["c"] = relation.c
+                    values["d"] = relation.d
+                    output_columns = columns.setdefault((output, relation.form), {})
+                    for name, part in values.items():
+                        if name not in output_columns:
+                            output_columns[name] = nans(len(self.s))
+                        output_columns[name][rows] = part
+        return dict(sorted(columns.items()))
 
     def transmission_angles(self, values: Floats) -> list[Floats]:
-        """Return the transmission angle (n,) of each output at configurations (n, V).
+        """Return the transmission angle of each output at configurations (n, variables).
 
-        In [0, pi/2], between the great circles of the arcs of the dyad that places it, at
-        the pair in its middle. NaN where another group does.
+        It is the angle in [0, pi/2] between the great circles of the two arcs of the dyad
+        that places the output, at the middle pair.
+
+        Returns
+        -------
+        (n,) angles (rad) for each output, NaN if another group places it.
         """
         axes = self.tracer.solver.closure.at(values).axes
         angles = []
         for output in self.report.outputs:
-            joining = (
-                group
-                for group in self.tracer.solver.assembly.groups
-                if sum(not links.isdisjoint(output) for links in map(set, group.bodies)) > 1
-            )
-            dyad = next(joining, None)
+            # The first group that has links of the output in two of its bodies joins them.
+            joining_group = None
+            for group in self.tracer.solver.assembly.groups:
+                bodies_of_output = sum(
+                    not set(body).isdisjoint(output) for body in group.bodies
+                )
+                if bodies_of_output > 1:
+                    joining_group = group
+                    break
             angle = nans(len(values))
-            if dyad is not None and dyad.is_dyad:
-                near, middle, far = (axes[:, dyad.pairs[k]] for k in dyad.dyad_positions)
-                angle = arc(cross(near, middle), cross(middle, far))
+            if joining_group is not None and joining_group.is_dyad:
+                dyad_axes = [
+                    axes[:, joining_group.pairs[position]]
+                    for position in joining_group.dyad_positions
+                ]
+                angle = _dyad_angle(*dyad_axes)
             angles.append(np.minimum(angle, np.pi - angle))
         return angles
 
     def least_dyad_angle(self, values: Floats, output: int) -> Floats:
-        """Return the least transmission angle (n,) of the dyads that place an output.
+        """Return the least transmission angle of the dyads that place an output.
 
         It vanishes at singularities of type II only, and does not depend on the size of
-        the arcs, as the transmission does. NaN if other groups place the output too.
+        the arcs, as the transmission measure does.
 
         Parameters
         ----------
         values
-            (n, variables) configurations.
+            (n, variables) configurations (rad).
         output
             Position of the output.
+
+        Returns
+        -------
+        (n,) angles (rad), NaN if other groups place the output too.
         """
         solver = self.tracer.solver
         links = frozenset(self.report.outputs[output])
@@ -357,8 +408,10 @@ class SampledSingularities:
         for group in groups:
             if not group.is_dyad:
                 return nans(len(values))
-            near, middle, far = (axes[:, group.pairs[k]] for k in group.dyad_positions)
-            angle = arc(cross(near, middle), cross(middle, far))
+            dyad_axes = [
+                axes[:, group.pairs[position]] for position in group.dyad_positions
+            ]
+            angle = _dyad_angle(*dyad_axes)
             least = np.minimum(least, np.minimum(angle, np.pi - angle))
         return least
 
@@ -366,8 +419,9 @@ class SampledSingularities:
     def largest_arc_sine(self) -> float:
         """The largest sine of an arc between two axes of a link.
 
-        Where all arcs are small the mechanism is nearly planar, and the transmission of
-        type II is in proportion to it. It is 1 where profiles have a size of their own.
+        If all arcs are small, the mechanism is nearly planar, and the transmission measure
+        of type II is proportional to this sine. It is 1 for mechanisms with contacts, whose
+        profiles have a size of their own.
         """
         mechanism = self.tracer.solver.mechanism
         if mechanism.has_contacts:
@@ -382,62 +436,105 @@ class SampledSingularities:
         return float(max(sines)) or 1.0
 
     def singular_values(self) -> Floats:
-        """Return (2, n) how surely the locked input holds all links, and to what part.
+        """Return (2, n) how firmly the locked input holds all links, absolute and relative.
 
-        See `spherekit.velocities.transmission.hold`.
+        See `spherekit.velocities.transmission.hold`. Rows on no curve are NaN.
         """
         solver = self.whole.solver
-        placed = np.where(self.curve[:, None] >= 0, self._values, np.nan)
-        return hold(
-            solver.closure.tree, [solver.input_variable], solver.closure.at(placed).vectors
-        )
+        values = np.where(self.curve[:, None] >= 0, self._values, np.nan)
+        vectors = solver.closure.at(values).vectors
+        return hold(solver.closure.tree, [solver.input_variable], vectors)
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
-        """Return (n,) rad at rising s: the variable of the output's R pair on the curve.
+        """Return the angle (rad) of an output along a curve.
 
-        Where no R pair joins its links: how far one has turned about the pole since s[0].
+        It is the variable of the R pair that joins the links of the output. If there is
+        none, it is the rotation about the pole since the first arc length.
+
+        Parameters
+        ----------
+        curve, output
+            Number of the curve, and position of the output.
+        s
+            (n,) rising arc lengths (rad).
         """
         links = self.report.outputs[output]
         variable = self.tracer.mechanism.angle_between(*links)
         if variable is not None:
             return self.curves[curve].at(s).values[:, variable]
-        rate, _ = self.report.along[curve].signed(s, pole_of(*links))
-        return np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(s)))
+        rate, _ = self.report.curve_motions[curve].signed_rate(s, pole_of(*links))
+        trapezoids = 0.5 * (rate[1:] + rate[:-1]) * np.diff(s)
+        return np.append(0.0, np.cumsum(trapezoids))
 
     def configuration(self, curve: int, s: float) -> Floats:
-        """Return the orientations (links, 3, 3) of all links at a place of a curve."""
-        arc = self.curves[curve]
-        return arc.closure.at(arc.at(s).values).placed[0]
+        """Return the orientations (links, 3, 3) of all links at an arc length (rad)."""
+        arc_curve = self.curves[curve]
+        return arc_curve.closure.at(arc_curve.at(s).values).placed[0]
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
-        """Return where a curve ends at crossings: s, and the crossing (variables,).
+        """Return the ends of a curve at crossings: arc length, and the crossing.
 
-        A curve ends a little before; the crossing is on the same turns of the variables.
+        A curve ends a little before the crossing. The variables (variables,) of the
+        crossing are on the same revolutions as those of the end of the curve.
         """
-        arc = self.curves[curve]
-        ends = []
+        arc_curve = self.curves[curve]
+        first_output = self.report.outputs[0]
+        ends: list[tuple[float, Floats]] = []
         for crossing in self.report.crossings:
-            for number, place in crossing.places:
-                if number == curve and crossing.output == self.report.outputs[0]:
-                    last = arc.nodes.values[0 if place == 0.0 else -1]
-                    ends.append((place, last + arc.wrapped(crossing.values - last)))
+            if crossing.output != first_output:
+                # Each crossing is listed once for every output.
+                continue
+            for number, s in crossing.places:
+                if number == curve:
+                    last_values = arc_curve.nodes.values[0 if s == 0.0 else -1]
+                    difference = arc_curve.wrapped(crossing.values - last_values)
+                    ends.append((s, last_values + difference))
         return ends
 
-    def _to_nearest(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
-        """Return by how much (n,) the input changes from s to the nearest of a type."""
+    def _input_margin(self, number: int, output: int, kind: Type, s: Floats) -> Floats:
+        """Return the change of the input along a curve to the nearest singularity.
+
+        Parameters
+        ----------
+        number, output
+            Number of the curve, and position of the output.
+        kind
+            Type of the singularity. Crossings count for every type.
+        s
+            (n,) arc lengths (rad).
+
+        Returns
+        -------
+        (n,) sizes of the changes (rad), NaN if the curve has no such singularity.
+        """
         curve = self.curves[number]
         links = self.report.outputs[output]
-        met = [
+        singularities = [
             (point.s, point.values)
             for point in self.report.points
             if (point.curve, point.output, point.type) == (number, links, kind)
         ]
-        met += self.crossing_ends(number)
-        places = np.reshape([(s, values[self._driven]) for s, values in met], (-1, 2))
+        singularities += self.crossing_ends(number)
+        # Columns: arc length and input, with those of the laps before and after.
+        positions = np.reshape(
+            [(arc_length, values[self._driven]) for arc_length, values in singularities],
+            (-1, 2),
+        )
         if curve.closed:
             lap = np.array([curve.length, curve.rise[self._driven]])
-            places = np.concatenate([places - lap, places, places + lap])
-        places = places[np.argsort(places[:, 0])]
-        after = np.searchsorted(places[:, 0], s)
-        beside = np.pad(places[:, 1], 1, constant_values=np.nan)[[after, after + 1]]
-        return np.fmin.reduce(np.abs(beside - curve.at(s).values[:, self._driven]))
+            positions = np.concatenate([positions - lap, positions, positions + lap])
+        positions = positions[np.argsort(positions[:, 0])]
+        next_number = np.searchsorted(positions[:, 0], s)
+        # NaN at both ends stands for no singularity before the first or after the last.
+        singular_inputs = np.pad(positions[:, 1], 1, constant_values=np.nan)
+        neighbours = singular_inputs[[next_number, next_number + 1]]
+        inputs = curve.at(s).values[:, self._driven]
+        return np.fmin.reduce(np.abs(neighbours - inputs))
+
+
+def _dyad_angle(first_axis: Floats, middle_axis: Floats, last_axis: Floats) -> Floats:
+    """Return the angle (n,) in [0, pi] between the arcs of a dyad, at its middle axis.
+
+    Axes are unit vectors (n, 3) of its three pairs.
+    """
+    return arc(cross(first_axis, middle_axis), cross(middle_axis, last_axis))

@@ -20,7 +20,7 @@ from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.geometry.vectors import all_finite, cross, nans
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.positions.motion import Motion
-from spherekit.singularities.input_output_relation import FourLinks, relation_of
+from spherekit.singularities.input_output_relation import FourLinks, make_relation
 from spherekit.singularities.locus import adjugate
 from spherekit.singularities.stationarity import OutputStationary
 from spherekit.singularities.tangent_space import TangentSpace, decompose, tangent_space
@@ -276,7 +276,7 @@ def _input_coefficients(
         # The locked inputs join the output to its reference link: it cannot move.
         n = len(pole_axis(pole_of(four_links.i, four_links.r)))
         return _InputCoefficients(w, c=np.ones(n), d=np.zeros(n), u=nans((n, 3)))
-    relation = relation_of("i", four_links, pole_axis)
+    relation = make_relation("i", four_links, pole_axis)
     return _InputCoefficients(w, relation.c, relation.d, relation.poles.os)
 
 

@@ -1,20 +1,20 @@
-"""All singularities of single-freedom mechanisms with one input and any outputs.
+"""All singularities of a mechanism with one degree of freedom, one input and any outputs.
 
-On a configuration curve the input w_ir and an output w_os, per arc length, are smooth
-functions. A zero of the output alone is a type I singularity, of the input alone type II,
-of both a self-motion; type III is where curves cross. The coefficients c and d of the
-input-output relation vanish there too, and also at places where the four links are badly
-chosen, which are no singularities.
+On a configuration curve the rate of the input w_ir and that of an output w_os, per unit of
+arc length, are smooth functions. A zero of the output alone is a singularity of type I, of
+the input alone type II, of both a self-motion. Type III occurs where curves cross. The
+coefficients c and d of the input-output relation vanish there too. They also vanish where
+the four links of the relation are badly chosen, which is no singularity.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import chain, pairwise, product
+from itertools import pairwise
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Bools, Floats
 from spherekit.errors import PlanError
 from spherekit.geometry.vectors import cross, max_abs, nans
 from spherekit.planning.pole_plan import Plan, Pole, ordered_pole, pole_of
@@ -23,46 +23,81 @@ from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import CROSSING_RECIPROCAL_CONDITION
 from spherekit.positions.curve_crossing import Crossing, find_crossing
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.singularities.curve_velocities import AT_REST, AlongCurve, LinkMotion
-from spherekit.singularities.geometric_conditions import TOLD, RelationAt, judged
+from spherekit.singularities.curve_velocities import (
+    REST_ROUNDING_FACTOR,
+    CurveMotion,
+    LinkMotion,
+)
+from spherekit.singularities.geometric_conditions import (
+    TYPE_OF_VANISHING,
+    RelationAt,
+    compare_with_rates,
+)
 from spherekit.singularities.input_output_relation import (
     Form,
     FourLinks,
     Relation,
     Type,
-    relation_of,
+    make_relation,
 )
 from spherekit.singularities.singular_point import SingularPoint
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
-BESIDE = 100.0
-"""Places nearer than this times their error bounds, but not within, are undecided."""
-WIDE = 1e-9
-"""Places with a larger error bound (rad) are not told apart, nor said to agree."""
-DECIDED_MISS = 1e-14
-"""A crossing that is missed by more (rad) may be none: rounding of sizes decides."""
-SAME_CROSSING = 1e-7
-"""Crossings whose variables differ by less (rad) are one."""
-ONE_CURVE = (
+UNDECIDED_GAP_FACTOR = 100.0
+"""Successive singularities of different types are undecided if they are nearer than this
+times their error bounds. Larger: more singularities are marked as uncertain."""
+MAX_SHARED_ERROR_RAD = 1e-9
+"""If input and output rest at the same point within error bounds larger than this, it is
+not certain that they rest together. Larger: fewer self-motions are marked as uncertain."""
+MAX_CROSSING_MISS_RAD = 1e-14
+"""A crossing that is missed by more may be none: rounding of the sizes decides. Larger:
+fewer crossings are marked as uncertain."""
+SAME_CROSSING_RAD = 1e-7
+"""Crossings whose variables differ by less are one crossing. Larger: crossings near each
+other are taken for one; smaller: one crossing is listed twice."""
+ONE_CURVE_NOTE = (
     "c and d are those of this curve: its motion says where the third pole is, which the "
     "configuration leaves open"
 )
-ALWAYS = 1e-12
-"""Relations with smaller coefficients on most of a curve vanish everywhere."""
-SAMPLED = 9
-"""Configurations at which a mechanism without curves is asked for its freedoms."""
-TYPES = {**TOLD, (True, True): Type.SELF_MOTION}
+"""Note of a relation at a crossing whose c and d do not vanish."""
+VANISHING_RELATION = 1e-12
+"""A relation whose coefficients are smaller on most of a curve vanishes on all of it.
+Larger: relations of mechanisms with small arcs are reported as useless."""
+SAMPLES_OF_FREEDOMS = 9
+"""Configurations of each mode at which a mechanism without curves is asked for its degrees
+of freedom."""
+TYPE_OF_REST = {**TYPE_OF_VANISHING, (True, True): Type.SELF_MOTION}
 """The type by whether the input rests, and whether the output does."""
+NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
+"""Stands for a missing zero: arc length, whether it is double, and error bound."""
 
 
-class SingleFreedom:
+@dataclass(frozen=True)
+class CurveRelations:
+    """Rates and input-output relations at n points of a curve.
+
+    Attributes
+    ----------
+    input_rate, output_rate
+        (n,) rates of the input and of the output by arc length.
+    relations
+        The relation of form i, and of form ii if there is one. c and d are NaN where an
+        axis is unknown.
+    """
+
+    input_rate: Floats
+    output_rate: Floats
+    relations: list[Relation]
+
+
+class SingleFreedomSingularities:
     """The singularities of one input and some outputs along given curves.
 
     Parameters
     ----------
-    tracer
-        A mechanism with one freedom.
+    position_analysis
+        A mechanism with one degree of freedom.
     curves
         Its configuration curves.
     outputs
@@ -73,11 +108,13 @@ class SingleFreedom:
 
     Attributes
     ----------
+    curve_motions
+        Velocities along each curve.
     input, outputs
         (i, r) and for each output (o, s), numbers of links.
     links
-        For each output those of form i, and if there is one of form ii, with s its own or
-        another one where that is r.
+        For each output the four links of the relation of form i and, if it exists, of form
+        ii. If s is r, form ii uses another link for s.
 
     Raises
     ------
@@ -87,319 +124,537 @@ class SingleFreedom:
 
     def __init__(
         self,
-        tracer: PositionAnalysis,
+        position_analysis: PositionAnalysis,
         curves: Sequence[ArcCurve],
         outputs: Iterable[str | tuple[int | str, int | str]],
         input: str | tuple[int | str, int | str] | None = None,
     ) -> None:
-        mechanism = tracer.mechanism
-        if len(tracer.inputs) != 1:
+        mechanism = position_analysis.mechanism
+        if len(position_analysis.inputs) != 1:
             raise PlanError(
-                f"{mechanism.name}: it has {len(tracer.inputs)} inputs; the relation of "
-                "one input and one output is that of a mechanism with a single freedom"
+                f"{mechanism.name}: it has {len(position_analysis.inputs)} inputs; the "
+                "relation of one input and one output is that of a mechanism with a "
+                "single freedom"
             )
-        self.tracer = tracer
+        self.position_analysis = position_analysis
 
         @cache
-        def plan_of(poles: tuple[Pole, ...]) -> Plan | None:
-            """Return the plan for some poles; None where counting freedoms gives none."""
+        def plan_poles(poles: tuple[Pole, ...]) -> Plan | None:
+            """Return the plan of some poles; None if counting freedoms gives none."""
             try:
-                return plan(mechanism, poles, None, tracer.by_rank)
+                return plan(mechanism, poles, None, position_analysis.by_rank)
             except PlanError:
                 return None
 
-        self.along = [AlongCurve(tracer, curve, plan_of) for curve in curves]
-        first, second = mechanism.ends[tracer.assembly.input]
-        self.input = (second, first) if input is None else ordered_pole(mechanism, input)
+        self.curve_motions = [
+            CurveMotion(position_analysis, curve, plan_poles) for curve in curves
+        ]
+        if input is None:
+            first, second = mechanism.ends[position_analysis.assembly.input]
+            self.input = (second, first)
+        else:
+            self.input = ordered_pole(mechanism, input)
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
         self.links: list[dict[Form, FourLinks]] = []
         for output in self.outputs:
-            links = FourLinks(*self.input, *output)
-            self.links.append({"i": links, **self._second_links(links)})
+            links_by_form: dict[Form, FourLinks] = {"i": FourLinks(*self.input, *output)}
+            second_links = self._links_of_form_ii(links_by_form["i"])
+            if second_links is not None:
+                links_by_form["ii"] = second_links
+            self.links.append(links_by_form)
 
-    def _second_links(self, links: FourLinks) -> dict[Form, FourLinks]:
-        """Return the links of form ii if there is one, a fourth one where r and s are one.
+    def _links_of_form_ii(self, links: FourLinks) -> FourLinks | None:
+        """Return the links of form ii, None if this form does not exist.
 
-        That is the link whose poles with i and o span the surest plane on all curves.
+        If s is r, another link replaces s. It is the link whose poles with i and o span
+        the best determined plane, summed over all curves.
+
+        Parameters
+        ----------
+        links
+            The links of form i.
         """
-        others = [
-            k for k in range(len(self.tracer.mechanism.links)) if k not in links.different
-        ]
-        if links.o in (links.r, links.i) or (links.s == links.r and not others):
-            return {}
+        if links.o in (links.r, links.i):
+            return None
         if links.s != links.r:
-            return {"ii": links}
-        pairs = [(pole_of(links.o, k), pole_of(links.i, k)) for k in others]
-        sines = np.zeros(len(others))
-        for along in self.along:
-            axes, _ = along.axes(along.curve.s, [*chain(*pairs)])
-            turns = [cross(axes[one], axes[other]) for one, other in pairs]
-            sines += np.nansum(np.linalg.norm(turns, axis=2), axis=1)
-        return {"ii": replace(links, s=others[int(np.argmax(sines))])}
+            return links
+        link_count = len(self.position_analysis.mechanism.links)
+        candidates = [k for k in range(link_count) if k not in links.different]
+        if not candidates:
+            return None
+        output_poles = [pole_of(links.o, candidate) for candidate in candidates]
+        input_poles = [pole_of(links.i, candidate) for candidate in candidates]
+        sum_of_sines = np.zeros(len(candidates))
+        for curve_motion in self.curve_motions:
+            axes = curve_motion.pole_axes(
+                curve_motion.curve.s,
+                [
+                    pole
+                    for poles in zip(output_poles, input_poles, strict=True)
+                    for pole in poles
+                ],
+            ).directions
+            products = [
+                cross(axes[output_pole], axes[input_pole])
+                for output_pole, input_pole in zip(output_poles, input_poles, strict=True)
+            ]
+            sum_of_sines += np.nansum(np.linalg.norm(products, axis=2), axis=1)
+        return replace(links, s=candidates[int(np.argmax(sum_of_sines))])
 
     def poles(self, output: int) -> list[Pole]:
-        """Return the poles of an output's relations, each once."""
-        return list(
-            dict.fromkeys(chain(*(links.poles for links in self.links[output].values())))
+        """Return the poles of the relations of an output, each once.
+
+        `output` is the position of the output in `outputs`.
+        """
+        poles: dict[Pole, None] = {}
+        for links in self.links[output].values():
+            poles |= dict.fromkeys(links.poles)
+        return list(poles)
+
+    def evaluate_relations(self, curve: int, s: Floats, output: int) -> CurveRelations:
+        """Return rates and relations at points of a curve.
+
+        Parameters
+        ----------
+        curve
+            Number of the curve.
+        s
+            (n,) arc lengths (rad).
+        output
+            Position of the output in `outputs`.
+        """
+        curve_motion = self.curve_motions[curve]
+        axes = curve_motion.oriented_axes(s, self.poles(output))
+        links = curve_motion.links_at(s)
+        return CurveRelations(
+            input_rate=_relative_rate(links, axes, self.input),
+            output_rate=_relative_rate(links, axes, self.outputs[output]),
+            relations=self._relations(output, axes),
         )
 
-    def at(
-        self, curve: int, s: Floats, output: int
-    ) -> tuple[Floats, Floats, list[Relation]]:
-        """Return the rates of input and output (n,) at places of a curve, and relations.
+    def _relations(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
+        """Return the relations of form i and, if it exists, of form ii.
 
-        Rates are by arc length; the relations are form i, and form ii where there is one.
-        c and d are NaN where an axis is not known.
+        Parameters
+        ----------
+        output
+            Position of the output in `outputs`.
+        axes
+            (n, 3) unit vectors by pole.
         """
-        along = self.along[curve]
-        ends = (self.input, self.outputs[output])
-        axes = along.oriented(s, self.poles(output))
-        q, y = (_rate(along.at(s), axes, links) for links in ends)
-        return q, y, self._made(output, axes)
-
-    def _made(self, output: int, axes: dict[Pole, Floats]) -> list[Relation]:
-        """Return the relations of form i and, if there is one, form ii."""
         return [
-            relation_of(form, links, axes.__getitem__)
+            make_relation(form, links, axes.__getitem__)
             for form, links in self.links[output].items()
         ]
 
     @cached_property
-    def _every(self) -> list[SingularPoint]:
-        """What is singular on curves, by output, curve and arc length."""
-        return [
-            point
-            for output in range(len(self.outputs))
-            for number in range(len(self.along))
-            for point in self._on_curve(number, output)
-        ]
+    def _points_and_resting_curves(self) -> list[SingularPoint]:
+        """All singularities by output, curve and arc length, NaN for whole curves."""
+        points: list[SingularPoint] = []
+        for output in range(len(self.outputs)):
+            for number in range(len(self.curve_motions)):
+                points += self._points_on_curve(number, output)
+        return points
 
     @property
     def points(self) -> list[SingularPoint]:
         """All singularities on curves, by output, curve and arc length."""
-        return [point for point in self._every if np.isfinite(point.s)]
+        return [point for point in self._points_and_resting_curves if np.isfinite(point.s)]
 
     @property
-    def whole(self) -> list[SingularPoint]:
-        """What stands still on whole curves: no points of that output are on them."""
-        return [point for point in self._every if np.isnan(point.s)]
+    def resting_curves(self) -> list[SingularPoint]:
+        """Curves on which the input or an output rests everywhere.
+
+        Their arc length is NaN, and `points` has no points of that output on them.
+        """
+        return [point for point in self._points_and_resting_curves if np.isnan(point.s)]
 
     @property
     def gaps(self) -> list[str]:
-        """Where singularities may be missed."""
+        """Where singularities may be missed, in words."""
         return [
             f"curve {number} was not followed to its end; singularities beyond are not "
             "known"
-            for number, along in enumerate(self.along)
-            if Status.MODE_LOST in along.curve.ends
+            for number, curve_motion in enumerate(self.curve_motions)
+            if Status.MODE_LOST in curve_motion.curve.ends
         ]
 
-    def _on_curve(self, number: int, output: int) -> list[SingularPoint]:
-        """Return the singular points of an output on one curve, or that all of it is."""
-        along = self.along[number]
-        ends = (self.input, self.outputs[output])
-        zeros = [along.zeros(pole_of(*pair)) for pair in ends]
-        resting = zeros[0] is None, zeros[1] is None
-        if any(resting):
-            none = nans(along.curve.nodes.values.shape[1])
-            return [
-                SingularPoint(TYPES[resting], ends[1], ((number, np.nan),), np.nan, none)
-            ]
-        places = common_zeros(along, [pole_of(*pair) for pair in ends])
-        (s, error, _), double = places[:3].tolist(), places[3:]
-        types = [TYPES[moves] for moves in zip(*(~np.isnan(double)).tolist(), strict=True)]
-        there = along.at(places[0])
-        return [
-            SingularPoint(kind, ends[1], ((number, place),), *row)
-            for kind, place, *row in zip(
-                types,
-                s,
-                error,
-                there.values,
-                *(double == 0.0).tolist(),
-                np.any(double == 1.0, axis=0).tolist(),
-                doubts(places, types, ends[0] != ends[1]),
-                self._judged(output, there, types),
-                strict=True,
+    def _points_on_curve(self, number: int, output: int) -> list[SingularPoint]:
+        """Return the singular points of an output on a curve.
+
+        If the input or the output rests on the whole curve, this is the only result.
+
+        Parameters
+        ----------
+        number
+            Number of the curve.
+        output
+            Position of the output in `outputs`.
+        """
+        curve_motion = self.curve_motions[number]
+        output_links = self.outputs[output]
+        input_pole = pole_of(*self.input)
+        output_pole = pole_of(*output_links)
+        input_rests = curve_motion.rest_points(input_pole) is None
+        output_rests = curve_motion.rest_points(output_pole) is None
+        if input_rests or output_rests:
+            kind = TYPE_OF_REST[input_rests, output_rests]
+            unknown_values = nans(curve_motion.curve.nodes.values.shape[1])
+            whole_curve = ((number, np.nan),)
+            return [SingularPoint(kind, output_links, whole_curve, np.nan, unknown_values)]
+
+        rests = find_common_rests(curve_motion, input_pole, output_pole)
+        types = [
+            TYPE_OF_REST[input_is_resting, output_is_resting]
+            for input_is_resting, output_is_resting in zip(
+                rests.input_rests.tolist(), rests.output_rests.tolist(), strict=True
             )
         ]
+        notes = explain_doubts(rests, types, is_input=output_links == self.input)
+        links = curve_motion.links_at(rests.s)
+        relations = self._compare_relations(output, links, types)
+        # A rate that has a simple zero changes its sign.
+        input_turns = rests.input_rests & ~rests.input_is_double
+        output_turns = rests.output_rests & ~rests.output_is_double
+        is_double = rests.input_is_double | rests.output_is_double
+        s = rests.s.tolist()
+        errors = rests.errors.tolist()
+        return [
+            SingularPoint(
+                type=types[k],
+                output=output_links,
+                places=((number, s[k]),),
+                error=errors[k],
+                values=links.values[k],
+                input_turns=bool(input_turns[k]),
+                output_turns=bool(output_turns[k]),
+                double=bool(is_double[k]),
+                note=notes[k],
+                relations=relations[k],
+            )
+            for k in range(len(types))
+        ]
 
-    def _judged(
-        self, output: int, there: LinkMotion, facts: Sequence[Type]
+    def _compare_relations(
+        self, output: int, links: LinkMotion, types: Sequence[Type]
     ) -> list[tuple[RelationAt, ...]]:
-        """Return an output's relations at n configurations, compared with the rates."""
-        forms = []
-        names = self.tracer.mechanism.links
+        """Return the relations of an output at singularities, compared with the rates.
+
+        Parameters
+        ----------
+        output
+            Position of the output in `outputs`.
+        links
+            Velocities of the links at n singularities.
+        types
+            Type of each singularity by the rates.
+
+        Returns
+        -------
+        For each singularity the relation of form i and, if it exists, of form ii.
+        """
+        relations_by_form = []
+        names = self.position_analysis.mechanism.links
         poles = tuple(self.poles(output))
-        units, bounds = there.axes(poles, self.along[0].plan_of(poles))
-        still = {pole: there.speeds(pole)[0] <= AT_REST * there.rounding for pole in poles}
-        for relation in self._made(output, units):
-            errors = np.max([bounds[pole] for pole in relation.links.poles], axis=0)
-            rates = _rate(there, units, relation.output), _rate(there, units, self.input)
-            forms.append(judged(relation, names, rates, errors, facts, still))
-        return list(zip(*forms, strict=True))
+        pole_plan = self.curve_motions[0].plan_poles(poles)
+        axes = links.pole_axes(poles, pole_plan)
+        is_resting: dict[Pole, Bools] = {}
+        for pole in poles:
+            speed, _ = links.speeds(pole)
+            is_resting[pole] = speed <= REST_ROUNDING_FACTOR * links.rounding
+        for relation in self._relations(output, axes.directions):
+            errors = [axes.errors[pole] for pole in relation.links.poles]
+            relations_by_form.append(
+                compare_with_rates(
+                    relation,
+                    names,
+                    output_rate=_relative_rate(links, axes.directions, relation.output),
+                    input_rate=_relative_rate(links, axes.directions, self.input),
+                    axis_errors=np.max(errors, axis=0),
+                    types_by_rates=types,
+                    is_resting=is_resting,
+                )
+            )
+        return list(zip(*relations_by_form, strict=True))
 
     @cached_property
     def notes(self) -> list[str]:
-        """What never says anything on a curve: axes in one plane, or on one line."""
-        names, notes = self.tracer.mechanism.links, []
-        resting = {(point.curve, point.output) for point in self.whole}
-        for (output, pair), (number, along) in product(
-            enumerate(self.outputs), enumerate(self.along)
-        ):
-            if (number, pair) in resting:
-                continue
-            axes, _ = along.axes(along.curve.s, self.poles(output))
-            for relation in self._made(output, axes):
-                if np.median(np.nan_to_num(np.hypot(relation.c, relation.d))) < ALWAYS:
+        """Relations whose coefficients vanish on a whole curve, in words.
+
+        Their axes are in one plane, or on one line, everywhere on the curve.
+        """
+        names = self.position_analysis.mechanism.links
+        notes: list[str] = []
+        resting = {(point.curve, point.output) for point in self.resting_curves}
+        for output, output_links in enumerate(self.outputs):
+            for number, curve_motion in enumerate(self.curve_motions):
+                if (number, output_links) in resting:
+                    continue
+                axes = curve_motion.pole_axes(curve_motion.curve.s, self.poles(output))
+                for relation in self._relations(output, axes.directions):
+                    sizes = np.nan_to_num(np.hypot(relation.c, relation.d))
+                    if np.median(sizes) >= VANISHING_RELATION:
+                        continue
                     links = relation.links.different
+                    link_names = ", ".join(names[k] for k in links)
                     are = "lie in one plane" if len(links) == 4 else "are one line"
                     notes.append(
-                        f"curve {number}: the axes of the links "
-                        f"{', '.join(names[k] for k in links)} {are} everywhere, so form "
-                        f"{relation.form} says nothing: the rates tell the types"
+                        f"curve {number}: the axes of the links {link_names} {are} "
+                        f"everywhere, so form {relation.form} says nothing: the rates "
+                        "tell the types"
                     )
         return notes
 
     @cached_property
     def crossings(self) -> list[SingularPoint]:
-        """The configurations at which curves end because rank is lost, for each output."""
-        crossings: list[tuple[Crossing | None, Floats, list[tuple[int, float]]]] = []
-        for number, along in enumerate(self.along):
-            curve = along.curve
-            for place, node, why in zip(
-                (0.0, curve.length), (0, -1), curve.ends, strict=True
-            ):
-                if why != Status.AT_SINGULARITY:
-                    continue
-                last = curve.nodes.values[node]
-                crossing = find_crossing(curve.closure, last)
-                values = last if crossing is None else crossing.values
-                for _, there, ends in crossings:
-                    if max_abs(curve.wrapped(values - there)) < SAME_CROSSING:
-                        ends.append((number, place))
-                        break
-                else:
-                    crossings.append((crossing, values, [(number, place)]))
+        """The configurations at which curves end by a loss of rank, for each output."""
         return [
             SingularPoint(
                 Type.III,
-                links,
-                tuple(ends),
-                np.nan if crossing is None else crossing.error,
-                values,
-                note=_crossing_doubts(crossing),
-                relations=self._on_curves_through(crossing, output),
-                crossing=crossing,
+                output_links,
+                tuple(curve_end.places),
+                np.nan if curve_end.crossing is None else curve_end.crossing.error,
+                curve_end.values,
+                note=_explain_crossing_doubts(curve_end.crossing),
+                relations=self._relations_at_crossing(curve_end.crossing, output),
+                crossing=curve_end.crossing,
             )
-            for crossing, values, ends in crossings
-            for output, links in enumerate(self.outputs)
+            for curve_end in self._singular_curve_ends()
+            for output, output_links in enumerate(self.outputs)
         ]
 
-    def _on_curves_through(
+    def _singular_curve_ends(self) -> list["_SingularCurveEnd"]:
+        """Return the configurations at which curves end by a loss of rank, each once."""
+        curve_ends: list[_SingularCurveEnd] = []
+        for number, curve_motion in enumerate(self.curve_motions):
+            curve = curve_motion.curve
+            for s, node, status in zip(
+                (0.0, curve.length), (0, -1), curve.ends, strict=True
+            ):
+                if status != Status.AT_SINGULARITY:
+                    continue
+                last_values = curve.nodes.values[node]
+                crossing = find_crossing(curve.closure, last_values)
+                values = last_values if crossing is None else crossing.values
+                for curve_end in curve_ends:
+                    difference = curve.wrapped(values - curve_end.values)
+                    if max_abs(difference) < SAME_CROSSING_RAD:
+                        curve_end.places.append((number, s))
+                        break
+                else:
+                    curve_ends.append(_SingularCurveEnd(crossing, values, [(number, s)]))
+        return curve_ends
+
+    def _relations_at_crossing(
         self, crossing: Crossing | None, output: int
     ) -> tuple[RelationAt, ...]:
-        """Return the relations on each curve through a crossing, by its own motion."""
+        """Return the relations on each curve through a crossing, in its own motion.
+
+        Parameters
+        ----------
+        crossing
+            The crossing, or None if it was not located.
+        output
+            Position of the output in `outputs`.
+        """
         if crossing is None:
             return ()
-        tangents = crossing.tangents
-        values = np.tile(crossing.values, (len(tangents), 1))
-        there = LinkMotion(self.tracer, values, tangents, np.full_like(tangents, np.nan))
-        return tuple(
-            replace(at, note=ONE_CURVE)
-            if at.type is None and {*self.outputs[output]} != {*self.input}
-            else at
-            for rows in self._judged(output, there, [Type.III] * len(tangents))
-            for at in rows
+        curve_count = len(crossing.tangents)
+        links = LinkMotion(
+            self.position_analysis,
+            values=np.tile(crossing.values, (curve_count, 1)),
+            tangents=crossing.tangents,
+            bends=np.full_like(crossing.tangents, np.nan),
         )
+        is_input = {*self.outputs[output]} == {*self.input}
+        relations: list[RelationAt] = []
+        for of_curve in self._compare_relations(output, links, [Type.III] * curve_count):
+            for relation in of_curve:
+                if relation.type is None and not is_input:
+                    relation = replace(relation, note=ONE_CURVE_NOTE)
+                relations.append(relation)
+        return tuple(relations)
 
     @cached_property
     def everywhere(self) -> int | None:
-        """The freedoms of a mechanism that nowhere has just one, to a part in a million.
+        """The degrees of freedom of a mechanism that has more than one everywhere.
 
-        None of all others. Rank counts as lost where it is for following curves.
-        Asked for at configurations of its assembly modes, and where all variables are zero
-        if the loops close there: the reference pose.
+        None for all others, and if there are curves. They are determined to a part in a
+        million, as when curves are followed, at configurations of the assembly modes and
+        in the reference pose if the loops close there.
         """
-        if self.along:
+        if self.curve_motions:
             return None
-        solver = self.tracer.solver
-        motion = self.tracer.sparse(SAMPLED)
+        solver = self.position_analysis.solver
+        motion = self.position_analysis.sparse(SAMPLES_OF_FREEDOMS)
         reference = np.zeros((1, motion.values.shape[1]))
-        closed = motion.values[~motion.failed]
+        closed_values = motion.values[~motion.failed]
         if solver.closure.at(reference).gap[0] < CLOSURE_TOLERANCE:
-            closed = np.concatenate([reference, closed])
+            closed_values = np.concatenate([reference, closed_values])
         least = min(
             (
                 solver.compute_mobility(values, CROSSING_RECIPROCAL_CONDITION)
-                for values in closed
+                for values in closed_values
             ),
             default=0,
         )
         return least if least > 1 else None
 
 
-def common_zeros(along: AlongCurve, poles: Sequence[Pole]) -> Floats:
-    """Return where at least one of two poles' links rest, as one where they agree.
+@dataclass(frozen=True)
+class _SingularCurveEnd:
+    """A configuration at which curves end because the closure loses rank.
 
-    For each of n places, in order (5, n): s, a bound of its error, by what (rad) the two
-    zeros miss each other, and for either pole 1 where its zero is double, 0 where it is
-    not, and NaN where its links do not rest.
+    Attributes
+    ----------
+    crossing
+        The crossing there, or None if it was not located.
+    values
+        (variables,) its variables (rad), or those of the last node of a curve.
+    places
+        Numbers of the curves that end there, each with the arc length of its end (rad).
     """
-    none = [[np.nan], [np.nan], [np.inf]]
-    one, two = (
-        np.hstack([np.stack(roots), none]) for pole in poles if (roots := along.zeros(pole))
+
+    crossing: Crossing | None
+    values: Floats
+    places: list[tuple[int, float]]
+
+
+@dataclass(frozen=True)
+class CommonRests:
+    """The n points of a curve at which the input, the output, or both rest.
+
+    Attributes
+    ----------
+    s, errors
+        (n,) arc lengths and bounds of their errors (rad).
+    distances
+        (n,) distance (rad) between the zero of the input and that of the output if both
+        rest, otherwise 0.
+    input_rests, output_rests
+        (n,) whether the input and the output rest.
+    input_is_double, output_is_double
+        (n,) whether their zeros are double.
+    """
+
+    s: Floats
+    errors: Floats
+    distances: Floats
+    input_rests: Bools
+    output_rests: Bools
+    input_is_double: Bools
+    output_is_double: Bools
+
+
+def find_common_rests(
+    curve_motion: CurveMotion, input_pole: Pole, output_pole: Pole
+) -> CommonRests:
+    """Return the points at which an input or an output rests, in order of arc length.
+
+    If a zero of the input and one of the output agree within their error bounds, both rest
+    at one point. Neither may rest on the whole curve.
+    """
+    curve = curve_motion.curve
+    # Rows are arc length, whether the zero is double, and error bound. The last column
+    # stands for no zero.
+    input_zeros = np.hstack([_stack_rest_points(curve_motion, input_pole), NO_ZERO])
+    output_zeros = np.hstack([_stack_rest_points(curve_motion, output_pole), NO_ZERO])
+    distances = np.abs(input_zeros[0][:, None] - output_zeros[0])
+    if curve.closed:
+        distances = np.minimum(distances, curve.length - distances)
+    # agrees[j, k]: zero j of the input and zero k of the output are the same point.
+    agrees = distances <= input_zeros[2][:, None] + output_zeros[2]
+    input_alone = ~agrees[:-1].any(axis=1)
+    output_alone = ~agrees[:, :-1].any(axis=0)
+    agrees[:-1, -1] = input_alone
+    agrees[-1, :-1] = output_alone
+    input_numbers, output_numbers = np.nonzero(agrees)
+    input_zeros = input_zeros[:, input_numbers]
+    output_zeros = output_zeros[:, output_numbers]
+    distance = np.nan_to_num(distances[agrees])
+    # The more accurate zero of the two gives the arc length.
+    is_input_better = input_zeros[2] <= output_zeros[2]
+    s, _, errors = np.where(is_input_better, input_zeros, output_zeros)
+    errors = np.maximum(errors, distance)
+    order = np.argsort(s, kind="stable")
+    input_double = input_zeros[1][order]
+    output_double = output_zeros[1][order]
+    return CommonRests(
+        s=s[order],
+        errors=errors[order],
+        distances=distance[order],
+        input_rests=~np.isnan(input_double),
+        output_rests=~np.isnan(output_double),
+        input_is_double=input_double == 1.0,
+        output_is_double=output_double == 1.0,
     )
-    gap = np.abs(one[0][:, None] - two[0])
-    if along.curve.closed:
-        gap = np.minimum(gap, along.curve.length - gap)
-    met = gap <= one[2][:, None] + two[2]
-    met[:-1, -1], met[-1, :-1] = ~met[:-1].any(axis=1), ~met[:, :-1].any(axis=0)
-    rows, columns = np.nonzero(met)
-    one = one[:, rows]
-    two = two[:, columns]
-    spread = np.nan_to_num(gap[met])
-    s, _, error = np.where(one[2] <= two[2], one, two)
-    places = np.stack([s, np.maximum(error, spread), spread, one[1], two[1]])
-    return places[:, np.argsort(s, kind="stable")]
 
 
-def doubts(places: Floats, types: Sequence[Type], different: bool) -> list[str]:
-    """Return for each of the places of `common_zeros` why its type is not certain."""
-    s, error, spread = places[:3].tolist()
+def _stack_rest_points(curve_motion: CurveMotion, pole: Pole) -> Floats:
+    """Return the zeros of a pole's rate: (3, k) arc length, 1.0 if double, error bound."""
+    points = curve_motion.rest_points(pole)
+    assert points is not None
+    return np.stack([points.s, points.is_double, points.errors])
+
+
+def explain_doubts(rests: CommonRests, types: Sequence[Type], is_input: bool) -> list[str]:
+    """Return for each singularity why its type is not certain, or an empty text.
+
+    Parameters
+    ----------
+    rests
+        The n points at which the input or the output rests.
+    types
+        Their types.
+    is_input
+        Whether the output is the input, so that both rest together.
+    """
     notes = [""] * len(types)
-
-    def undecided(gap: float, error: float) -> str:
-        return (
-            f"undecided within tolerance: input and output vanish {gap:.3g} rad apart, and "
-            f"the places are known to {error:.3g} rad"
-        )
-
+    s = rests.s.tolist()
+    errors = rests.errors.tolist()
+    distances = rests.distances.tolist()
     for k, kind in enumerate(types):
-        if different and kind == Type.SELF_MOTION and error[k] > WIDE:
-            notes[k] = undecided(spread[k], error[k])
-    for k, (one, other) in enumerate(pairwise(types)):
-        gap, both = s[k + 1] - s[k], error[k] + error[k + 1]
-        if one != other and gap < BESIDE * both:
-            notes[k] = notes[k + 1] = undecided(gap, both)
+        is_uncertain = errors[k] > MAX_SHARED_ERROR_RAD
+        if not is_input and kind == Type.SELF_MOTION and is_uncertain:
+            notes[k] = _format_undecided(distances[k], errors[k])
+    for k, (kind, next_kind) in enumerate(pairwise(types)):
+        gap = s[k + 1] - s[k]
+        sum_of_errors = errors[k] + errors[k + 1]
+        if kind != next_kind and gap < UNDECIDED_GAP_FACTOR * sum_of_errors:
+            notes[k] = _format_undecided(gap, sum_of_errors)
+            notes[k + 1] = notes[k]
     return notes
 
 
-def _rate(there: LinkMotion, axes: dict[Pole, Floats], links: tuple[int, int]) -> Floats:
-    """Return the rate (n,) of a link relative to another, by the axis of their pole."""
-    w, _ = there.relative(*links[::-1])
-    return np.vecdot(w, axes[pole_of(*links)])
+def _format_undecided(distance: float, error: float) -> str:
+    """Return the note of zeros of input and output whose distance is not certain (rad)."""
+    return (
+        f"undecided within tolerance: input and output vanish {distance:.3g} rad apart, "
+        f"and the places are known to {error:.3g} rad"
+    )
 
 
-def _crossing_doubts(crossing: Crossing | None) -> str:
-    """Return why the loss of rank at the end of curves is not certain, or nothing."""
+def _relative_rate(
+    motion: LinkMotion, axes: dict[Pole, Floats], links: tuple[int, int]
+) -> Floats:
+    """Return the rate (n,) of the first of two links relative to the second.
+
+    `axes` are the unit vectors (n, 3) by pole, whose sense gives the sign of the rate.
+    """
+    link, reference = links
+    w, _ = motion.relative(reference, link)
+    return np.vecdot(w, axes[pole_of(link, reference)])
+
+
+def _explain_crossing_doubts(crossing: Crossing | None) -> str:
+    """Return why a loss of rank at the end of curves is not certain, or an empty text."""
     if crossing is None:
         return (
             "the curve ends where the closure equations lose rank, but the configuration "
             "was not located: the loss is of higher order"
         )
     notes = []
-    if crossing.miss > DECIDED_MISS:
+    if crossing.miss > MAX_CROSSING_MISS_RAD:
         notes.append(
             f"undecided within tolerance: the loops miss the crossing by "
             f"{crossing.miss:.3g} rad, so two curves may pass each other instead"

@@ -1,4 +1,4 @@
-"""What is found of singularities of one input: types, places, rates, relations."""
+"""One singularity of a mechanism with one input: type, position, rates and relations."""
 
 from dataclasses import dataclass
 
@@ -14,30 +14,34 @@ class SingularPoint:
 
     Attributes
     ----------
-    type, output
-        Its type, and the output (o, s). III where curves cross, or end before a loss of
-        rank.
+    type
+        Its type. It is III where curves cross, or end because the closure loses rank.
+    output
+        The output (o, s): link o relative to link s.
     places
-        The numbers of the configuration curves, each with the place on it (rad of arc
-        length): where curves cross several, the ends of these. NaN where an output or the
-        input stands still on the whole curve.
+        The numbers of configuration curves, each with the arc length on it (rad). Where
+        curves cross these are the ends of several curves. The arc length is NaN if an
+        output or the input stands still on the whole curve.
     error
-        Bound of the error of the place (rad).
+        Bound of the error of the arc length (rad).
     values
-        (variables,) rad; where curves end at no located crossing those of the last node.
+        (variables,) the configuration (rad). If curves end at a crossing that was not
+        located, it is that of the last node.
     input_turns, output_turns
-        Whether the input and the output reverse there: not where they only touch zero.
+        Whether the input and the output reverse there. They do not if the rate only
+        touches zero.
     double
-        Whether what vanishes touches zero only, or vanishes twice too near to part.
+        Whether a vanishing rate only touches zero, or has two zeros that cannot be
+        separated.
     note
         Why the type, or the loss of rank, is not certain within rounding, or an empty
         string.
     relations
-        The relation in form i, and in form ii where there is one; of a crossing those on
+        The relation in form i, and in form ii if there is one. For a crossing those on
         each curve through it.
     crossing
-        The crossing of curves, its freedoms and the directions of its curves; None if it
-        is none or was not located.
+        The crossing of curves, with its freedoms and the directions of its curves; None
+        if there is none or it was not located.
     """
 
     type: Type
@@ -54,13 +58,15 @@ class SingularPoint:
 
     @property
     def curve(self) -> int:
-        """The number of its first curve."""
-        return self.places[0][0]
+        """The number of the first curve in `places`."""
+        number, _ = self.places[0]
+        return number
 
     @property
     def s(self) -> float:
-        """The place on that (rad)."""
-        return self.places[0][1]
+        """The arc length on this curve (rad)."""
+        _, arc_length = self.places[0]
+        return arc_length
 
     @property
     def certain(self) -> bool:

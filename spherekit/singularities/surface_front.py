@@ -43,7 +43,7 @@ VERTICES_COMPUTED_TOGETHER = 32
 """New vertices of successive edges that Newton's method computes at once, for speed."""
 MAX_FRONT_VERTICES = 20_000
 """Number of vertices at which a mesh ends, before halving."""
-CROSSING_RECIPROCAL_CONDITION = 1e-4
+SURFACE_CROSSING_CONDITION = 1e-4
 """Below this reciprocal condition of its equations, surfaces cross at a point. Larger: the
 mesh ends farther away from crossings; smaller: it may change from surface to surface."""
 NEW_VERTEX = -1
@@ -119,7 +119,7 @@ class SurfaceFront:
         crossings = 0
         for points in self.search.batches():
             is_inside = self.report.points(points).inside
-            is_crossing = points.reciprocal_condition < CROSSING_RECIPROCAL_CONDITION
+            is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
             crossings += int(np.sum(is_inside & is_crossing))
             for row in np.flatnonzero(is_inside):
                 if self.mesh_surface(points.rows(slice(row, row + 1))):
@@ -146,7 +146,7 @@ class SurfaceFront:
         -------
         Whether the mesh was extended.
         """
-        is_crossing = seed.reciprocal_condition[0] < CROSSING_RECIPROCAL_CONDITION
+        is_crossing = seed.reciprocal_condition[0] < SURFACE_CROSSING_CONDITION
         covering = self.find_vertices_near(seed.values[0], seed.motions[0], self.side)
         if is_crossing or len(covering) or not self._may_add_vertex():
             return False
@@ -215,7 +215,7 @@ class SurfaceFront:
         borders = np.swapaxes(starts.tangents, 1, 2)
         targets = np.matvec(borders, guess)
         points = self.report.locus.correct(guess, motion_guess, borders, targets)
-        is_crossing = points.reciprocal_condition < CROSSING_RECIPROCAL_CONDITION
+        is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
         is_regular = points.is_on_locus & ~is_crossing
         # Singular values of the products of two orthonormal bases are the cosines of the
         # angles between the tangent planes.

@@ -1,0 +1,136 @@
+"""The part of a mechanism that determines the positions of some links.
+
+Links that are attached to this part multiply the assembly modes and curves, and do not
+affect the links of interest, unless they stop the input. A group is left out only if it has
+no dead centre at any input.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.geometry.vectors import max_abs
+from spherekit.numerics.angles import wrap
+from spherekit.planning.submechanism import part_for
+from spherekit.positions.configuration_space import SAME_CONFIGURATION
+from spherekit.positions.input_turning_points import input_turning_points
+from spherekit.positions.mode_search import MOST_COST, MOST_TIME
+from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.status import Status
+
+COMPARED_SAMPLES = 9
+"""Samples at which assembly modes of the part and of the whole are compared. Larger: modes
+that agree by chance are distinguished; smaller: faster."""
+EQUAL_TURNING_INPUT_RAD = 1e-6
+"""Inputs at which modes meet are the same in the part and in the whole if they differ by
+less. Larger: other dead centres count as the same; smaller: rounding prevents the use of
+the part."""
+
+
+@dataclass(frozen=True)
+class PlacingPart:
+    """A part of a mechanism, or the whole mechanism if nothing can be left out.
+
+    Attributes
+    ----------
+    position_analysis
+        The position analysis of the part.
+    variables
+        Number in the whole mechanism of each variable of the part.
+    whole_modes
+        Assembly modes of the whole mechanism by the mode of the part that they contain.
+    """
+
+    position_analysis: PositionAnalysis
+    variables: list[int]
+    whole_modes: dict[int, tuple[int, ...]]
+
+
+def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart:
+    """Return the part of a mechanism that places links relative to the input.
+
+    Parameters
+    ----------
+    whole
+        Position analysis of the whole mechanism, with one input.
+    links
+        Numbers of the links.
+    """
+    mechanism = whole.mechanism
+    # By rank, degrees of freedom belong to the whole mechanism. Phases of wheels in mesh
+    # also depend on all wheels.
+    if not whole.by_rank:
+        part_mechanism = part_for(mechanism, links)
+        if part_mechanism is not mechanism and whole.solver.gear_phases is None:
+            path = np.linspace(*whole.range, COMPARED_SAMPLES)[:, None]
+            part = PositionAnalysis(part_mechanism, path=path)
+            variables: list[int] = []
+            for pair in part_mechanism.pairs:
+                number = mechanism.pair_number[pair.name]
+                variables += mechanism.variables_of(number)
+            whole_modes = _match_modes(whole, part, variables)
+            if whole_modes is not None and _have_same_turning_points(whole, part):
+                return PlacingPart(part, variables, whole_modes)
+    all_variables = list(range(len(mechanism.variable_owners)))
+    same_modes = {mode.number: (mode.number,) for mode in whole.assembly_modes}
+    return PlacingPart(whole, all_variables, same_modes)
+
+
+def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -> bool:
+    """Return whether modes of the whole meet at the same inputs as modes of the part.
+
+    All inputs of one revolution are compared, because the links that are left out may have
+    a dead centre outside the range.
+    """
+    whole_points, part_points = (
+        input_turning_points(analysis.solver, -np.pi, np.pi, MOST_COST, MOST_TIME)
+        for analysis in (whole, part)
+    )
+    if len(whole_points.doubtful) or len(whole_points.places) != len(part_points.places):
+        return False
+    differences = np.abs(whole_points.places - part_points.places)
+    return bool(np.all(differences < EQUAL_TURNING_INPUT_RAD))
+
+
+def _match_modes(
+    whole: PositionAnalysis, part: PositionAnalysis, variables: list[int]
+) -> dict[int, tuple[int, ...]] | None:
+    """Return the assembly modes of the whole that contain each mode of the part.
+
+    None if a mode of the whole contains none.
+
+    Parameters
+    ----------
+    whole, part
+        Position analyses.
+    variables
+        Number in the whole mechanism of each variable of the part.
+    """
+    motion = whole.sparse(COMPARED_SAMPLES)
+    sample_count = motion.samples
+    part_values = {
+        mode.number: part.solver.evaluate(mode, motion.inputs[:sample_count]).values
+        for mode in part.assembly_modes
+    }
+    whole_modes: dict[int, tuple[int, ...]] = dict.fromkeys(part_values, ())
+    # Axes: mode of the whole, sample, variable of the part.
+    shape = (-1, sample_count, len(variables))
+    whole_values = motion.values[:, variables].reshape(shape)
+    statuses = motion.status.reshape(-1, sample_count)
+    for mode, values, status in zip(
+        whole.assembly_modes, whole_values, statuses, strict=True
+    ):
+        has_configuration = status == Status.OK
+        if not np.any(has_configuration):
+            return None
+        part_number = None
+        for number, values_of_part in part_values.items():
+            differences = wrap((values_of_part - values)[has_configuration])
+            if max_abs(differences) < SAME_CONFIGURATION:
+                part_number = number
+                break
+        if part_number is None:
+            return None
+        whole_modes[part_number] += (mode.number,)
+    return whole_modes
