@@ -14,9 +14,9 @@ from spherekit.geometry.orientation_region import find_orientations
 from spherekit.geometry.rotation import from_quaternion
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.outputs.output_kinematics import ClosedKinematics
 from spherekit.outputs.pose_constraints import (
     AngleLimit,
-    ClosedKinematics,
     Constraints,
     InterferenceLimit,
     bounds_of,

@@ -15,7 +15,7 @@ from spherekit_analyses.inverse_kinematics.pose_lists import read_poses
 import spherekit as sk
 from spherekit.errors import AnalysisError, FileError
 from spherekit.geometry.sphere_mesh import spiral_directions
-from spherekit.outputs.dyad_chain import rates_of_turns
+from spherekit.outputs.dyad_chain import invert_output_rates
 from spherekit.outputs.forward_kinematics import ForwardKinematics, output_rates
 from spherekit.outputs.pose_solver import GraphKinematics, output_kinematics
 from spherekit.positions.motion import make_motion
@@ -55,7 +55,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     own = ForwardKinematics(solver.mechanism).solver
     turns = output_rates(make_motion(own, rows.values[good]), solver.output)
     directions = poses[rows.pose[good]] if solver.points else None
-    rates, type_1 = rates_of_turns(turns, directions)
+    rates, type_1 = invert_output_rates(turns, directions)
     known = np.isfinite(turns).all(axis=(1, 2))
     assert np.mean(known) > 0.9
     size = np.max(np.abs(rows.rates[good][known]), axis=(1, 2))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.geometry.rotation import angles_between
-from spherekit.outputs.forward_kinematics import ForwardKinematics, pose_of
+from spherekit.outputs.forward_kinematics import ForwardKinematics, output_orientations
 from spherekit.outputs.pose_solver import output_kinematics
 from spherekit.status import Status
 from spherekit.tolerances import EPS
@@ -72,7 +72,9 @@ def test_orientations_return(name, count):
         start = rows.values[good]
         start[:, free] += 1e-4 * rows.type_2[good][:, None] * noise[: np.sum(good)]
         values = own.closure.solve(start, own.driven).values
-        back = pose_of(solver.mechanism, solver.output, own.closure.at(values).placed)
+        back = output_orientations(
+            solver.mechanism, solver.output, own.closure.at(values).placed
+        )
         keeps_the_law(angles_between(back, poses[good]), rows.type_2[good])
         again = solver.inverse(back, [mode])
         least = rows.type_1[good].min(axis=1)

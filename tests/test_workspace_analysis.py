@@ -24,13 +24,13 @@ from spherekit.outputs.pose_constraints import (
     Constraints,
     InterferenceLimit,
     bounds_of,
-    left_of,
+    find_least_margin,
 )
 from spherekit.outputs.pose_solver import closed_kinematics
 from spherekit.outputs.workspace import (
     direction_workspaces,
     judge,
-    margins_of,
+    make_margins,
     nearest_reachable,
     orientation_samples,
     orientation_workspaces,
@@ -175,7 +175,7 @@ def test_width_of_links_is_an_angle_between_axes(mid_plane):
     """Links of a width on a radius, as section 3 of Chen et al. has it."""
     wide = Constraints(width=np.radians(10.0) * 0.3, radius=0.3)
     same = [bounds_of(mid_plane, wanted) for wanted in (ten_degrees(), wide)]
-    margins = [margins_of(mid_plane, bounds, (1, 1, 1))(DIRECTIONS) for bounds in same]
+    margins = [make_margins(mid_plane, bounds, (1, 1, 1))(DIRECTIONS) for bounds in same]
     assert np.allclose(*margins, atol=1e-15, equal_nan=True)
 
 
@@ -349,7 +349,7 @@ def test_on_a_limit_nothing_is_missing():
     rounded = []
     for limit in np.random.default_rng(1).uniform(0.1, 3.0, 50):
         bound = AngleLimit("a", limit, True, lambda _, x=limit: np.array([np.cos(x)]))
-        left, _ = left_of([bound], None)
+        left, _ = find_least_margin([bound], None)
         assert 0.0 <= left[0] < 1e-15
         rounded.append(float(np.arccos(np.cos(limit))) < limit)
     assert any(rounded)

@@ -1,25 +1,29 @@
-"""A pointing output whose mechanism falls into dyads once one bar is taken out.
+"""A pointing output whose mechanism consists of dyads once one link is taken out.
 
-With the output pointing somewhere, its turn about that direction may be what keeps the
-mechanism from falling into dyads. With the turn held too, one link with two pairs, a bar,
-is too many; without it the rest is dyads. The bar's arc is then one equation in the turn,
-f = p . q - cos(arc) for its two axes p and q, and each of its roots a configuration. The
-derivative of f comes from the rates of the dyads, exactly.
+While the output points in a direction, it can still turn about that direction by an angle,
+the *turn*. If the turn is held too, a mechanism may consist of dyads and one more link with
+two pairs, the *closing link* (called a bar in the names of legs). Its arc is one equation
+for the turn,
+
+    f = p . q - cos(arc) = 0,
+
+with the axes p and q of its pairs as the neighbouring links carry them. Each root is a
+configuration. The derivative of the residual f follows exactly from the rates of the dyads.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats, Indices
+from spherekit.arrays import Floats, Indices
 from spherekit.errors import CountError
 from spherekit.geometry.triangle import frame_from, frame_toward, perpendicular
 from spherekit.mechanism.joint import revolutes
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
-from spherekit.outputs.dyad_chain import Dyads, Signs
+from spherekit.outputs.dyad_chain import DyadChain, Signs
 from spherekit.outputs.virtual_output import VirtualOutputChain
-from spherekit.outputs.working_mode import Fraction, PosedMode
+from spherekit.outputs.working_mode import RateFraction, WorkingMode
 from spherekit.planning.assembly_plan import Assembly, split_into_groups
 from spherekit.planning.mobility import merge_locked_links
 from spherekit.positions.loop_closure import newton
@@ -27,201 +31,426 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.velocities.direction_signs import dot
 from spherekit.velocities.pole_request import cross
 
-SAMPLES = 120
-"""Turns at which the bar's equation is looked at for changes of its sign."""
-STEPS = 12
-"""Newton's steps from a start."""
-LONGEST = 0.3
-"""Longest step of Newton's method (rad)."""
-CONVERGED = 1e-11
-"""A last step below this (rad) has converged: the next one is below rounding."""
-CLOSED = 1e-7
-"""f at a root is less: at the end of a dyad's reach its slope has no end, and a step from
-there none either."""
-SAME_TURN = 1e-7
-"""Roots nearer to each other (rad) are one."""
+TURN_SAMPLES = 120
+"""Number of turns between which roots of the residual are bracketed.
+
+Larger: fewer pairs of close roots are missed, in more time.
+"""
+
+MAX_TURN_STEPS = 12
+"""Largest number of Newton steps for the turn from a start.
+
+Larger: more starts far from a root converge. Smaller: less time where none does.
+"""
+
+MAX_TURN_STEP_RAD = 0.3
+"""Longest Newton step (rad) of the turn.
+
+Larger: the method can leave the neighbourhood of the start. Smaller: more steps.
+"""
+
+TURN_STEP_TOLERANCE_RAD = 1e-11
+"""Newton step (rad) of the turn below which the method has converged.
+
+The next step would be below the rounding error. Larger: turns with larger errors count as
+converged. Smaller: rounding errors are reported as NOT_CONVERGED.
+"""
+
+CLOSING_RESIDUAL = 1e-7
+"""Largest residual f at a root.
+
+At the limit of a dyad's reach the slope of f is infinite, and a step from there is too, so
+the step alone does not show a root. Larger: turns at which f only jumps count as roots.
+Smaller: roots near the limit of the reach are lost because of rounding errors.
+"""
+
+SAME_TURN_RAD = 1e-7
+"""Difference (rad) of turns below which two roots are one.
+
+Larger: two close solutions count as one. Smaller: a root that was bracketed twice counts as
+two.
+"""
+
+
+@dataclass(frozen=True)
+class TurnSolutions:
+    """The roots of the residual at several directions, ordered by direction and turn.
+
+    Attributes
+    ----------
+    row
+        (k,) number of the direction.
+    turn
+        (k,) turn (rad) in (-pi, pi].
+    sense
+        (k,) sign of the slope of the residual, 1.0 or -1.0.
+    """
+
+    row: Indices
+    turn: Floats
+    sense: Floats
+
+
+@dataclass(frozen=True)
+class TurnBrackets:
+    """Intervals of the turn in which the residual changes its sign.
+
+    Attributes
+    ----------
+    row
+        (k,) number of the direction.
+    low, high
+        (k,) ends of the interval (rad).
+    low_residual, high_residual
+        (k,) residual at both ends.
+    """
+
+    row: Indices
+    low: Floats
+    high: Floats
+    low_residual: Floats
+    high_residual: Floats
 
 
 @dataclass(frozen=True)
 class DyadsWithClosingLink:
-    """A pointing mechanism of dyads and one bar.
+    """A pointing mechanism that consists of dyads and a closing link.
 
-    `pairs` are those of the link `bar`, `links` the links that it joins, `cosine` that of
-    its arc. `frame` (3, 3) has two axes that the turn is measured from, and the output's
-    direction, as rows.
+    Attributes
+    ----------
+    chain
+        The dyads, which stand on the base and on the output link.
+    assembly
+        The groups of the mechanism without the closing link.
+    link
+        Number of the closing link.
+    pairs
+        Numbers of its two pairs.
+    neighbours
+        Numbers of the two links that it joins, in the order of `pairs`.
+    arc_cosine
+        Cosine of the angle between its axes.
+    frame
+        (3, 3) right-handed frame in the axes of the output link, as rows: two axes from
+        which the turn is measured, then the direction of the output.
     """
 
-    dyads: Dyads
+    chain: DyadChain
     assembly: Assembly
-    bar: int
+    link: int
     pairs: tuple[int, ...]
-    links: tuple[int, ...]
-    cosine: float
+    neighbours: tuple[int, ...]
+    arc_cosine: float
     frame: Floats
 
-    def place(self, directions: Floats, turn: Floats, signs: Signs) -> PosedMode:
-        """Return the dyads with the output pointing in directions (3, n) at turns (n,)."""
-        one, other = _around(directions)
+    def place_dyads(self, directions: Floats, turn: Floats, signs: Signs) -> WorkingMode:
+        """Return the dyads while the output has given directions and turns.
+
+        Parameters
+        ----------
+        directions
+            (3, n) unit vectors in the axes of the base.
+        turn
+            (n,) turns about them (rad).
+        signs
+            The sign of each dyad, without that of the closing link.
+        """
+        x_axis, y_axis = _axes_around(directions)
         c = np.cos(turn)
         s = np.sin(turn)
-        axes = [one * c + other * s, other * c - one * s, directions]
-        columns = np.einsum("ai,ajn->ijn", self.frame, axes)
-        return PosedMode(self.dyads, signs, {}, columns)
+        axes = [x_axis * c + y_axis * s, y_axis * c - x_axis * s, directions]
+        # Axis a of the frame has the components frame[a, j] in the output link (j) and
+        # axes[a][i, n] in the base (i). The orientation is the sum of their products.
+        rotation = np.einsum("aj,ain->jin", self.frame, axes)
+        return WorkingMode(self.chain, signs, {}, rotation)
 
-    def turn_of(self, directions: Floats, rotations: Floats) -> Floats:
-        """Return the turns (n,) nearest to orientations (n, 3, 3) of the output link."""
-        first, second = (rotations @ self.frame[:2].T).T
-        one, other = _around(directions)
-        sine = dot(other, first) - dot(one, second)
-        return np.arctan2(sine, dot(one, first) + dot(other, second))
+    def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
+        """Return the turns (n,) in rad that are nearest to those of orientations.
 
-    def links_of(self, placed: PosedMode, count: int) -> Floats:
-        """Return the orientations (n, count, 3, 3) of all links but the virtual ones."""
-        assert placed.given_rotation is not None
-        n = placed.given_rotation.shape[-1]
+        Parameters
+        ----------
+        directions
+            (3, n) unit vectors.
+        rotations
+            (n, 3, 3) orientations of the output link, which may point elsewhere.
+        """
+        x_image, y_image = (rotations @ self.frame[:2].T).T
+        x_axis, y_axis = _axes_around(directions)
+        sine = dot(y_axis, x_image) - dot(x_axis, y_image)
+        return np.arctan2(sine, dot(x_axis, x_image) + dot(y_axis, y_image))
+
+    def link_orientations(self, mode: WorkingMode, count: int) -> Floats:
+        """Return the orientations (n, count, 3, 3) of the first links.
+
+        Parameters
+        ----------
+        mode
+            The dyads, as `place_dyads` returns them.
+        count
+            Number of links without the virtual ones, which come last.
+        """
+        assert mode.posed_rotation is not None
+        n = mode.posed_rotation.shape[-1]
         rotations = np.empty((n, count, 3, 3))
         for link in range(count):
-            if link == self.bar:
+            if link == self.link:
                 continue
-            for k, vector in enumerate(np.eye(3)):
-                rotations[:, link, :, k] = placed.vector(link, vector).T
-        outer = (np.broadcast_to(axis, (3, n)).T for axis in self._ends(placed))
-        inner = (self.dyads.axis_in(pair, self.bar) for pair in self.pairs)
-        rotations[:, self.bar] = frame_toward(*outer) @ frame_toward(*inner).T
+            for column, unit_vector in enumerate(np.eye(3)):
+                rotations[:, link, :, column] = mode.vector(link, unit_vector).T
+        # The closing link is placed by the axes of its two pairs.
+        first_outer, second_outer = (
+            np.broadcast_to(axis, (3, n)).T for axis in self._end_axes(mode)
+        )
+        first_inner, second_inner = (
+            self.chain.axis_in(pair, self.link) for pair in self.pairs
+        )
+        outer_frame = frame_toward(first_outer, second_outer)
+        inner_frame = frame_toward(first_inner, second_inner)
+        rotations[:, self.link] = outer_frame @ inner_frame.T
         return rotations
 
-    def _ends(self, placed: PosedMode) -> list[Floats]:
-        """Return the axes of the bar, as the links that it joins have them."""
-        return list(map(placed.axis, self.pairs, self.links))
+    def _end_axes(self, mode: WorkingMode) -> tuple[Floats, Floats]:
+        """Return the axes p and q (3, n) of the pairs, as the neighbours carry them."""
+        first, second = map(mode.axis, self.pairs, self.neighbours)
+        return first, second
 
-    def gap(self, placed: PosedMode) -> Floats:
-        """Return f (n,)."""
-        return dot(*self._ends(placed)) - self.cosine
+    def residual(self, mode: WorkingMode) -> Floats:
+        """Return the residual f (n,); NaN where a dyad does not reach."""
+        p, q = self._end_axes(mode)
+        return dot(p, q) - self.arc_cosine
 
-    def rate(self, placed: PosedMode) -> Fraction:
-        """Return the rate of f per unit rate of the output."""
-        normal = cross(*self._ends(placed))
-        one, other = map(placed.along, (normal, normal), self.links, self.pairs)
-        return one - other
+    def residual_rate(self, mode: WorkingMode) -> RateFraction:
+        """Return the rate of f per unit angular velocity of the output."""
+        p, q = self._end_axes(mode)
+        # f' = (p x q) . (w_p - w_q) with the angular velocities of both neighbours. The
+        # normal p x q is at right angles to the axes of both pairs.
+        normal = cross(p, q)
+        first_link, second_link = self.neighbours
+        first_pair, second_pair = self.pairs
+        first_rate = mode.angular_velocity_along(normal, first_link, first_pair)
+        second_rate = mode.angular_velocity_along(normal, second_link, second_pair)
+        return first_rate - second_rate
 
-    def slope(self, placed: PosedMode, directions: Floats) -> Floats:
-        """Return the derivative of f (n,) by the turn."""
-        rate = self.rate(placed)
-        return dot(rate.top, directions) / rate.bottom
+    def slope(self, mode: WorkingMode, directions: Floats) -> Floats:
+        """Return the derivative (n,) of f by the turn about directions (3, n)."""
+        rate = self.residual_rate(mode)
+        return dot(rate.numerator, directions) / rate.denominator
 
-    def close(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
-        """Return turns (n,) that close the bar, by Newton's method."""
+    def solve_turn(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
+        """Return turns (n,) that close the closing link, by Newton's method.
 
-        def change(at: Floats, rows: Indices) -> Floats:
-            placed = self.place(directions[:, rows], at[:, 0], signs)
-            step = -self.gap(placed) / self.slope(placed, directions[:, rows])
+        Parameters
+        ----------
+        directions
+            (3, n) directions of the output.
+        turn
+            (n,) turns (rad) from which the method starts.
+        signs
+            The sign of each dyad.
+
+        Returns
+        -------
+        (n,) the turns at which the method ended, converged or not.
+        """
+
+        def newton_step(turns: Floats, rows: Indices) -> Floats:
+            """Return the steps (k, 1) of some rows from turns (k, 1)."""
+            row_directions = directions[:, rows]
+            mode = self.place_dyads(row_directions, turns[:, 0], signs)
+            step = -self.residual(mode) / self.slope(mode, row_directions)
             return np.where(np.isfinite(step), step, 0.0)[:, None]
 
-        values, _ = newton(change, turn[:, None], STEPS, CONVERGED, LONGEST)
+        values, _ = newton(
+            newton_step,
+            turn[:, None],
+            MAX_TURN_STEPS,
+            TURN_STEP_TOLERANCE_RAD,
+            MAX_TURN_STEP_RAD,
+        )
         return values[:, 0]
 
-    def roots(self, directions: Floats, signs: Signs) -> tuple[Indices, Floats, Floats]:
-        """Return every turn found at directions (3, n): rows, turns, senses of f.
+    def find_turns(self, directions: Floats, signs: Signs) -> TurnSolutions:
+        """Return the roots of f at directions (3, n), for the signs of the dyads.
 
-        Looked for where f changes its sign between equally spaced samples, between one
-        of them and the turn beside it at which a dyad gets out of reach, and between them
-        and an extremum of f.
+        Roots are bracketed between equally spaced samples of the turn, the turns at which a
+        dyad gets out of reach, and the extrema of f. Close pairs of roots can be missed.
         """
-        row, *ends = self._brackets(directions, signs)
+        brackets = self._bracket_roots(directions, signs)
+        row = brackets.row
 
-        def gap(turn: Floats, some: Indices) -> Floats:
-            return self.gap(self.place(directions[:, row[some]], turn, signs))
+        def residual(turn: Floats, some: Indices) -> Floats:
+            """Return f (k,) at turns (k,) in some of the brackets."""
+            return self.residual(self.place_dyads(directions[:, row[some]], turn, signs))
 
-        turns, _ = find_bracketed_zeros(gap, *ends)
-        held = np.abs(gap(turns, np.arange(len(row)))) < CLOSED
-        row = row[held]
-        turns = wrap(turns[held])
+        turns, _ = find_bracketed_zeros(
+            residual,
+            brackets.low,
+            brackets.high,
+            brackets.low_residual,
+            brackets.high_residual,
+        )
+        is_root = np.abs(residual(turns, np.arange(len(row)))) < CLOSING_RESIDUAL
+        row = row[is_root]
+        turns = wrap(turns[is_root])
         order = np.lexsort((turns, row))
         row = row[order]
         turns = turns[order]
-        new = np.diff(row, prepend=-1) > 0
-        new |= np.diff(turns, prepend=0.0) > SAME_TURN
-        row = row[new]
-        turns = turns[new]
-        slope = self.slope(self.place(directions[:, row], turns, signs), directions[:, row])
-        return row, turns, np.where(slope < 0.0, -1.0, 1.0)
+        is_new = np.diff(row, prepend=-1) > 0
+        is_new |= np.diff(turns, prepend=0.0) > SAME_TURN_RAD
+        row = row[is_new]
+        turns = turns[is_new]
+        root_directions = directions[:, row]
+        mode = self.place_dyads(root_directions, turns, signs)
+        slope = self.slope(mode, root_directions)
+        return TurnSolutions(row, turns, sense=np.where(slope < 0.0, -1.0, 1.0))
 
-    def _brackets(self, directions: Floats, signs: Signs) -> list[Array]:
-        """Return rows, two turns with a root of f between, and f at these."""
+    def _bracket_roots(self, directions: Floats, signs: Signs) -> TurnBrackets:
+        """Return intervals of the turn in which f changes its sign.
+
+        Between two samples a root can be hidden in two ways: a dyad gets out of reach, or f
+        has an extremum on the side of 0 that is not sampled. The turn where this happens is
+        searched and inserted as a further sample.
+
+        Parameters
+        ----------
+        directions
+            (3, n) directions of the output.
+        signs
+            The sign of each dyad.
+        """
         n = directions.shape[1]
-        spacing = 2.0 * np.pi / SAMPLES
-        row = np.repeat(np.arange(n), SAMPLES + 1)
-        turn = np.tile(np.linspace(-np.pi, np.pi, SAMPLES + 1), n)
-        placed = self.place(directions[:, row], turn, signs)
-        gap = self.gap(placed)
-        tilt = self.slope(placed, directions[:, row])
-        rising = gap * tilt
-        turns_back = ~np.diff(gap <= 0.0) & (rising[:-1] < 0.0) & (rising[1:] > 0.0)
-        reached = np.isfinite(gap)
-        odd = np.flatnonzero((turns_back | np.diff(reached)) & (np.diff(row) == 0))
-        start = turn[odd + ~reached[odd]]
-        some = directions[:, row[odd]]
-        alike = np.where(turns_back, tilt[:-1], np.nan)[odd]
+        spacing = 2.0 * np.pi / TURN_SAMPLES
+        # All samples of a direction follow each other.
+        row = np.repeat(np.arange(n), TURN_SAMPLES + 1)
+        turn = np.tile(np.linspace(-np.pi, np.pi, TURN_SAMPLES + 1), n)
+        mode = self.place_dyads(directions[:, row], turn, signs)
+        residual = self.residual(mode)
+        slope = self.slope(mode, directions[:, row])
 
-        def unlike(at: Floats, which: Indices) -> Floats:
-            """Return -1 where all dyads are in reach and f goes on as at the start."""
-            placed = self.place(some[:, which], at, signs)
-            turned = self.slope(placed, some[:, which]) * alike[which] <= 0.0
-            return np.where(np.isfinite(self.gap(placed)) & ~turned, -1.0, 1.0)
+        # |f| falls at the start of the cell and rises at its end, without a sign change.
+        size_slope = residual * slope
+        has_extremum = (
+            ~np.diff(residual <= 0.0) & (size_slope[:-1] < 0.0) & (size_slope[1:] > 0.0)
+        )
+        is_reached = np.isfinite(residual)
+        is_same_direction = np.diff(row) == 0
+        (cell,) = np.nonzero((has_extremum | np.diff(is_reached)) & is_same_direction)
+        # The search starts at the end of the cell that is in reach.
+        start_turn = turn[cell + ~is_reached[cell]]
+        cell_directions = directions[:, row[cell]]
+        start_slope = np.where(has_extremum, slope[:-1], np.nan)[cell]
 
-        one = np.ones(len(odd))
-        way = np.where(reached[odd], spacing, -spacing)
-        _, last = find_bracketed_zeros(unlike, start, start + way, -one, one)
-        row = np.insert(row, odd + 1, row[odd])
-        turn = np.insert(turn, odd + 1, last)
-        gap = np.insert(gap, odd + 1, self.gap(self.place(some, last, signs)))
-        crossed = np.diff(gap >= 0.0) & np.isfinite(gap[:-1] + gap[1:])
-        at = np.flatnonzero(crossed & (np.diff(row) == 0))
-        return [row[at], turn[at], turn[at + 1], gap[at], gap[at + 1]]
+        def is_beyond(turns: Floats, which: Indices) -> Floats:
+            """Return -1.0 before the searched turn and 1.0 beyond it.
+
+            Beyond it a dyad is out of reach, or f has another slope than at the start.
+            """
+            mode = self.place_dyads(cell_directions[:, which], turns, signs)
+            slopes = self.slope(mode, cell_directions[:, which])
+            is_past_extremum = slopes * start_slope[which] <= 0.0
+            is_before = np.isfinite(self.residual(mode)) & ~is_past_extremum
+            return np.where(is_before, -1.0, 1.0)
+
+        ones = np.ones(len(cell))
+        distance = np.where(is_reached[cell], spacing, -spacing)
+        _, inserted_turn = find_bracketed_zeros(
+            is_beyond, start_turn, start_turn + distance, -ones, ones
+        )
+        inserted_mode = self.place_dyads(cell_directions, inserted_turn, signs)
+        row = np.insert(row, cell + 1, row[cell])
+        turn = np.insert(turn, cell + 1, inserted_turn)
+        residual = np.insert(residual, cell + 1, self.residual(inserted_mode))
+
+        is_crossed = np.diff(residual >= 0.0) & np.isfinite(residual[:-1] + residual[1:])
+        (bracket,) = np.nonzero(is_crossed & (np.diff(row) == 0))
+        return TurnBrackets(
+            row=row[bracket],
+            low=turn[bracket],
+            high=turn[bracket + 1],
+            low_residual=residual[bracket],
+            high_residual=residual[bracket + 1],
+        )
 
 
-def turned(
-    wrist: VirtualOutputChain, solver: PositionSolver
+def find_closing_link(
+    virtual_chain: VirtualOutputChain, solver: PositionSolver
 ) -> DyadsWithClosingLink | None:
-    """Return the dyads and the bar of a pointing output, None if there are none.
+    """Return the dyads and the closing link of a pointing output, None if it has none.
 
-    Of several bars, the one that leaves dyads which depend least on each other.
+    If several links can be the closing link, the one is returned that leaves dyads which
+    depend least on each other.
+
+    Parameters
+    ----------
+    virtual_chain
+        The mechanism with virtual links that hold the output.
+    solver
+        Solver of this mechanism.
     """
-    made = wrist.mechanism
-    direction = wrist.output.direction
+    mechanism = virtual_chain.mechanism
+    direction = virtual_chain.output.direction
     joints = revolutes(solver.joints)
-    if not wrist.points or direction is None or len(joints) < len(made.pairs):
+    has_contacts = len(joints) < len(mechanism.pairs)
+    if not virtual_chain.points or direction is None or has_contacts:
         return None
-    held = wrist.pairs
-    bodies = merge_locked_links(made, held)
+    held_pairs = virtual_chain.pairs
+    bodies = merge_locked_links(mechanism, held_pairs)
     axis = np.array(direction)
     frame = frame_from(axis, perpendicular(axis)).T
     candidates = []
-    for bar in range(len(made.links)):
-        pairs = tuple(k for k, ends in enumerate(made.ends) if bar in ends)
-        if len(pairs) != 2 or {*pairs} & {*held, *wrist.driven} or bar == wrist.base:
+    for link in range(len(mechanism.links)):
+        pairs = tuple(pair for pair, ends in enumerate(mechanism.ends) if link in ends)
+        excluded_pairs = {*held_pairs, *virtual_chain.driven}
+        if (
+            len(pairs) != 2
+            or not excluded_pairs.isdisjoint(pairs)
+            or link == virtual_chain.base
+        ):
             continue
-        rest = [k for k in range(len(made.pairs)) if k not in (*held, *pairs)]
+        remaining_pairs = [
+            pair
+            for pair in range(len(mechanism.pairs))
+            if pair not in (*held_pairs, *pairs)
+        ]
         try:
-            assembly = Assembly(held, bodies, split_into_groups(made, bodies, rest))
+            groups = split_into_groups(mechanism, bodies, remaining_pairs)
         except CountError:
             continue
-        if Dyads.fit(assembly, wrist.base):
-            dyads = Dyads(made, joints, assembly, wrist.base, wrist.link)
-            links = tuple(sum(made.ends[pair]) - bar for pair in pairs)
-            cosine = float(np.dot(*(dyads.axis_in(pair, bar) for pair in pairs)))
-            candidates.append(
-                DyadsWithClosingLink(dyads, assembly, bar, pairs, links, cosine, frame)
+        assembly = Assembly(held_pairs, bodies, groups)
+        if DyadChain.can_place(assembly, virtual_chain.base):
+            chain = DyadChain(
+                mechanism, joints, assembly, virtual_chain.base, virtual_chain.link
             )
+            first_axis, second_axis = (chain.axis_in(pair, link) for pair in pairs)
+            candidates.append(
+                DyadsWithClosingLink(
+                    chain=chain,
+                    assembly=assembly,
+                    link=link,
+                    pairs=pairs,
+                    # The sum of both ends less one of them is the other one.
+                    neighbours=tuple(sum(mechanism.ends[pair]) - link for pair in pairs),
+                    arc_cosine=float(np.dot(first_axis, second_axis)),
+                    frame=frame,
+                )
+            )
+    return min(candidates, key=_count_dependences, default=None)
 
-    def dependence(turned: DyadsWithClosingLink) -> int:
-        feet = (link for stand in turned.dyads.stands for link in (stand.foot, stand.hold))
-        return sum(map(turned.dyads.placed_by.__contains__, feet))
 
-    return min(candidates, key=dependence, default=None)
+def _count_dependences(candidate: DyadsWithClosingLink) -> int:
+    """Return how many dyads of a candidate are connected to links of other dyads."""
+    chain = candidate.chain
+    count = 0
+    for dyad in chain.dyads:
+        count += dyad.near_support in chain.dyad_of_link
+        count += dyad.far_support in chain.dyad_of_link
+    return count
 
 
-def _around(directions: Floats) -> tuple[Floats, Floats]:
-    """Return two unit vectors (3, n) that make a right-handed frame with directions."""
-    one = perpendicular(directions.T).T
-    return one, cross(directions, one)
+def _axes_around(directions: Floats) -> tuple[Floats, Floats]:
+    """Return unit vectors x and y (3, n) that form right-handed frames with z (3, n).
+
+    The turn 0 has the first axis of the output's frame along x.
+    """
+    x_axis = perpendicular(directions.T).T
+    return x_axis, cross(directions, x_axis)

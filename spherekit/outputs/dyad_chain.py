@@ -1,10 +1,9 @@
-"""Dyads that stand one after another on one body, and what their placement depends on.
+"""Dyads that stand one after another on one body, and how inputs move with an output.
 
-With the output held, a mechanism often falls apart into dyads that stand on the body of
-the two links that the output joins. Only the axes of pairs are needed then, no rotation
-matrix; `spherekit.outputs.working_mode` computes these over many rows.
-
-How inputs move with an output, and the measures of type I that follow.
+While the output is held, a mechanism often consists of dyads that stand on the body of the
+two links that the output joins. Their configuration then follows from the axes of the pairs
+alone, without rotation matrices. `spherekit.outputs.working_mode` computes it for many
+poses. The functions at the end convert rates of the output into rates of the inputs.
 """
 
 from collections.abc import Hashable, Sequence
@@ -24,63 +23,105 @@ from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 from spherekit.planning.assembly_plan import Assembly, Group
 
 Signs = tuple[int, ...]
+"""A working mode: a sign, 1 or -1, for each dyad in solving order; 0 for other groups."""
 
 
 @dataclass(frozen=True)
 class DyadPlacement:
-    """A dyad on the growing body: pairs, the links they join, and its sign.
+    """Two links that a chain of three R pairs connects to links placed before.
 
-    `near`, `middle`, `far` are its pairs; the bodies are the links `first` (near and
-    middle) and `second` (middle and far), which stand on the links `foot` and `hold`.
-    `parity` turns the sign of a mode into that of middle . (near x far). `arcs` (rad) are
-    those of the first and of the second body.
+    The chain leads from the near support through the near pair, the near link, the middle
+    pair, the far link and the far pair to the far support. The axes of the two outer pairs
+    are known from the supports, and the axis of the middle pair follows from them.
+
+    Attributes
+    ----------
+    near_pair, middle_pair, far_pair
+        Numbers of the three pairs.
+    near_link, far_link
+        Numbers of the two links of the dyad.
+    near_support, far_support
+        Numbers of the links that the outer pairs connect the dyad to.
+    parity
+        1 or -1. Times the sign of the dyad in a mode, it is the sign of b . (a x c), with
+        the axes a, b, c of the near, middle and far pair.
+    arcs
+        Angles (rad) between the axes of the near link and between those of the far link.
     """
 
-    near: int
-    middle: int
-    far: int
-    foot: int
-    first: int
-    second: int
-    hold: int
+    near_pair: int
+    middle_pair: int
+    far_pair: int
+    near_link: int
+    far_link: int
+    near_support: int
+    far_support: int
     parity: int
     arcs: tuple[float, float]
 
     @property
     def shortest(self) -> float:
-        """The least arc (rad) between the outer axes at which the dyad closes."""
+        """The smallest angle (rad) between the outer axes at which the dyad closes."""
         return abs(self.arcs[0] - self.arcs[1])
 
     @property
     def longest(self) -> float:
-        """The greatest such arc."""
+        """The largest angle (rad) between the outer axes at which the dyad closes."""
         return min(sum(self.arcs), 2.0 * np.pi - sum(self.arcs))
 
     @cached_property
-    def halves(self) -> tuple[HalfAngle, HalfAngle]:
-        """Both arcs by their halves."""
+    def half_arcs(self) -> tuple[HalfAngle, HalfAngle]:
+        """Half of each arc, as `spherekit.geometry.dyad_axis` takes them."""
         return HalfAngle.from_arc(self.arcs[0]), HalfAngle.from_arc(self.arcs[1])
 
 
-class Dyads:
+@dataclass(frozen=True)
+class AxisSource:
+    """The pair and link from which an axis is known first.
+
+    Attributes
+    ----------
+    pair, link
+        Numbers of the pair and of its link.
+    sense
+        1 if both axes point in the same direction, -1 if they are opposite.
+    """
+
+    pair: int
+    link: int
+    sense: float
+
+
+class DyadChain:
     """The dyads of an assembly that stand on one body, in solving order.
 
     Parameters
     ----------
-    mechanism, joints, assembly
-        A mechanism of R pairs and its groups.
+    mechanism
+        A mechanism of R pairs.
+    joints
+        The joints of its pairs.
+    assembly
+        Its groups, all of which are dyads.
     base
-        The number of the link whose axes all vectors are given in.
-    given
-        The number of the link whose orientation, or at least pair axes, is given with the
-        rows; the rate of the output is that of this link relative to the base.
+        Number of the link in whose axes all vectors are given.
+    posed_link
+        Number of the link whose orientation is given with the poses, or at least the axes
+        of its pairs. The angular velocity of the output is that of this link relative to
+        the base.
 
     Attributes
     ----------
-    stands, placed_by, group_of
-        The dyads, and by which of them each link is placed and each pair is held.
-    needs
-        Dyads whose signs matter to what has been asked of a mode.
+    ends
+        Numbers of the two links of each pair.
+    dyads
+        The dyads in solving order.
+    dyad_of_link, dyad_of_pair
+        Numbers of the dyads to which links and pairs belong.
+    sign_dependencies
+        Numbers of the dyads on whose signs a computed quantity depends. They are noted when
+        the quantity is computed for the first time, see
+        `spherekit.outputs.working_mode`.
     """
 
     def __init__(
@@ -89,28 +130,32 @@ class Dyads:
         joints: Sequence[Revolute],
         assembly: Assembly,
         base: int,
-        given: int,
+        posed_link: int,
     ) -> None:
-        self.ends, self.joints = mechanism.ends, joints
-        self.base, self.given = base, given
+        self.ends = mechanism.ends
+        self.joints = joints
+        self.base = base
+        self.posed_link = posed_link
         self._cache_methods()
-        self.stands = tuple(map(self._stand, assembly.groups))
-        self.placed_by: dict[int, int] = {}
-        self.group_of: dict[int, int] = {}
-        self.needs: dict[Hashable, frozenset[int]] = {}
-        for number, stand in enumerate(self.stands):
-            self.placed_by |= dict.fromkeys((stand.first, stand.second), number)
-            self.group_of |= dict.fromkeys((stand.near, stand.middle, stand.far), number)
+        self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
+        self.dyad_of_link: dict[int, int] = {}
+        self.dyad_of_pair: dict[int, int] = {}
+        self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
+        for number, dyad in enumerate(self.dyads):
+            for link in (dyad.near_link, dyad.far_link):
+                self.dyad_of_link[link] = number
+            for pair in (dyad.near_pair, dyad.middle_pair, dyad.far_pair):
+                self.dyad_of_pair[pair] = number
 
     def _cache_methods(self) -> None:
-        """Let `source` and `spread` remember what they have returned."""
-        self.source = cache(self._source)
-        self.spread = cache(self._spread)
+        """Let `axis_source` and `vector_weights` remember their results."""
+        self.axis_source = cache(self._find_axis_source)
+        self.vector_weights = cache(self._compute_vector_weights)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return all but the two caches, which do not pickle."""
+        """Return all attributes but the two caches, which cannot be pickled."""
         state = dict(vars(self))
-        del state["source"], state["spread"]
+        del state["axis_source"], state["vector_weights"]
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -118,7 +163,7 @@ class Dyads:
         self._cache_methods()
 
     @staticmethod
-    def fit(assembly: Assembly, base: int) -> bool:
+    def can_place(assembly: Assembly, base: int) -> bool:
         """Return whether all groups are dyads of two links on the body of the base."""
         return all(
             group.is_dyad
@@ -127,41 +172,48 @@ class Dyads:
             for group in assembly.groups
         )
 
-    def _stand(self, group: Group) -> DyadPlacement:
-        near, middle, far = (group.pairs[place] for place in group.dyad_positions)
-        first, second = group.bodies[1][0], group.bodies[2][0]
+    def _make_dyad(self, group: Group) -> DyadPlacement:
+        """Return a group as a dyad, the first outer pair of the group as the near pair."""
+        near, middle, far = (group.pairs[position] for position in group.dyad_positions)
+        near_link = group.bodies[1][0]
+        far_link = group.bodies[2][0]
         return DyadPlacement(
-            near,
-            middle,
-            far,
-            sum(self.ends[near]) - first,
-            first,
-            second,
-            sum(self.ends[far]) - second,
-            group.dyad_parity,
-            (self._arc(first, near, middle), self._arc(second, far, middle)),
+            near_pair=near,
+            middle_pair=middle,
+            far_pair=far,
+            near_link=near_link,
+            far_link=far_link,
+            # The sum of both ends less one of them is the other one.
+            near_support=sum(self.ends[near]) - near_link,
+            far_support=sum(self.ends[far]) - far_link,
+            parity=group.dyad_parity,
+            arcs=(
+                self._arc(near_link, near, middle),
+                self._arc(far_link, far, middle),
+            ),
         )
 
-    def stands_by(self, link: int) -> tuple[int, int]:
-        """Return by which outer pair of its dyad a link stands, and on which link."""
-        stand = self.stands[self.placed_by[link]]
-        if link == stand.first:
-            return stand.near, stand.foot
-        return stand.far, stand.hold
+    def support_of(self, link: int) -> tuple[int, int]:
+        """Return the outer pair of a dyad's link, and the link that it is connected to."""
+        dyad = self.dyads[self.dyad_of_link[link]]
+        if link == dyad.near_link:
+            return dyad.near_pair, dyad.near_support
+        return dyad.far_pair, dyad.far_support
 
-    def _source(self, pair: int, link: int) -> tuple[int, int, float]:
-        """Return where the axis of a pair comes from: pair, link, and sense.
+    def _find_axis_source(self, pair: int, link: int) -> AxisSource:
+        """Return the pair and link from which the axis of a pair of a link is known first.
 
-        On a link that stands by an axis on the same line, it is that axis.
+        If the axis coincides with that of the outer pair that supports the link, it is
+        known before the link is placed.
         """
-        if link not in self.placed_by:
-            return pair, link, 1.0
-        outer, foot = self.stands_by(link)
-        if not self.is_coaxial(pair, outer, link):
-            return pair, link, 1.0
-        ahead = self.axis_in(pair, link) @ self.axis_in(outer, link)
-        source, on, sense = self.source(outer, foot)
-        return source, on, sense * float(np.sign(ahead))
+        if link not in self.dyad_of_link:
+            return AxisSource(pair, link, 1.0)
+        outer_pair, support = self.support_of(link)
+        if not self.is_coaxial(pair, outer_pair, link):
+            return AxisSource(pair, link, 1.0)
+        cosine = self.axis_in(pair, link) @ self.axis_in(outer_pair, link)
+        source = self.axis_source(outer_pair, support)
+        return AxisSource(source.pair, source.link, source.sense * float(np.sign(cosine)))
 
     def axis_in(self, pair: int, link: int) -> Floats:
         """Return the axis (3,) of a pair in the axes of one of its links."""
@@ -172,54 +224,109 @@ class Dyads:
         joint = self.joints[pair]
         return joint.first if self.ends[pair][0] == link else joint.second
 
-    def _arc(self, link: int, one: int, other: int) -> float:
-        return float(arc(self.axis_in(one, link), self.axis_in(other, link)))
+    def _arc(self, link: int, pair: int, other_pair: int) -> float:
+        """Return the angle (rad) between the axes of two pairs of a link."""
+        return float(arc(self.axis_in(pair, link), self.axis_in(other_pair, link)))
 
-    def _spread(self, link: int, *vector: float) -> Floats:
-        """Return how a vector of a placed link follows from its dyad's axes, p outer, q.
+    def _compute_vector_weights(self, link: int, *vector: float) -> Floats:
+        """Return how a vector of a dyad's link is composed of the axes of the link.
 
-        The weights (3,) of p, q and p x q.
+        Parameters
+        ----------
+        link
+            Number of a link of a dyad.
+        vector
+            The three components in the axes of the link.
+
+        Returns
+        -------
+        (3,) weights of p, q and p x q, with the axis p of the outer pair and the axis q of
+        the middle pair.
         """
-        pairs = self.stands_by(link)[0], self.stands[self.placed_by[link]].middle
-        p, q = (self.axis_in(pair, link) for pair in pairs)
-        frame = np.stack([p, q, np.cross(p, q)], axis=1)
-        return np.linalg.lstsq(frame, np.array(vector))[0]  # no error for a point
+        outer_pair, _ = self.support_of(link)
+        middle_pair = self.dyads[self.dyad_of_link[link]].middle_pair
+        p = self.axis_in(outer_pair, link)
+        q = self.axis_in(middle_pair, link)
+        basis = np.stack([p, q, np.cross(p, q)], axis=1)
+        # Least squares, because p and q of a link without an arc are parallel.
+        return np.linalg.lstsq(basis, np.array(vector))[0]
 
-    def is_coaxial(self, one: int, other: int, link: int) -> bool:
-        """Return whether two pairs of a link have their axes on one line."""
-        return bool(np.sin(self._arc(link, one, other)) < COLLINEAR_SINE)
+    def is_coaxial(self, pair: int, other_pair: int, link: int) -> bool:
+        """Return whether the axes of two pairs of a link are parallel or opposite."""
+        return bool(np.sin(self._arc(link, pair, other_pair)) < COLLINEAR_SINE)
 
 
-def input_rates(tops: Floats, bottoms: Floats) -> tuple[Floats, Floats]:
-    """Return rates (n, inputs, 3) by the output's angular velocity w, and measures.
+def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Floats]:
+    """Return rates of the inputs per angular velocity of the output, and type I measures.
 
-    The rates are tops . w / bottoms, with `tops` (n, inputs, 3) and `bottoms` (n, inputs)
-    or (n, 1), both finite at a singular configuration. The measures (n, inputs) are those
-    of type I, see `spherekit.outputs.inverse_kinematics.Inverse`.
+    The rate of an input is the scalar product of its numerator and the angular velocity of
+    the output, divided by its denominator. Both are finite at singular configurations.
+
+    Parameters
+    ----------
+    numerators
+        (n, inputs, 3) vectors.
+    denominators
+        (n, inputs) or (n, 1).
+
+    Returns
+    -------
+    rates
+        (n, inputs, 3) rates per unit angular velocity; infinite where an input is at a
+        singularity of type I.
+    type_1
+        (n, inputs) measures of type I, see
+        `spherekit.outputs.inverse_kinematics.Inverse`.
     """
     with np.errstate(all="ignore"):
-        return tops / bottoms[..., None], np.abs(bottoms) / np.linalg.norm(tops, axis=2)
+        rates = numerators / denominators[..., None]
+        type_1 = np.abs(denominators) / np.linalg.norm(numerators, axis=2)
+    return rates, type_1
 
 
-def rates_of_turns(turns: Floats, directions: Floats | None) -> tuple[Floats, Floats]:
-    """Return `input_rates` from the output's velocities (n, 3, inputs) per input rate.
+def invert_output_rates(
+    output_rates: Floats, directions: Floats | None
+) -> tuple[Floats, Floats]:
+    """Return `input_rates` from the angular velocities that the inputs cause.
 
-    Those of three inputs; or those of two with `directions` (n, 3), of which the part at
-    right angles to these counts.
+    Parameters
+    ----------
+    output_rates
+        (n, 3, inputs) angular velocity of the output per unit rate of each input, for two
+        or three inputs.
+    directions
+        (n, 3) unit vectors at which the output of two inputs points. Only the part of the
+        angular velocity at right angles to them counts. None for three inputs.
     """
-    across, volume = reciprocal(np.swapaxes(turns, 1, 2), directions)
-    return input_rates(across, volume[:, None])
+    numerators, volume = reciprocal_vectors(np.swapaxes(output_rates, 1, 2), directions)
+    return input_rates(numerators, volume[:, None])
 
 
-def reciprocal(vectors: Floats, along: Floats | None) -> tuple[Floats, Floats]:
-    """Return the vectors reciprocal to others times their volume, and that volume.
+def reciprocal_vectors(vectors: Floats, direction: Floats | None) -> tuple[Floats, Floats]:
+    """Return the reciprocal vectors of two or three vectors, times their volume.
 
-    Of three vectors (..., 3, 3), in rows; or of two (..., 2, 3) and what stands beside
-    them, `along` (..., 3), of which only the first two are returned.
+    The product of a vector and its reciprocal vector is 1, and those of different vectors
+    are at right angles. Multiplied by the volume they are finite also if the vectors are
+    coplanar.
+
+    Parameters
+    ----------
+    vectors
+        (..., 3, 3) three vectors in rows, or (..., 2, 3) two vectors.
+    direction
+        (..., 3) third vector if there are two, otherwise None.
+
+    Returns
+    -------
+    reciprocals
+        (..., 2 or 3, 3) the reciprocal vectors of `vectors`, times the volume.
+    volume
+        (...) signed volume that the three vectors span.
     """
-    a, b = vectors[..., 0, :], vectors[..., 1, :]
-    third = vectors[..., 2, :] if along is None else along
-    every = [cross(b, third), cross(third, a)]
-    if along is None:
-        every.append(cross(a, b))
-    return np.stack(every, axis=-2), np.vecdot(a, every[0])
+    a = vectors[..., 0, :]
+    b = vectors[..., 1, :]
+    c = vectors[..., 2, :] if direction is None else direction
+    reciprocals = [cross(b, c), cross(c, a)]
+    if direction is None:
+        reciprocals.append(cross(a, b))
+    return np.stack(reciprocals, axis=-2), np.vecdot(a, reciprocals[0])

@@ -1,8 +1,8 @@
-"""Closed forms of outputs that fall into dyads when held, driven directly or by wheels."""
+"""Closed forms of outputs that consist of dyads when held, driven directly or by wheels."""
 
 from collections.abc import Mapping
-from dataclasses import replace
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -18,60 +18,125 @@ from spherekit.numerics.angles import wrap
 from spherekit.outputs.dyad_chain import Signs
 from spherekit.outputs.inverse_kinematics import InverseKinematics
 from spherekit.outputs.mid_plane_architecture import axis_in
-from spherekit.outputs.pose_constraints import ClosedKinematics, Rows, Span
+from spherekit.outputs.output_kinematics import ClosedKinematics
+from spherekit.outputs.pose_constraints import LegSpan, ModeAtPoses
 from spherekit.planning.assembly_plan import driven_pairs
 from spherekit.planning.submechanism import of_pairs
 from spherekit.planning.wheel_train import GearTrain, wheel_train
 
+EQUAL_SUM_DECIMALS = 9
+"""Decimals (rad) to which sums of absolute inputs are compared.
+
+More decimals: rounding errors decide between inputs that are equally large. Fewer: the sum
+of the chosen inputs need not be the smallest.
+"""
+
 
 class DyadKinematics(ClosedKinematics):
-    """An output whose mechanism falls into dyads when it is held."""
+    """An output whose mechanism consists of dyads when it is held.
+
+    Parameters
+    ----------
+    kinematics
+        Inverse kinematics of the output, with a closed form.
+    """
 
     solved_by = "dyads"
 
     def __init__(self, kinematics: InverseKinematics) -> None:
-        wrist = kinematics.wrist
         assert kinematics.dyads is not None
-        super().__init__(kinematics.own, wrist.output, wrist.points)
-        self.kinematics, self.modes = kinematics, kinematics.modes
-        self.stands = kinematics.dyads.stands
-        self.legs = tuple(
-            "leg of "
-            + ", ".join(
-                self.name_of(self._own(pair))
-                for pair in (stand.near, stand.middle, stand.far)
-            )
-            for stand in self.stands
-        )
+        virtual_chain = kinematics.wrist
+        super().__init__(kinematics.own, virtual_chain.output, virtual_chain.points)
+        self.kinematics = kinematics
+        self.modes = kinematics.modes
+        self.dyads = kinematics.dyads.dyads
+        legs = []
+        for dyad in self.dyads:
+            pairs = (dyad.near_pair, dyad.middle_pair, dyad.far_pair)
+            names = [self.name_of(self._find_real_pair(pair)) for pair in pairs]
+            legs.append(f"leg of {', '.join(names)}")
+        self.legs = tuple(legs)
 
-    def _own(self, made: int) -> int:
-        """Return a pair, or for one made on the output link that with its axis there."""
-        solver, wrist = self.kinematics.solver, self.kinematics.wrist
-        axis = partial(axis_in, solver.mechanism, solver.joints, link=wrist.link)
-        if made == wrist.pairs[-1]:
-            for pair, ends in enumerate(self.mechanism.ends):
-                if wrist.link in ends and arc(axis(pair), axis(made)) < COLLINEAR_SINE:
-                    return pair
-        return made
+    def _find_real_pair(self, pair: int) -> int:
+        """Return the pair of the mechanism that has the axis of a virtual pair.
+
+        The last virtual pair can have the axis of a pair of the output link. Other numbers
+        are returned unchanged.
+        """
+        virtual_chain = self.kinematics.wrist
+        if pair != virtual_chain.pairs[-1]:
+            return pair
+        solver = self.kinematics.solver
+        link = virtual_chain.link
+        virtual_axis = axis_in(solver.mechanism, solver.joints, pair, link)
+        for real_pair, ends in enumerate(self.mechanism.ends):
+            if link not in ends:
+                continue
+            real_axis = axis_in(solver.mechanism, solver.joints, real_pair, link)
+            if arc(real_axis, virtual_axis) < COLLINEAR_SINE:
+                return real_pair
+        return pair
 
     @property
-    def spans(self) -> tuple[Span, ...]:
-        """What limits the reach: the outer axes of every dyad."""
+    def spans(self) -> tuple[LegSpan, ...]:
+        """The reach of every dyad, between its outer axes."""
         return tuple(
-            (self._own(x.near), self._own(x.far), x.shortest, x.longest, True)
-            for x in self.stands
+            LegSpan(
+                first_pair=self._find_real_pair(dyad.near_pair),
+                second_pair=self._find_real_pair(dyad.far_pair),
+                shortest=dyad.shortest,
+                longest=dyad.longest,
+                can_fold=True,
+            )
+            for dyad in self.dyads
         )
 
-    def at(self, poses: Floats, signs: Signs) -> Rows:
+    def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
         """Return one mode at poses."""
         return self.kinematics.posed(poses, signs)
 
 
-class GearedKinematics(ClosedKinematics):
-    """An output of a mechanism whose wheels only turn what carries it.
+@dataclass(frozen=True)
+class CarrierAngle:
+    """The angle of a pair as a linear function of the inputs q: ratios . q + offset.
 
-    `carriers` are pairs that say the inputs q: their angles are ratios q + offset, by their
-    numbers; `rates` (inputs, carriers) those of the inputs by these angles.
+    Attributes
+    ----------
+    ratios
+        (inputs,) derivatives of the angle by the inputs.
+    offset
+        Angle (rad) at q = 0.
+    """
+
+    ratios: Floats
+    offset: float
+
+
+class GearedKinematics(ClosedKinematics):
+    """An output of a mechanism in which wheels drive the links that carry the output.
+
+    Parameters
+    ----------
+    mechanism
+        The whole mechanism.
+    output
+        Its output.
+    carried
+        Closed form of the mechanism without the wheels, driven at the carriers.
+    train
+        The wheels, with the ratios by which their pairs follow from the inputs.
+    carriers
+        As many pairs as there are inputs, by their numbers in the whole mechanism. Their
+        angles determine the inputs.
+
+    Attributes
+    ----------
+    offsets
+        (inputs,) angles (rad) of the carriers at the inputs 0.
+    input_ratios
+        (inputs, inputs) derivatives of the inputs by the angles of the carriers.
+    carried_pair
+        Number of a pair in the mechanism without wheels, by its number in the whole one.
     """
 
     solved_by = "dyads"
@@ -82,105 +147,146 @@ class GearedKinematics(ClosedKinematics):
         output: Output,
         carried: DyadKinematics,
         train: GearTrain,
-        carriers: Mapping[int, tuple[Floats, float]],
+        carriers: Mapping[int, CarrierAngle],
     ) -> None:
         super().__init__(mechanism, output, carried.points)
-        self.carried, self.train, self.carriers = carried, train, tuple(carriers)
-        ratios, offsets = zip(*carriers.values(), strict=True)
-        self.offsets, self.rates = np.array(offsets), np.linalg.inv(np.array(ratios))
-        self.modes, self.legs = carried.modes, carried.legs
-        self.number = {
-            mechanism.pair_number[pair.name]: k
-            for k, pair in enumerate(carried.mechanism.pairs)
+        self.carried = carried
+        self.train = train
+        self.carriers = tuple(carriers)
+        self.offsets = np.array([carrier.offset for carrier in carriers.values()])
+        ratios = np.array([carrier.ratios for carrier in carriers.values()])
+        self.input_ratios = np.linalg.inv(ratios)
+        self.modes = carried.modes
+        self.legs = carried.legs
+        self.carried_pair = {
+            mechanism.pair_number[pair.name]: number
+            for number, pair in enumerate(carried.mechanism.pairs)
         }
 
     @property
     def carrying(self) -> Mechanism:
-        """What the wheels turn."""
+        """The mechanism without the wheels."""
         return self.carried.mechanism
 
     @property
-    def spans(self) -> tuple[Span, ...]:
-        """What limits the reach of what carries the output."""
+    def spans(self) -> tuple[LegSpan, ...]:
+        """The reach of the legs that carry the output."""
         return self.carried.spans
 
-    def at(self, poses: Floats, signs: Signs) -> Rows:
+    def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
         """Return one mode at poses."""
-        return _GearedRows(self, self.carried.at(poses, signs))
+        return _GearedMode(self, self.carried.at(poses, signs))
 
 
-class _GearedRows:
-    def __init__(self, owner: GearedKinematics, rows: Rows) -> None:
-        self.owner, self.rows = owner, rows
+class _GearedMode:
+    """One working mode of a mechanism with wheels, at n poses (a `ModeAtPoses`).
+
+    Parameters
+    ----------
+    kinematics
+        The closed form of the output.
+    carried_mode
+        The mode of the mechanism without the wheels.
+    """
+
+    def __init__(self, kinematics: GearedKinematics, carried_mode: ModeAtPoses) -> None:
+        self.kinematics = kinematics
+        self.carried_mode = carried_mode
 
     def cosine(self, one: int, other: int) -> Floats:
-        return self.rows.cosine(one, other)
+        """Return the cosine (n,) between the axes of two pairs, numbered without wheels."""
+        return self.carried_mode.cosine(one, other)
 
     def angle(self, pair: int) -> Floats:
+        """Return the variable (n,) of a pair of the whole mechanism in rad."""
         return self._values[:, pair]
 
     @cached_property
     def inputs(self) -> Floats:
-        """(n, inputs) rad, known to turns of the carriers: those least in sum."""
-        owner = self.owner
-        angles = [self.rows.angle(owner.number[pair]) for pair in owner.carriers]
-        least = wrap(np.stack(angles, axis=1) - owner.offsets)
-        turns = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=least.shape[1])))
-        every = (least[:, None] + turns) @ owner.rates.T
-        best = np.argmin(np.round(np.sum(np.abs(every), axis=2), 9), axis=1)
-        return every[np.arange(len(every)), best]
+        """(n, inputs) rad. The angles of the carriers are known up to whole revolutions.
+
+        The inputs with the smallest sum of absolute values are returned.
+        """
+        kinematics = self.kinematics
+        carrier_angles = [
+            self.carried_mode.angle(kinematics.carried_pair[pair])
+            for pair in kinematics.carriers
+        ]
+        wrapped_angles = wrap(np.stack(carrier_angles, axis=1) - kinematics.offsets)
+        carrier_count = wrapped_angles.shape[1]
+        # All combinations of -1, 0 and 1 revolutions of the carriers.
+        revolutions = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=carrier_count)))
+        candidates = (wrapped_angles[:, None] + revolutions) @ kinematics.input_ratios.T
+        sums = np.sum(np.abs(candidates), axis=2)
+        best = np.argmin(np.round(sums, EQUAL_SUM_DECIMALS), axis=1)
+        return candidates[np.arange(len(candidates)), best]
 
     @cached_property
     def _values(self) -> Floats:
         """(n, pairs) variables of all pairs, those of R pairs in (-pi, pi]."""
-        owner, train = self.owner, self.owner.train
-        values = np.empty((len(self.inputs), len(owner.mechanism.pairs)))
-        values[:, driven_pairs(owner.mechanism)] = wrap(self.inputs)
-        values[:, train.followers] = wrap(self.inputs @ train.ratios.T + train.offsets)
+        kinematics = self.kinematics
+        train = kinematics.train
+        mechanism = kinematics.mechanism
+        values = np.empty((len(self.inputs), len(mechanism.pairs)))
+        values[:, driven_pairs(mechanism)] = wrap(self.inputs)
+        follower_angles = self.inputs @ train.ratios.T + train.offsets
+        values[:, train.followers] = wrap(follower_angles)
         values[:, train.contacts] = self.inputs @ train.length_ratios.T + train.lengths
-        for pair, k in owner.number.items():
-            values[:, pair] = self.rows.angle(k)
+        for pair, carried_pair in kinematics.carried_pair.items():
+            values[:, pair] = self.carried_mode.angle(carried_pair)
         return values
 
     @cached_property
     def rates(self) -> Floats:
-        return self.owner.rates @ self.rows.rates
+        """(n, inputs, 3) rates of the inputs per unit angular velocity of the output."""
+        return self.kinematics.input_ratios @ self.carried_mode.rates
 
     @property
     def type_1(self) -> Floats:
+        """(n, inputs) measures of type I."""
         return 1.0 / np.linalg.norm(self.rates, axis=2)
 
     @property
     def type_1_square(self) -> Floats:
-        square, weights = self.type_1**2, self.owner.rates**2
-        beyond = self.rows.type_1_square[:, None] / weights
-        beyond = np.min(beyond, axis=2, where=weights > 0.0, initial=0.0)
-        return np.where(np.isnan(square), beyond, square)
+        """(n, inputs) squares of `type_1`, continued out of reach with negative values.
+
+        The continuation is the smallest one of the carriers that move with the input,
+        divided by the squared ratio.
+        """
+        square = self.type_1**2
+        squared_ratios = self.kinematics.input_ratios**2
+        continuation = self.carried_mode.type_1_square[:, None] / squared_ratios
+        continuation = np.min(continuation, axis=2, where=squared_ratios > 0.0, initial=0.0)
+        return np.where(np.isnan(square), continuation, square)
 
     @property
     def type_2(self) -> Floats:
-        return self.owner.type_2(self._values)
+        """(n,) measure of type II."""
+        return self.kinematics.type_2(self._values)
 
 
-def geared(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
-    """Return the closed form of an output that wheels turn, None if it has none.
+def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
+    """Return the closed form of an output that wheels drive, None if it has none.
 
-    What is left without the wheels has to be dyads on the output, driven at pairs whose
-    angles follow from the inputs by the ratios of the wheels.
+    Without the wheels, the mechanism has to consist of dyads on the held output, driven at
+    pairs whose angles follow from the inputs by the ratios of the wheels.
     """
     driven = list(driven_pairs(mechanism))
     train = wheel_train(mechanism, driven)
-    turning = set(map(mechanism.pair_number.__getitem__, mechanism.angles))
-    if train is None or len(turning) + len(train.contacts) < len(mechanism.pairs):
+    r_pairs = {mechanism.pair_number[name] for name in mechanism.angles}
+    # All other pairs have to be contacts of the wheels.
+    if train is None or len(r_pairs) + len(train.contacts) < len(mechanism.pairs):
         return None
-    kept = _carrying(mechanism, output, turning)
-    stopped = {mechanism.pair_number[stop.pair] for stop in mechanism.joint_limits}
-    carriers = _carriers(train, driven, kept)
-    if carriers is None or not stopped <= kept:
+    carrying_pairs = _find_carrying_pairs(mechanism, output, r_pairs)
+    limited_pairs = {mechanism.pair_number[limit.pair] for limit in mechanism.joint_limits}
+    carriers = _choose_carriers(train, driven, carrying_pairs)
+    if carriers is None or not limited_pairs <= carrying_pairs:
         return None
-    inputs = (Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in carriers)
+    carrier_inputs = tuple(
+        Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in carriers
+    )
     try:
-        part = of_pairs(replace(mechanism, inputs=tuple(inputs), modes={}), kept)
+        part = of_pairs(replace(mechanism, inputs=carrier_inputs, modes={}), carrying_pairs)
         inverse = InverseKinematics(part, output.name)
     except SpherekitError:
         return None
@@ -189,28 +295,61 @@ def geared(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
     return GearedKinematics(mechanism, output, DyadKinematics(inverse), train, carriers)
 
 
-def _carrying(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]:
-    """Return the pairs that are left where links that only hang on others are dropped."""
-    number, kept = mechanism.link_number, set(pairs)
-    held = {0, number[output.link], number[output.relative_to]}
+def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]:
+    """Return the pairs that remain when links with a single pair are removed repeatedly.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    output
+        The output. Its two links and the ground are not removed.
+    pairs
+        Numbers of the pairs from which links are removed.
+    """
+    number = mechanism.link_number
+    carrying_pairs = set(pairs)
+    fixed_links = {0, number[output.link], number[output.relative_to]}
     while True:
-        ends = [link for pair in kept for link in mechanism.ends[pair]]
-        loose = {link for link in ends if ends.count(link) == 1} - held
-        if not loose:
-            return kept
-        kept = {pair for pair in kept if not loose & set(mechanism.ends[pair])}
+        ends = [link for pair in carrying_pairs for link in mechanism.ends[pair]]
+        loose_links = {link for link in ends if ends.count(link) == 1} - fixed_links
+        if not loose_links:
+            return carrying_pairs
+        carrying_pairs = {
+            pair for pair in carrying_pairs if loose_links.isdisjoint(mechanism.ends[pair])
+        }
 
 
-def _carriers(
-    train: GearTrain, driven: list[int], kept: set[int]
-) -> dict[int, tuple[Floats, float]] | None:
-    """Return as many of the pairs kept as there are inputs, with ratios and offset."""
-    rows = {pair: (np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)}
-    every = zip(train.followers, train.ratios, train.offsets, strict=True)
-    rows |= {pair: (ratios, float(offset)) for pair, ratios, offset in every}
-    chosen: list[int] = []
-    for pair in sorted(kept & set(rows)):
-        tried = np.array([rows[item][0] for item in (*chosen, pair)])
-        if np.linalg.matrix_rank(tried) == len(tried):
-            chosen.append(pair)
-    return {pair: rows[pair] for pair in chosen} if len(chosen) == len(driven) else None
+def _choose_carriers(
+    train: GearTrain, driven: list[int], carrying_pairs: set[int]
+) -> dict[int, CarrierAngle] | None:
+    """Return as many pairs as there are inputs whose angles determine the inputs.
+
+    Parameters
+    ----------
+    train
+        The wheels, with the ratios of the pairs that follow from the inputs.
+    driven
+        Numbers of the driven pairs.
+    carrying_pairs
+        Numbers of the pairs among which carriers are chosen.
+
+    Returns
+    -------
+    The angles of the carriers by their numbers, None if there are too few.
+    """
+    angles = {
+        pair: CarrierAngle(np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)
+    }
+    for pair, ratios, offset in zip(
+        train.followers, train.ratios, train.offsets, strict=True
+    ):
+        angles[pair] = CarrierAngle(ratios, float(offset))
+    carriers: list[int] = []
+    for pair in sorted(carrying_pairs & set(angles)):
+        ratios = np.array([angles[carrier].ratios for carrier in (*carriers, pair)])
+        if np.linalg.matrix_rank(ratios) == len(ratios):
+            carriers.append(pair)
+    if len(carriers) != len(driven):
+        return None
+    return {pair: angles[pair] for pair in carriers}

@@ -1,15 +1,13 @@
-"""Forward kinematics of a declared output: its pose at given inputs, in every mode.
+"""Forward kinematics of a declared output: its poses at given inputs, in every mode.
 
-The rates come from the velocity equations of the whole mechanism, which hold whatever
-its topology, so that they are exact and independent of the inverse kinematics.
-
-Every configuration of a mechanism at given inputs, as poses of its output.
+Every configuration of the mechanism at the inputs gives a pose. The rates of the output
+come from the velocity equations of all loops, which apply to every mechanism. They are
+therefore independent of the inverse kinematics.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +21,7 @@ from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.elements import Output
 from spherekit.mechanism.mechanism import Mechanism, chosen_output
 from spherekit.numerics.angles import wrap
-from spherekit.outputs.wheel_revolutions import as_assembled
+from spherekit.outputs.wheel_revolutions import find_assembled_configuration
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
@@ -37,12 +35,23 @@ from spherekit.status import Status
 class PoseSolutions:
     """Every configuration found at some poses or inputs, a row for each.
 
-    `row` (k,) is the number of the pose or of the inputs given; `inputs` (k, inputs) rad;
-    `values` (k, variables) rad of all pairs of the mechanism; `rotations` (k, 3, 3) the
-    orientations of the output link seen from its other link, `directions` (k, 3) what it
-    points at, None if it declares no direction; `signs` those of the dyads, 0 for
-    irreducible groups, in solving order; `complete` (rows,) whether no solution can be
-    missing.
+    Attributes
+    ----------
+    row
+        (k,) number of the pose, or of the inputs, to which the configuration belongs.
+    inputs
+        (k, inputs) values of the inputs (rad).
+    values
+        (k, variables) values of all pair variables of the mechanism (rad).
+    rotations
+        (k, 3, 3) orientations of the output link, seen from the link that the output is
+        relative to.
+    directions
+        (k, 3) directions at which the output points there; None if it declares none.
+    signs
+        The signs of the dyads of each configuration in solving order, 0 for other groups.
+    complete
+        (rows,) whether no configuration can be missing at a pose or at inputs.
     """
 
     row: Indices
@@ -54,57 +63,89 @@ class PoseSolutions:
     complete: Bools
 
 
-def pose_of(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
-    """Return the orientations (..., 3, 3) of an output from those of all links."""
+def output_orientations(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
+    """Return the orientations (..., 3, 3) of an output link, seen from its other link.
+
+    Parameters
+    ----------
+    mechanism, output
+        The mechanism and its output.
+    rotations
+        (..., links, 3, 3) rotations from the axes of all links to those of the ground.
+    """
     base = mechanism.link_number[output.relative_to]
     link = mechanism.link_number[output.link]
     return transpose(rotations[..., base, :, :]) @ rotations[..., link, :, :]
 
 
-def pointed(output: Output, turned: Floats) -> Floats | None:
-    """Return what an output of orientations (..., 3, 3) points at, None if nothing."""
-    return None if output.direction is None else turned @ np.array(output.direction)
+def output_directions(output: Output, orientations: Floats) -> Floats | None:
+    """Return the directions (..., 3) at which an output of orientations (..., 3, 3) points.
+
+    None if the output declares no direction.
+    """
+    if output.direction is None:
+        return None
+    return orientations @ np.array(output.direction)
 
 
-def solved(
+def find_configurations(
     solver: PositionSolver,
     output: Output,
     inputs: Floats,
     released: PositionSolver | None = None,
 ) -> PoseSolutions:
-    """Return every configuration of a mechanism at inputs (n, inputs), row by row.
+    """Return every configuration of a mechanism at some inputs, row by row.
 
-    Where `solver` holds the output, `released` is that of the mechanism itself, whose
-    variables come first; those and its inputs are told. Inputs are in (-pi, pi] unless
-    wheels count their turns.
+    Parameters
+    ----------
+    solver
+        Solver of the mechanism, or of the mechanism with its output held.
+    output
+        The output whose poses are returned.
+    inputs
+        (n, inputs) inputs of `solver` (rad). Rows that are not finite are left out.
+    released
+        If `solver` holds the output, the solver of the mechanism itself. Its variables are
+        the first ones of `solver`, and only they and its inputs are returned.
+
+    Returns
+    -------
+    The configurations. Their inputs are in (-pi, pi] unless wheels count their turns.
     """
-    told = solver if released is None else released
-    row, values, signs = [], [], []
+    released_solver = solver if released is None else released
+    row: list[int] = []
+    values: list[Floats] = []
+    signs: list[tuple[int, ...]] = []
     complete = np.ones(len(inputs), dtype=bool)
     for number, q in enumerate(inputs):
         if not all_finite(q):
             continue
-        here = assemblies(solver, q)
-        complete[number] = here.is_complete
-        for mode, closed in zip(here.signs, here.values, strict=True):
-            configuration = (
-                closed if released is None else as_assembled(solver, released, closed)
-            )
+        solutions = assemblies(solver, q)
+        complete[number] = solutions.is_complete
+        for mode, closed_values in zip(solutions.signs, solutions.values, strict=True):
+            if released is None:
+                configuration: Floats | None = closed_values
+            else:
+                configuration = find_assembled_configuration(
+                    solver, released, closed_values
+                )
             if configuration is None:
                 continue
             row.append(number)
             values.append(configuration)
             signs.append(mode)
-    every = np.array(values).reshape(-1, len(solver.mechanism.variable_owners))
-    turned = pose_of(solver.mechanism, output, solver.closure.at(every).placed)
+    variable_count = len(solver.mechanism.variable_owners)
+    all_values = np.array(values).reshape(-1, variable_count)
+    link_rotations = solver.closure.at(all_values).placed
+    orientations = output_orientations(solver.mechanism, output, link_rotations)
     return PoseSolutions(
-        np.array(row, dtype=np.intp),
-        told.reduce_inputs(every[:, told.driven]),
-        every[:, : len(told.mechanism.variable_owners)],
-        turned,
-        pointed(output, turned),
-        tuple(signs),
-        complete,
+        row=np.array(row, dtype=np.intp),
+        inputs=released_solver.reduce_inputs(all_values[:, released_solver.driven]),
+        values=all_values[:, : len(released_solver.mechanism.variable_owners)],
+        rotations=orientations,
+        directions=output_directions(output, orientations),
+        signs=tuple(signs),
+        complete=complete,
     )
 
 
@@ -112,9 +153,16 @@ def solved(
 class Forward:
     """Poses of an output at n inputs in m assembly modes of dyads.
 
-    `rotations` (m, n, 3, 3) from axes of the output link to those of the link it is seen
-    from; `directions` (m, n, 3) what it points at there, None if it declares none;
-    `status` (m, n) values of `Status`; failed rows are NaN.
+    Attributes
+    ----------
+    modes
+        The sign of each dyad, in m modes.
+    rotations
+        (m, n, 3, 3) from axes of the output link to those of the link it is seen from.
+    directions
+        (m, n, 3) directions at which the output points there; None if it declares none.
+    status
+        (m, n) values of `Status`. Failed rows are NaN.
     """
 
     modes: tuple[tuple[int, ...], ...]
@@ -123,8 +171,36 @@ class Forward:
     status: SmallIntegers
 
 
+@dataclass(frozen=True)
+class DyadConfigurations:
+    """Configurations of a mechanism of dyads at n inputs in m modes.
+
+    Attributes
+    ----------
+    values
+        (m, n, variables) pair variables (rad).
+    rotations
+        (m, n, links, 3, 3) rotations from link axes to ground axes.
+    status
+        (m, n) values of `Status`.
+    """
+
+    values: Floats
+    rotations: Floats
+    status: SmallIntegers
+
+
 class ForwardKinematics:
     """The forward kinematics of one declared output, with any number of inputs.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism.
+    output
+        The output.
+    solver
+        Position solver of the mechanism.
 
     Raises
     ------
@@ -158,22 +234,30 @@ class ForwardKinematics:
             )
         q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
         signs = self._modes if modes is None else tuple(map(tuple, modes))
-        _, rotations, status = self._evaluated(q, signs)
-        turned = pose_of(self.mechanism, self.output, rotations)
-        return Forward(signs, turned, pointed(self.output, turned), status)
+        configurations = self._evaluate(q, signs)
+        orientations = output_orientations(
+            self.mechanism, self.output, configurations.rotations
+        )
+        return Forward(
+            modes=signs,
+            rotations=orientations,
+            directions=output_directions(self.output, orientations),
+            status=configurations.status,
+        )
 
     @property
     def _modes(self) -> tuple[tuple[int, ...], ...]:
         """The signs of all modes of dyads."""
         return tuple(product((1, -1), repeat=len(self.solver.assembly.groups)))
 
-    def _evaluated(self, q: Floats, modes: Sequence[tuple[int, ...]]) -> list[Any]:
-        """Return variables, rotations of links and status (m, n, ...) at inputs."""
-        made = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
-        return [
-            np.stack([getattr(mode, part) for mode in made])
-            for part in ("values", "rotations", "status")
-        ]
+    def _evaluate(self, q: Floats, modes: Sequence[tuple[int, ...]]) -> DyadConfigurations:
+        """Return the configurations at inputs (n, inputs) in some modes of dyads."""
+        results = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
+        return DyadConfigurations(
+            values=np.stack([result.values for result in results]),
+            rotations=np.stack([result.rotations for result in results]),
+            status=np.stack([result.status for result in results]),
+        )
 
     @checked(SolveError)
     def solutions(self, inputs: ArrayLike) -> PoseSolutions:
@@ -186,44 +270,58 @@ class ForwardKinematics:
         """
         q = make_path(np.asarray(inputs, dtype=float), len(self.solver.driven)).q
         if not self.solver.assembly.has_closed_form:
-            return solved(self.solver, self.output, q)
+            return find_configurations(self.solver, self.output, q)
+        configurations = self._evaluate(q, self._modes)
+        # Transposed, so that the modes of a row follow each other.
+        row, mode = np.nonzero(has_configuration(configurations.status).T)
+        values = configurations.values[mode, row]
+        orientations = output_orientations(
+            self.mechanism, self.output, configurations.rotations[mode, row]
+        )
         modes = self._modes
-        values, rotations, status = self._evaluated(q, modes)
-        row, mode = np.nonzero(has_configuration(status).T)
-        turned = pose_of(self.mechanism, self.output, rotations[mode, row])
         return PoseSolutions(
-            row,
-            wrap(values[mode, row][:, self.solver.driven]),
-            values[mode, row],
-            turned,
-            pointed(self.output, turned),
-            tuple(modes[k] for k in mode),
-            np.ones(len(q), dtype=bool),
+            row=row,
+            inputs=wrap(values[:, self.solver.driven]),
+            values=values,
+            rotations=orientations,
+            directions=output_directions(self.output, orientations),
+            signs=tuple(modes[k] for k in mode),
+            complete=np.ones(len(q), dtype=bool),
         )
 
 
 def output_rates(motion: Motion, output: Output) -> Floats:
     """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
 
-    That of its link relative to the link it is seen from, in axes of the latter; the
-    Jacobian of an orientation. NaN in rows that failed and where the inputs do not
-    determine the motion. From the velocity equations of all loops.
+    It is that of the output link relative to the link it is seen from, in axes of the
+    latter: the Jacobian of an orientation. It follows from the velocity equations of all
+    loops. NaN in rows that failed and where the inputs do not determine the motion.
+
+    Parameters
+    ----------
+    motion
+        Configurations of the mechanism.
+    output
+        The output.
     """
     mechanism = motion.mechanism
     link = mechanism.link_number[output.link]
     base = mechanism.link_number[output.relative_to]
-    good = motion.status == Status.OK
+    is_ok = motion.status == Status.OK
     rates = nans((len(motion), 3, motion.inputs.shape[1]))
-    inverse = transpose(motion.rotations[good, base])
-    part = motion.rows(good)
-    at = part.linearisation
+    ground_to_base = transpose(motion.rotations[is_ok, base])
+    part = motion.rows(is_ok)
+    linearisation = part.linearisation
     for column, pair in enumerate(motion.assembly.inputs):
-        (moved,) = mechanism.variables_of(pair)
-        speeds = np.zeros_like(part.values)
-        speeds[:, moved] = 1.0
-        speeds[:, part.passive_variables] = -(
-            part.closure_inverse @ at.jacobian[:, :, moved, None]
-        )[..., 0]
-        w = at.body_rates(speeds)
-        rates[good, :, column] = np.matvec(inverse, w[:, link] - w[:, base])
+        # One input moves at the rate 1 while the others are locked.
+        (moving_variable,) = mechanism.variables_of(pair)
+        variable_rates = np.zeros_like(part.values)
+        variable_rates[:, moving_variable] = 1.0
+        input_column = linearisation.jacobian[:, :, moving_variable, None]
+        variable_rates[:, part.passive_variables] = -(part.closure_inverse @ input_column)[
+            ..., 0
+        ]
+        angular_velocities = linearisation.body_rates(variable_rates)
+        relative = angular_velocities[:, link] - angular_velocities[:, base]
+        rates[is_ok, :, column] = np.matvec(ground_to_base, relative)
     return rates

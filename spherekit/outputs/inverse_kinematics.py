@@ -1,18 +1,17 @@
-"""Inverse kinematics of a mechanism's output, in all working modes, many rows at once.
+"""Inverse kinematics of a mechanism's output in all working modes, for many poses at once.
 
-With the output held, the mechanism is assembled like any other: group by group, from the
-derived mechanism that `wrist` makes. Where all groups are dyads on the held body, as for
-legs of any make, a batch is computed from vectors of axes and each sign of a dyad is a
-working mode. Otherwise each row is solved on its own, by elimination or search.
+The output is held by virtual links (`spherekit.outputs.virtual_output`), and the mechanism
+is assembled group by group like any other. If all groups are dyads on the held body, as for
+the legs of most wrists, many poses are computed from vectors of axes, and each combination
+of signs of the dyads is a working mode. Otherwise each pose is solved by elimination or
+search.
 
-The inputs of poses in working modes, with measures of how near singularities are.
-
-The measures are those of C. Gosselin and J. Angeles, Singularity analysis of
-closed-loop kinematic chains (1990), made free of units. With the other inputs free, a
-locked input leaves the output a plane of angular velocities; n_i is its normal.
+The measures of singularities are those of C. Gosselin and J. Angeles, Singularity analysis
+of closed-loop kinematic chains (1990), made independent of units. With one input locked and
+the others free, the angular velocities of the output form a plane; n_i is its unit normal.
 """
 
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -28,11 +27,16 @@ from spherekit.errors import CountError, PlanError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.geometry.tilt_torsion import azimuth_tilt, euler_zyz
 from spherekit.mechanism.joint import revolutes
-from spherekit.outputs.closing_link import CLOSED, CONVERGED, DyadsWithClosingLink, turned
-from spherekit.outputs.dyad_chain import Dyads, Signs, reciprocal
-from spherekit.outputs.forward_kinematics import PoseSolutions, solved
+from spherekit.outputs.closing_link import (
+    CLOSING_RESIDUAL,
+    TURN_STEP_TOLERANCE_RAD,
+    DyadsWithClosingLink,
+    find_closing_link,
+)
+from spherekit.outputs.dyad_chain import DyadChain, Signs, reciprocal_vectors
+from spherekit.outputs.forward_kinematics import PoseSolutions, find_configurations
 from spherekit.outputs.virtual_output import VirtualOutputChain, with_wrist
-from spherekit.outputs.working_mode import PosedMode
+from spherekit.outputs.working_mode import ClosingLinkState, WorkingMode
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_mode import label_of
 from spherekit.positions.loop_closure import Closure
@@ -41,6 +45,26 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_DYAD_SINE
 from spherekit.velocities.transmission import Transmission
+
+POSES_PER_BLOCK = 8192
+"""Number of poses that are computed at once.
+
+Larger: the arrays exceed the cache of the processor. Smaller: the overhead of calls grows.
+"""
+
+DIRECTIONS_PER_BLOCK = 64
+"""Number of directions at which all turns are searched at once.
+
+Larger: more memory, since each direction has more than a hundred samples. Smaller: more
+calls.
+"""
+
+UNIT_POSE_TOLERANCE = 1e-6
+"""Largest error of squared lengths, and of the volume, of a pose.
+
+Larger: poses that are no rotations are accepted. Smaller: poses that were rounded in a text
+file are refused.
+"""
 
 
 @dataclass(frozen=True)
@@ -68,15 +92,15 @@ class Inverse:
         (m, n, inputs): how fast the output turns about n_i per unit rate of input i; 0 at
         a type I singularity of that input. At most 1 for an input on the base, where it
         is the sine of the angle between its axis and the plane of the next link.
+    measure
+        Function that computes `type_2`.
     normals
         (m, n, inputs, 3) the unit n_i in axes of the link that the output is seen from,
         in the sense in which the input's rate is positive; None if not asked for.
     slope
         (m, n) where a bar gives the output's turn: the derivative of the cosine between
-        its axes by that turn. The turn is known to rounding over the slope; where it is
-        0, two solutions meet or the output can turn. None without a bar.
-    measure
-        What computes `type_2`.
+        its axes by that turn. The error of the turn is the rounding error divided by the
+        slope; where it is 0, two solutions meet or the output can turn. None without a bar.
     """
 
     modes: tuple[Signs, ...]
@@ -96,19 +120,19 @@ class Inverse:
 
     @cached_property
     def type_2(self) -> Floats:
-        """How surely the inputs hold the output (m, n), from 0 at a type II singularity.
+        """(m, n) transmission measure of the inputs, 0 at a type II singularity.
 
-        See `spherekit.velocities.transmission`. It takes several times as long as all else,
-        when it is asked for.
+        See `spherekit.velocities.transmission`. It is computed when it is first read, which
+        takes several times as long as all other results.
         """
         return self.measure()
 
     @cached_property
     def jacobian(self) -> Floats:
-        """Angular velocity (m, n, 3, inputs) of the output per unit rate of each input.
+        """(m, n, 3, inputs) angular velocity of the output per unit rate of each input.
 
-        In axes of the link that the output is seen from. Of a pointing output the part at
-        right angles to its direction. NaN or endless at a type II singularity.
+        In axes of the link that the output is seen from. For a pointing output it is the
+        part at right angles to its direction. NaN or infinite at a type II singularity.
 
         Raises
         ------
@@ -117,20 +141,14 @@ class Inverse:
         """
         if self.normals is None:
             raise SolveError("the Jacobian needs the normals: ask with normals=True")
-        rows = self.normals / self.type_1[..., None]
-        along = None
-        if rows.shape[2] == 2:
-            along = np.cross(rows[..., 0, :], rows[..., 1, :])
-        columns, volume = reciprocal(rows, along)
+        # Row i is the rate of input i per unit angular velocity of the output. The
+        # reciprocal vectors are the columns of the inverse matrix.
+        rates = self.normals / self.type_1[..., None]
+        direction = None
+        if rates.shape[2] == 2:
+            direction = np.cross(rates[..., 0, :], rates[..., 1, :])
+        columns, volume = reciprocal_vectors(rates, direction)
         return np.swapaxes(columns, -1, -2) / volume[..., None, None]
-
-
-ROWS = 8192
-"""Rows computed at once: few enough for the processor's cache, and enough to hide calls."""
-FEW = 64
-"""Directions whose every turn is looked for at once."""
-NOT_UNIT = 1e-6
-"""Poses whose squared lengths or volume differ from 1 by more are refused."""
 
 
 class InverseKinematics:
@@ -142,6 +160,21 @@ class InverseKinematics:
         A mechanism with two inputs and a pointing output, or three inputs.
     name
         Name of the output, if it declares several.
+
+    Attributes
+    ----------
+    own
+        The mechanism itself.
+    wrist
+        The mechanism with virtual links that hold the output.
+    mechanism
+        The mechanism of `wrist`. Its inputs are the coordinates of the output.
+    solver
+        Position solver of `mechanism`.
+    driven
+        Numbers of the variables of the inputs of `own`.
+    dyads
+        The dyads on the held body if all groups are such dyads, otherwise None.
 
     Raises
     ------
@@ -166,20 +199,23 @@ class InverseKinematics:
             ) from None
         self.solver = PositionSolver(self.mechanism, assembly)
         self.driven = [
-            number for pair in self.wrist.driven for number in mechanism.variables_of(pair)
+            variable
+            for pair in self.wrist.driven
+            for variable in mechanism.variables_of(pair)
         ]
-        self.dyads: Dyads | None = None
-        self._turned: DyadsWithClosingLink | None = None
+        self.dyads: DyadChain | None = None
+        self._closing_link: DyadsWithClosingLink | None = None
         self._assembly = self.solver.assembly
         joints = revolutes(self.solver.joints)
+        has_only_r_pairs = len(joints) == len(self.solver.joints)
         base = self.wrist.base
-        if len(joints) == len(self.solver.joints) and Dyads.fit(self._assembly, base):
-            given = self.wrist.carrier if self.wrist.points else self.wrist.link
-            self.dyads = Dyads(self.mechanism, joints, self._assembly, base, given)
+        if has_only_r_pairs and DyadChain.can_place(self._assembly, base):
+            posed_link = self.wrist.carrier if self.wrist.points else self.wrist.link
+            self.dyads = DyadChain(self.mechanism, joints, self._assembly, base, posed_link)
         else:
-            self._turned = turned(self.wrist, self.solver)
-            if self._turned is not None:
-                self._assembly = self._turned.assembly
+            self._closing_link = find_closing_link(self.wrist, self.solver)
+            if self._closing_link is not None:
+                self._assembly = self._closing_link.assembly
 
     @property
     def has_closed_form(self) -> bool:
@@ -193,8 +229,8 @@ class InverseKinematics:
         A bar whose arc gives the turn of the output about its direction comes last.
         """
         parts = [(group.kind, group.pairs) for group in self._assembly.groups]
-        if self._turned is not None:
-            parts.append(("bar", self._turned.pairs))
+        if self._closing_link is not None:
+            parts.append(("bar", self._closing_link.pairs))
         return tuple(
             f"{kind} of {', '.join(self.mechanism.names_of(pairs))}"
             for kind, pairs in parts
@@ -208,7 +244,7 @@ class InverseKinematics:
         about its direction: a direction may have several such solutions.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
-        if self._turned is not None:
+        if self._closing_link is not None:
             choices.append((1, -1))
         return tuple(product(*choices))
 
@@ -240,92 +276,148 @@ class InverseKinematics:
             If the poses are not rotations or directions, a mode does not exist, `near` is
             missing, or the groups are not dyads; then ask for `solutions`.
         """
-        if self.dyads is None and self._turned is None:
+        if self.dyads is None and self._closing_link is None:
             raise self.no_closed_form(
                 "ask for `solutions` row by row, or trace `InverseKinematics.mechanism` "
                 "along a path of its inputs"
             )
-        given, chosen = self._checked(poses), self._chosen(modes)
-        starts = self._starts(near, len(given))
-        bar = self._turned is not None
+        pose_array = self._check_poses(poses)
+        signs_of_modes = self._check_modes(modes)
+        starts = self._check_starts(near, len(pose_array))
+        has_closing_link = self._closing_link is not None
 
-        def told(view: PosedMode) -> list[Array]:
-            margin, limiting, _ = view.reach
-            by_input = [view.input, view.speed, *([view.normal] if normals else ())]
-            inputs, type_1, *more = (np.stack([*map(of, view.driven)]) for of in by_input)
-            if bar:
-                more.append(view.slope)
-            return [inputs, type_1, view.status, margin, limiting, *more]
+        def read_results(mode: WorkingMode) -> dict[str, Array]:
+            """Return the results of a mode, the poses along the last axis."""
+            reach = mode.reach()
+            results: dict[str, Array] = {
+                "inputs": np.stack([mode.input_angle(pair) for pair in mode.driven]),
+                "type_1": np.stack([mode.output_speed(pair) for pair in mode.driven]),
+                "status": mode.status,
+                "margin": reach.margin,
+                "limiting": reach.limiting,
+            }
+            if normals:
+                results["normals"] = np.stack(
+                    [mode.output_normal(pair) for pair in mode.driven]
+                )
+            if has_closing_link:
+                results["slope"] = mode.slope
+            return results
 
-        inputs, type_1, status, margin, limiting, *more = self._asked(
-            given, starts, chosen, told
-        )
+        def measure_type_2() -> Floats:
+            """Return the measure of type II (m, n)."""
+            results = self._evaluate(
+                pose_array, starts, signs_of_modes, lambda mode: {"type_2": mode.type_2}
+            )
+            return results["type_2"]
+
+        results = self._evaluate(pose_array, starts, signs_of_modes, read_results)
         return Inverse(
-            chosen,
-            np.swapaxes(inputs, 1, 2),
-            status,
-            margin,
-            limiting,
-            np.swapaxes(type_1, 1, 2),
-            lambda: self._asked(given, starts, chosen, lambda view: [view.type_2])[0],
-            np.moveaxis(more[0], -1, 1) if normals else None,
-            more[-1] if bar else None,
+            modes=signs_of_modes,
+            inputs=np.swapaxes(results["inputs"], 1, 2),
+            status=results["status"],
+            margin=results["margin"],
+            limiting=results["limiting"],
+            type_1=np.swapaxes(results["type_1"], 1, 2),
+            measure=measure_type_2,
+            normals=np.moveaxis(results["normals"], -1, 1) if normals else None,
+            slope=results["slope"] if has_closing_link else None,
         )
 
-    def _asked(
+    def _evaluate(
         self,
-        given: Floats,
+        poses: Floats,
         starts: Floats,
         modes: Sequence[Signs],
-        told: Callable[[PosedMode], Sequence[Array]],
-    ) -> list[Array]:
-        """Return what is told (..., n) of each mode at poses, as arrays (m, ..., n)."""
-        blocks = []
+        read_results: Callable[[WorkingMode], Mapping[str, Array]],
+    ) -> dict[str, Any]:
+        """Return results of several modes at many poses, block by block.
+
+        Parameters
+        ----------
+        poses
+            (n, 3, 3) orientations or (n, 3) directions.
+        starts
+            As `_check_starts` returns them.
+        modes
+            The signs of m modes.
+        read_results
+            Function that returns arrays (..., n) of one mode by their names.
+
+        Returns
+        -------
+        The arrays (m, ..., n) of all modes and poses by their names.
+        """
+        blocks: list[dict[str, Array]] = []
         with np.errstate(all="ignore"):
-            for start in range(0, max(len(given), 1), ROWS):
-                rows = slice(start, start + ROWS)
-                views = self._views(given[rows], starts[rows], modes)
-                blocks.append([*map(np.stack, zip(*map(told, views), strict=True))])
-        return [np.concatenate(part, axis=-1) for part in zip(*blocks, strict=True)]
+            for start in range(0, max(len(poses), 1), POSES_PER_BLOCK):
+                rows = slice(start, start + POSES_PER_BLOCK)
+                results = [
+                    read_results(mode)
+                    for mode in self._place_modes(poses[rows], starts[rows], modes)
+                ]
+                names = results[0] if results else {}
+                blocks.append(
+                    {name: np.stack([item[name] for item in results]) for name in names}
+                )
+        return {
+            name: np.concatenate([block[name] for block in blocks], axis=-1)
+            for name in blocks[0]
+        }
 
-    def _views(
-        self, given: Floats, starts: Floats, modes: Sequence[Signs]
-    ) -> Iterator[PosedMode]:
-        """Yield each mode at poses; what modes share is computed once."""
-        block = np.ascontiguousarray(given.T)
-        directions = given if self.wrist.points else None
-        axes, columns = {}, None
+    def _place_modes(
+        self, poses: Floats, starts: Floats, modes: Sequence[Signs]
+    ) -> Iterator[WorkingMode]:
+        """Yield the dyads in each mode at some poses.
+
+        Results that the modes share are computed once. The parameters are those of
+        `_evaluate`.
+        """
+        # Components first: (3, n) directions, or (3, 3, n) orientations whose index 0 is
+        # the axis of the output link.
+        block = np.ascontiguousarray(poses.T)
+        directions = poses if self.wrist.points else None
+        posed_axes: dict[int, Floats] = {}
+        posed_rotation = None
         if self.wrist.points:
-            axes[self.wrist.pairs[2]] = block
+            posed_axes[self.wrist.pairs[2]] = block
         else:
-            columns = block
+            posed_rotation = block
 
-        def measure(view: PosedMode) -> Floats:
-            return self._transmission.at(view.axes(len(self.own.pairs)), directions)
+        def measure_type_2(mode: WorkingMode) -> Floats:
+            """Return the measure of type II (n,) of a mode."""
+            return self._transmission.at(mode.axes(len(self.own.pairs)), directions)
 
-        shared: dict[Hashable, Any] = {}
+        shared_results: dict[Any, Any] = {}
         for signs in modes:
             if self.dyads is None:
-                assert self._turned is not None
-                view = _closed(self._turned, block, starts, signs)
+                assert self._closing_link is not None
+                mode = _close_mode(self._closing_link, block, starts, signs)
             else:
-                view = PosedMode(self.dyads, signs, axes, columns, shared=shared)
-            yield replace(view, driven=self.wrist.driven, measure=measure)
+                mode = WorkingMode(
+                    self.dyads,
+                    signs,
+                    posed_axes,
+                    posed_rotation,
+                    shared_results=shared_results,
+                )
+            yield replace(mode, driven=self.wrist.driven, measure=measure_type_2)
 
     def no_closed_form(self, advice: str) -> SolveError:
-        """Return the error that says so, with what to do instead."""
-        return self._refusal(
+        """Return the error that there is no closed form, with advice what to do instead."""
+        return self._error(
             "the poses of a working mode have no closed form that needs no start. With the "
             f"output held these groups are left: {'; '.join(self.legs)}; {advice}"
         )
 
     @cached_property
     def _transmission(self) -> Transmission:
+        """The measure of type II of the output."""
         return Transmission.of(self.own, self.wrist.output)
 
     @checked(SolveError)
-    def posed(self, poses: ArrayLike, signs: Signs) -> PosedMode:
-        """Return a mode at poses as for `at`, to be asked for angles one by one.
+    def posed(self, poses: ArrayLike, signs: Signs) -> WorkingMode:
+        """Return a mode at poses as for `at`, whose angles are computed when read.
 
         Raises
         ------
@@ -335,8 +427,9 @@ class InverseKinematics:
         """
         if self.dyads is None:
             raise self.no_closed_form("ask for `solutions` row by row")
-        given, chosen = self._checked(poses), self._chosen([signs])
-        return next(self._views(given, np.empty((len(given), 0)), chosen))
+        pose_array = self._check_poses(poses)
+        modes = self._check_modes([signs])
+        return next(self._place_modes(pose_array, np.empty((len(pose_array), 0)), modes))
 
     @checked(SolveError)
     def solutions(self, poses: ArrayLike) -> PoseSolutions:
@@ -350,86 +443,115 @@ class InverseKinematics:
         SolveError
             If the poses are not rotations or directions.
         """
-        given = self._checked(poses)
-        if self._turned is not None:
+        pose_array = self._check_poses(poses)
+        if self._closing_link is not None:
             with np.errstate(all="ignore"):
-                return self._every_turn(self._turned, given)
-        coordinates = azimuth_tilt(given) if self.wrist.points else euler_zyz(given)
+                return self._solve_all_turns(self._closing_link, pose_array)
+        if self.wrist.points:
+            coordinates = azimuth_tilt(pose_array)
+        else:
+            coordinates = euler_zyz(pose_array)
         released = PositionSolver(self.own, plan_assembly(self.own))
-        return solved(self.solver, self.wrist.output, coordinates, released)
+        return find_configurations(self.solver, self.wrist.output, coordinates, released)
 
-    def _every_turn(self, turned: DyadsWithClosingLink, given: Floats) -> PoseSolutions:
-        """Return the solutions of all modes at directions (n, 3), in order of rows."""
-        ends, count = self.own.ends, len(self.own.links)
+    def _solve_all_turns(
+        self, closing_link: DyadsWithClosingLink, directions: Floats
+    ) -> PoseSolutions:
+        """Return the configurations of all modes at directions (n, 3), in order of rows."""
+        ends = self.own.ends
+        link_count = len(self.own.links)
         joints = revolutes(self.solver.joints)[: len(ends)]
-        none = np.empty(0, dtype=np.intp), np.empty((0, count, 3, 3)), np.empty((0, 3, 3))
-        parts, signs = [none], []
-        for start in range(0, len(given), FEW):
-            block = np.ascontiguousarray(given[start : start + FEW].T)
-            for mode in dict.fromkeys(mode[:-1] for mode in self.modes):
-                row, turn, sense = turned.roots(block, mode)
-                placed = turned.place(block[:, row], turn, mode)
-                assert placed.given_rotation is not None
-                links = turned.links_of(placed, count)
-                parts.append((row + start, links, placed.given_rotation.T))
-                signs += [(*mode, int(sign)) for sign in sense]
-        row, links, rotations = (np.concatenate(part) for part in zip(*parts, strict=True))
-        values, _ = measure_pair_angles(ends, joints, links)
-        # where axes of a dyad coincide it is placed by rounding, and closes no loop
-        closed = Closure.of(self.own, tuple(joints)).at(values).gap < CLOSED
+        rows = [np.empty(0, dtype=np.intp)]
+        link_rotations = [np.empty((0, link_count, 3, 3))]
+        output_rotations = [np.empty((0, 3, 3))]
+        signs: list[Signs] = []
+        # The last sign is that of the closing link, which follows from the solution.
+        dyad_modes = dict.fromkeys(mode[:-1] for mode in self.modes)
+        for start in range(0, len(directions), DIRECTIONS_PER_BLOCK):
+            block = np.ascontiguousarray(directions[start : start + DIRECTIONS_PER_BLOCK].T)
+            for dyad_signs in dyad_modes:
+                turns = closing_link.find_turns(block, dyad_signs)
+                mode = closing_link.place_dyads(block[:, turns.row], turns.turn, dyad_signs)
+                assert mode.posed_rotation is not None
+                rows.append(turns.row + start)
+                link_rotations.append(closing_link.link_orientations(mode, link_count))
+                output_rotations.append(mode.posed_rotation.T)
+                signs += [(*dyad_signs, int(sense)) for sense in turns.sense]
+        row = np.concatenate(rows)
+        rotations = np.concatenate(output_rotations)
+        values, _ = measure_pair_angles(ends, joints, np.concatenate(link_rotations))
+        # A dyad whose outer axes coincide is placed by rounding errors, and its loops
+        # remain open. Such configurations are left out.
+        residual = Closure.of(self.own, tuple(joints)).at(values).gap
+        is_closed = residual < CLOSING_RESIDUAL
         order = np.argsort(row, kind="stable")
-        order = order[closed[order]]
-        values, turned_links = values[order], rotations[order]
+        order = order[is_closed[order]]
         return PoseSolutions(
-            row[order],
-            values[:, self.driven],
-            values,
-            turned_links,
-            turned_links @ turned.frame[2],
-            tuple(signs[k] for k in order),
-            np.zeros(len(given), dtype=bool),
+            row=row[order],
+            inputs=values[order][:, self.driven],
+            values=values[order],
+            rotations=rotations[order],
+            directions=rotations[order] @ closing_link.frame[2],
+            signs=tuple(signs[k] for k in order),
+            complete=np.zeros(len(directions), dtype=bool),
         )
 
-    def _starts(self, near: ArrayLike | None, count: int) -> Floats:
-        if self._turned is None:
+    def _check_starts(self, near: ArrayLike | None, count: int) -> Floats:
+        """Return orientations (count, 3, 3) next to which turns are searched.
+
+        They are (count, 0) if there is no closing link, which alone needs them. A
+        `SolveError` says if they are missing or if their shape is wrong.
+        """
+        if self._closing_link is None:
             return np.empty((count, 0))
         if near is None:
-            raise self._refusal(
+            raise self._error(
                 "the turn of the output about its direction is found by Newton's method; "
                 "give orientations `near` it, from `solutions` or of poses before"
             )
         starts = np.asarray(near, dtype=float)
         if starts.shape not in ((3, 3), (count, 3, 3)):
-            raise self._refusal(
+            raise self._error(
                 f"`near` is a rotation for each of the {count} poses, not {starts.shape}"
             )
         return np.broadcast_to(starts, (count, 3, 3))
 
-    def _refusal(self, why: str) -> SolveError:
-        return SolveError(f"{self.own.name}: outputs.{self.wrist.output.name}: {why}")
+    def _error(self, reason: str) -> SolveError:
+        """Return an error that names the mechanism and its output."""
+        return SolveError(f"{self.own.name}: outputs.{self.wrist.output.name}: {reason}")
 
-    def _checked(self, poses: ArrayLike) -> Floats:
-        """Return poses (n, ...), refusing what is none; NaN is one."""
-        given, points = np.asarray(poses, dtype=float), self.wrist.points
-        shape = (3,) if points else (3, 3)
-        if given.shape == shape:
-            given = given[None]
-        if given.shape[1:] != shape:
-            what = "directions (n, 3)" if points else "rotations (n, 3, 3)"
-            raise self._refusal(f"poses are {what}, not {given.shape}")
-        columns = given[..., None] if points else given
+    def _check_poses(self, poses: ArrayLike) -> Floats:
+        """Return orientations (n, 3, 3) or directions (n, 3) as an array.
+
+        A `SolveError` says if a pose is no rotation matrix or unit vector. NaN is accepted.
+        """
+        array = np.asarray(poses, dtype=float)
+        points = self.wrist.points
+        pose_shape = (3,) if points else (3, 3)
+        if array.shape == pose_shape:
+            array = array[None]
+        if array.shape[1:] != pose_shape:
+            expected = "directions (n, 3)" if points else "rotations (n, 3, 3)"
+            raise self._error(f"poses are {expected}, not {array.shape}")
+        columns = array[..., None] if points else array
+        # Squared lengths of the columns. All of them have to be 1.
         sizes = np.einsum("nik,nik->nk", columns, columns)
         if not points:
-            # unit columns span at most the unit volume, and only at right angles
+            # Unit columns have the volume 1 only if they are at right angles and
+            # right-handed.
             with np.errstate(invalid="ignore"):
-                sizes = np.column_stack([sizes, np.linalg.det(given)])
-        wrong = np.any(np.abs(sizes - 1.0) > NOT_UNIT, axis=1)
-        if np.any(wrong):
-            what = "unit vector" if points else "rotation matrix"
-            raise self._refusal(f"row {np.argmax(wrong)} is not a {what}")
-        return given
+                sizes = np.column_stack([sizes, np.linalg.det(array)])
+        is_wrong = np.any(np.abs(sizes - 1.0) > UNIT_POSE_TOLERANCE, axis=1)
+        if np.any(is_wrong):
+            expected = "unit vector" if points else "rotation matrix"
+            raise self._error(f"row {np.argmax(is_wrong)} is not a {expected}")
+        return array
 
-    def _chosen(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
+    def _check_modes(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
+        """Return the signs of the chosen modes, of all modes for None.
+
+        A `SolveError` says if a mode does not exist.
+        """
         if modes is None:
             return self.modes
         chosen = tuple(tuple(map(int, signs)) for signs in modes)
@@ -442,18 +564,40 @@ class InverseKinematics:
         return chosen
 
 
-def _closed(
-    turned: DyadsWithClosingLink, directions: Floats, near: Floats, signs: Signs
-) -> PosedMode:
-    """Return one mode with the output turned so that the bar closes, next to `near`."""
-    mode, wanted = signs[:-1], signs[-1]
-    turn = turned.close(directions, turned.turn_of(directions, near), mode)
-    placed = turned.place(directions, turn, mode)
-    slope, gap = turned.slope(placed, directions), np.abs(turned.gap(placed))
-    status = placed.status.copy()
-    within = status != Status.OUT_OF_REACH
-    status[within & (np.abs(slope) < SINGULAR_DYAD_SINE)] = Status.AT_SINGULARITY
-    status[within & (slope * wanted <= 0.0)] = Status.MODE_LOST
-    closes = (gap < CLOSED) & (gap < CONVERGED * np.abs(slope))
-    status[within & ~closes] = Status.NOT_CONVERGED
-    return replace(placed, turn=(turned.rate(placed), directions, status))
+def _close_mode(
+    closing_link: DyadsWithClosingLink, directions: Floats, near: Floats, signs: Signs
+) -> WorkingMode:
+    """Return one mode with the output turned so that the closing link closes.
+
+    Parameters
+    ----------
+    closing_link
+        The dyads and the closing link.
+    directions
+        (3, n) directions of the output.
+    near
+        (n, 3, 3) orientations of the output link from whose turns Newton's method starts.
+    signs
+        The sign of each dyad, then that of the closing link. Poses at which the method
+        arrives at the other sign have the status MODE_LOST.
+    """
+    dyad_signs = signs[:-1]
+    link_sign = signs[-1]
+    start_turns = closing_link.measure_turns(directions, near)
+    turn = closing_link.solve_turn(directions, start_turns, dyad_signs)
+    mode = closing_link.place_dyads(directions, turn, dyad_signs)
+    slope = closing_link.slope(mode, directions)
+    residual = np.abs(closing_link.residual(mode))
+
+    status = mode.status.copy()
+    is_in_reach = status != Status.OUT_OF_REACH
+    # Later statuses replace earlier ones.
+    status[is_in_reach & (np.abs(slope) < SINGULAR_DYAD_SINE)] = Status.AT_SINGULARITY
+    status[is_in_reach & (slope * link_sign <= 0.0)] = Status.MODE_LOST
+    # The residual over the slope is the step that is left.
+    is_closed = (residual < CLOSING_RESIDUAL) & (
+        residual < TURN_STEP_TOLERANCE_RAD * np.abs(slope)
+    )
+    status[is_in_reach & ~is_closed] = Status.NOT_CONVERGED
+    state = ClosingLinkState(closing_link.residual_rate(mode), directions, status)
+    return replace(mode, closing_link=state)

@@ -13,17 +13,27 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.outputs.dyad_chain import Signs, input_rates
 from spherekit.outputs.forward_kinematics import PoseSolutions
 from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture
-from spherekit.outputs.pose_constraints import ClosedKinematics, Rows, Span
+from spherekit.outputs.output_kinematics import ClosedKinematics
+from spherekit.outputs.pose_constraints import LegSpan, ModeAtPoses
 from spherekit.positions.pair_states import measure_pair_angles
 
 
 class MidPlaneKinematics(ClosedKinematics):
     """A pointing output of a mechanism in its mid-plane symmetric architecture.
 
-    The mid-plane of a direction p is the one that mirrors m, where the output would point
-    with the end effector laid upon its image, to p; its normal n points from m to p. The
+    The output points in the direction m if its link lies on the mirror image of the base.
+    The mid-plane of a direction p mirrors m to p, and its normal n points from m to p. The
     mode of a leg is the sign of n . (base axis x elbow). In the direction m itself every
-    plane through m serves, and nothing is determined.
+    plane through m is possible, and nothing is determined.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    output
+        Its output, with a direction.
+    form
+        The mid-plane architecture of this output.
     """
 
     form: MidPlaneArchitecture
@@ -41,95 +51,145 @@ class MidPlaneKinematics(ClosedKinematics):
         )
 
     @property
-    def spans(self) -> tuple[Span, ...]:
-        """What limits the reach: the axes of every leg at base and end effector."""
+    def spans(self) -> tuple[LegSpan, ...]:
+        """The reach of every leg, between its axes at the base and at the output link.
+
+        Both axes have the same distance from the mid-plane, which is at most the reach.
+        """
         plane = self.form.plane
-        most = (2.0 * plane.reach).tolist()
+        longest = (2.0 * plane.reach).tolist()
         return tuple(
-            (base, tip, 0.0, most[k], k in plane.driven)
-            for k, (base, _, tip) in enumerate(self.form.legs)
+            LegSpan(
+                first_pair=base,
+                second_pair=tip,
+                shortest=0.0,
+                longest=longest[number],
+                can_fold=number in plane.driven,
+            )
+            for number, (base, _, tip) in enumerate(self.form.legs)
         )
 
-    def at(self, poses: Floats, signs: Signs) -> Rows:
+    def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
         """Return one mode at directions (n, 3)."""
-        return _MidPlaneRows(self, poses @ self.form.frame, signs)
+        return _MidPlaneMode(self, poses @ self.form.frame, signs)
 
     def forward(self, inputs: Floats) -> PoseSolutions:
-        """Return the pose at driven readings (n, 2) rad, the other legs in each mode.
+        """Return the poses at inputs (n, 2) rad, with the other legs in each mode.
 
-        None where the driven elbows lie on one line.
+        There is none where the elbows of both driven legs lie on one line.
         """
-        form, plane = self.form, self.form.plane
-        upward = plane.normals(inputs)
-        away = -np.sign(upward @ form.home)[:, None]  # from the image of the output
-        normals, driven_modes = away * upward, away * plane.modes(inputs)
-        every = np.array(self.modes)
-        same = driven_modes[:, None] == every[:, plane.driven]
-        row, mode = np.nonzero(np.all(same, axis=2))
-        values, _ = form.values(form.place(normals[row], every[mode]))
-        closed = np.isfinite(values).all(axis=1)
-        row, mode, values = row[closed], mode[closed], values[closed]
-        turned = form.orientations(normals[row])
+        form = self.form
+        plane = form.plane
+        upward_normals = plane.normals(inputs)
+        # The normals of this class point away from the home direction m.
+        sense = -np.sign(upward_normals @ form.home)[:, None]
+        normals = sense * upward_normals
+        driven_signs = sense * plane.modes(inputs)
+        modes = np.array(self.modes)
+        is_mode = driven_signs[:, None] == modes[:, plane.driven]
+        row, mode = np.nonzero(np.all(is_mode, axis=2))
+        values, _ = form.values(form.place(normals[row], modes[mode]))
+        is_closed = np.isfinite(values).all(axis=1)
+        row = row[is_closed]
+        mode = mode[is_closed]
+        orientations = form.orientations(normals[row])
         return PoseSolutions(
-            row,
-            inputs[row],
-            values,
-            turned,
-            turned @ np.array(self.output.direction),
-            tuple(self.modes[number] for number in mode),
-            np.ones(len(inputs), dtype=bool),
+            row=row,
+            inputs=inputs[row],
+            values=values[is_closed],
+            rotations=orientations,
+            directions=orientations @ np.array(self.output.direction),
+            signs=tuple(self.modes[number] for number in mode),
+            complete=np.ones(len(inputs), dtype=bool),
         )
 
 
-class _MidPlaneRows:
-    def __init__(self, owner: MidPlaneKinematics, points: Floats, signs: Signs) -> None:
-        self.form, self.signs, self.points = owner.form, signs, points
-        self.driven = owner.form.plane.driven
-        self.normals, self.distance = self.form.normals_to(points)
+class _MidPlaneMode:
+    """One working mode of a mid-plane architecture, at n directions (a `ModeAtPoses`).
+
+    Parameters
+    ----------
+    kinematics
+        The closed form of the output.
+    directions
+        (n, 3) directions of the output in mirror axes.
+    signs
+        The sign of each leg.
+    """
+
+    def __init__(
+        self, kinematics: MidPlaneKinematics, directions: Floats, signs: Signs
+    ) -> None:
+        self.form = kinematics.form
+        self.signs = signs
+        self.directions = directions
+        self.driven = kinematics.form.plane.driven
+        self.normals, self.home_distance = self.form.normals_to(directions)
 
     def cosine(self, one: int, other: int) -> Floats:
-        elbows = self._elbows[0]
-        axes = (self.form.axis(pair, self.normals, elbows) for pair in (one, other))
-        return np.broadcast_to(np.vecdot(*axes), len(self.points))
+        """Return the cosine (n,) of the angle between the axes of two pairs."""
+        elbows, _ = self._elbows
+        one_axis = self.form.axis(one, self.normals, elbows)
+        other_axis = self.form.axis(other, self.normals, elbows)
+        return np.broadcast_to(np.vecdot(one_axis, other_axis), len(self.directions))
 
     def angle(self, pair: int) -> Floats:
-        ends, joint = self.form.mechanism.ends[pair], revolute(self.form.joints[pair])
-        placed = self.form.place(self.normals, self.signs, links=ends)
-        return measure_pair_angles([ends], [joint], placed)[0][:, 0]
+        """Return the variable (n,) of a pair in (-pi, pi] rad."""
+        ends = self.form.mechanism.ends[pair]
+        joint = revolute(self.form.joints[pair])
+        link_rotations = self.form.place(self.normals, self.signs, links=ends)
+        values, _ = measure_pair_angles([ends], [joint], link_rotations)
+        return values[:, 0]
 
     @property
     def inputs(self) -> Floats:
-        return self.form.plane.readings(self._elbows[0])[:, self.driven]
+        """(n, inputs) rad in (-pi, pi], NaN out of reach."""
+        elbows, _ = self._elbows
+        return self.form.plane.readings(elbows)[:, self.driven]
 
     @property
     def type_1(self) -> Floats:
-        return self._moved[1]
+        """(n, inputs) measures of type I, see `Inverse`."""
+        _, type_1 = self._rates_and_type_1
+        return type_1
 
     @property
     def rates(self) -> Floats:
-        return self._moved[0]
+        """(n, inputs, 3) rates of the inputs per unit angular velocity of the output."""
+        rates, _ = self._rates_and_type_1
+        return rates
 
     @cached_property
-    def _moved(self) -> tuple[Floats, Floats]:
-        elbows, root = self._elbows
-        across = cross(elbows[:, self.driven], self.points[:, None]) @ self.form.frame.T
+    def _rates_and_type_1(self) -> tuple[Floats, Floats]:
+        """Rates (n, inputs, 3) and measures (n, inputs), as `input_rates` returns them.
+
+        The denominator is 0 if a leg is at the limit of its reach, or if the output points
+        in its home direction.
+        """
+        elbows, elbow_height = self._elbows
+        normals = cross(elbows[:, self.driven], self.directions[:, None])
         senses = self.form.plane.senses[self.driven]
-        bottoms = root[:, self.driven] * self.distance[:, None]
-        return input_rates(across * senses[:, None], bottoms)
+        numerators = (normals @ self.form.frame.T) * senses[:, None]
+        denominators = elbow_height[:, self.driven] * self.home_distance[:, None]
+        return input_rates(numerators, denominators)
 
     @property
     def type_1_square(self) -> Floats:
+        """(n, inputs) squares of `type_1`, continued out of reach with negative values."""
         square = self.type_1**2
-        flat, _, left = self.form.plane.nearest_elbows(self.normals)
-        across = cross(self.points[:, None], flat[:, self.driven])
-        beyond = left[:, self.driven] / np.vecdot(across, across)
-        beyond = np.fmin(beyond * (self.distance**2)[:, None], 0.0)
-        return np.where(np.isnan(square), beyond, square)
+        feet, _, height_square = self.form.plane.nearest_elbows(self.normals)
+        across = cross(self.directions[:, None], feet[:, self.driven])
+        continuation = height_square[:, self.driven] / np.vecdot(across, across)
+        continuation = np.fmin(continuation * (self.home_distance**2)[:, None], 0.0)
+        return np.where(np.isnan(square), continuation, square)
 
     @property
     def type_2(self) -> Floats:
-        return self.form.transmission(self.normals, self._elbows[0])
+        """(n,) measure of type II."""
+        elbows, _ = self._elbows
+        return self.form.transmission(self.normals, elbows)
 
     @cached_property
     def _elbows(self) -> tuple[Floats, Floats]:
+        """Elbows (n, legs, 3), and n . (base axis x elbow) (n, legs)."""
         return self.form.plane.elbows(self.normals, self.signs)

@@ -1,51 +1,34 @@
-"""Constraints of a workspace: bounds on angles that are known by their cosines.
+"""Constraints of a workspace, expressed as limits of angles.
 
-The cosine is smooth where the angle ends with a vertical slope, so that a border found
-from it is found well: reach, limits of pairs, angles between axes and the measures of
-singularities are all such bounds.
+The reach of legs, the ranges of pairs, angles between axes and distances to singularities
+are all limits of angles whose cosines are known. A border is computed from the cosine,
+which is a smooth function of the pose. The angle itself changes like a square root where an
+axis becomes parallel to another one.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Protocol, Self
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
-from spherekit.conventions import Names
+from spherekit.arrays import Floats, Indices
 from spherekit.errors import AnalysisError
 from spherekit.geometry.triangle import arc
-from spherekit.mechanism.elements import Output
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 from spherekit.numerics.angles import wrap
-from spherekit.numerics.array_rows import ArrayRows
-from spherekit.outputs.dyad_chain import Signs
-from spherekit.outputs.forward_kinematics import (
-    ForwardKinematics,
-    PoseSolutions,
-    output_rates,
-)
-from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture, axis_in
-from spherekit.outputs.virtual_output import with_wrist
-from spherekit.positions.assembly_mode import label_of
-from spherekit.positions.loop_closure import Closure
-from spherekit.positions.motion import make_motion
-from spherekit.status import Status
-from spherekit.tolerances import SINGULAR_DYAD_SINE
-from spherekit.velocities.transmission import Transmission
+from spherekit.outputs.mid_plane_architecture import axis_in
 from spherekit.wording import listing, nearest
 
 
-class Rows(Protocol):
+class ModeAtPoses(Protocol):
     """A mechanism at n poses of its output, in one working mode.
 
-    Everything is NaN where it is not determined; what limits the reach is not.
+    Quantities are NaN where they are not determined. The angles that limit the reach are
+    always determined.
     """
 
     def cosine(self, one: int, other: int) -> Floats:
@@ -64,9 +47,9 @@ class Rows(Protocol):
 
     @property
     def type_1_square(self) -> Floats:
-        """(n, inputs) its squares, continued smoothly where a leg does not reach.
+        """(n, inputs) squares of `type_1`, continued smoothly where a leg does not reach.
 
-        There they are negative.
+        The continuation is negative.
         """
 
     @property
@@ -82,105 +65,63 @@ class Rows(Protocol):
         """
 
 
-Span = tuple[int, int, float, float, bool]
-"""Two pairs whose axes a leg joins, the least and the greatest angle (rad) between them,
-and whether the leg's two links can lie over each other there."""
-
-
-@dataclass(frozen=True)
-class InverseRows(ArrayRows):
-    """k rows: the number of the pose, the label of the working mode, and what is there.
+class LegSpan(NamedTuple):
+    """The range of the angle between two axes that a leg joins.
 
     Attributes
     ----------
-    pose
-        (k,) number of the pose, ascending.
-    mode
-        (k,) label of the working mode, ``~`` for each group without signs; empty for a
-        pose without a configuration.
-    inputs
-        (k, inputs) rad in (-pi, pi].
-    status
-        (k,) values of `Status`: OK; OUT_OF_REACH, and then all but margin and limiting
-        are NaN; AT_SINGULARITY where a measure is nearly 0 or has no value.
-    margin, limiting
-        (k,) rad left to the nearest limit, negative outside, and its number in `limits`;
-        NaN and -1 where no limit says anything.
-    type_1, type_2
-        (k, inputs) and (k,), see `Inverse` and `spherekit.velocities.transmission`.
-    rates
-        (k, inputs, 3), see `Rows`.
-    values
-        (k, pairs asked for) rad in (-pi, pi].
-    limits
-        Names of the limits.
+    first_pair, second_pair
+        Numbers of the pairs with these axes, among those that carry the output.
+    shortest, longest
+        Smallest and largest angle (rad) at which the leg closes.
+    can_fold
+        Whether the two links of the leg can lie over each other at the smallest angle.
     """
 
-    pose: Indices
-    mode: NDArray[np.str_]
-    inputs: Floats
-    status: SmallIntegers
-    margin: Floats
-    limiting: Indices
-    type_1: Floats
-    type_2: Floats
-    rates: Floats
-    values: Floats
-    limits: Names
-
-    def __len__(self) -> int:
-        return len(self.pose)
-
-    @property
-    def solved(self) -> Bools:
-        """Which rows (k,) have a configuration."""
-        return self.status != Status.OUT_OF_REACH
-
-    def judged(self) -> Self:
-        """Return the rows with their status, empty where a limit or the reach says no."""
-        out, finite = self.margin < 0.0, np.isfinite(self.margin)
-        least = np.fmin(np.min(self.type_1, axis=1), self.type_2)
-        regular = np.isfinite(self.inputs).all(axis=1) & (least > SINGULAR_DYAD_SINE)
-        status = np.where(regular, Status.OK, Status.AT_SINGULARITY)
-        status[out] = Status.OUT_OF_REACH
-        gone = np.where(out, np.nan, 0.0)
-        emptied = {
-            name: (getattr(self, name).T + gone).T
-            for name in ("inputs", "type_1", "type_2", "rates", "values")
-        }
-        margin = np.where(finite, self.margin, np.nan)
-        return replace(self, status=status.astype(np.int8), margin=margin, **emptied)
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Return the rows of several modes, those of a pose together."""
-        every = super().joined(parts)
-        return every.rows(np.argsort(every.pose, kind="stable"))
+    first_pair: int
+    second_pair: int
+    shortest: float
+    longest: float
+    can_fold: bool
 
 
 @dataclass(frozen=True)
 class AngleLimit:
-    """An angle (rad) that may not be less, or not be more, than a limit.
+    """A limit of an angle, at n poses in one mode.
 
-    `cosine` gives that of the angle, and a unit of the angle is `unit` rad of what the
-    bound is named for.
+    Attributes
+    ----------
+    name
+        Description of the limit, as it is reported.
+    limit
+        Limit of the angle (rad), between 0 and pi.
+    at_least
+        Whether the angle may not be smaller than the limit; otherwise not larger.
+    cosine
+        Function that returns the cosine (n,) of the angle.
+    unit
+        Change (rad) of the quantity that is reported, per rad of the angle.
     """
 
     name: str
     limit: float
     at_least: bool
-    cosine: Callable[[Rows], Floats]
+    cosine: Callable[[ModeAtPoses], Floats]
     unit: float = 1.0
 
-    def column(self, rows: Rows) -> Floats:
-        """Return the margin (n,) as a difference of cosines, smooth across the border."""
-        beyond = np.cos(self.limit) - self.cosine(rows)
-        return beyond if self.at_least else -beyond
+    def column(self, rows: ModeAtPoses) -> Floats:
+        """Return the margin (n,) as a difference of cosines, smooth across the border.
 
-    def left(self, rows: Rows) -> Floats:
+        It is negative beyond the limit.
+        """
+        margin = np.cos(self.limit) - self.cosine(rows)
+        return margin if self.at_least else -margin
+
+    def left(self, rows: ModeAtPoses) -> Floats:
         """Return how far (n,) rad the angle is from the limit, negative beyond."""
-        beyond = self.unit * (np.arccos(np.clip(self.cosine(rows), -1.0, 1.0)) - self.limit)
-        return beyond if self.at_least else -beyond
+        angle = np.arccos(np.clip(self.cosine(rows), -1.0, 1.0))
+        margin = self.unit * (angle - self.limit)
+        return margin if self.at_least else -margin
 
 
 @dataclass(frozen=True)
@@ -195,12 +136,12 @@ class InterferenceLimit:
 
 @dataclass(frozen=True)
 class Constraints:
-    """What a workspace is asked to keep to, beside the reach of the legs.
+    """Constraints of a workspace in addition to the reach of the legs.
 
     Attributes
     ----------
     limits
-        Limits of pairs; the joint limits of the mechanism hold as well.
+        Limits of pairs; the joint limits of the mechanism apply as well.
     apart
         Limits of angles between axes.
     near
@@ -219,159 +160,38 @@ class Constraints:
     radius: float = 0.0
 
 
-class OutputKinematics:
-    """The poses of one declared output.
+class LimitedOutput(Protocol):
+    """What the limits of an output are computed from."""
 
-    Of one with another number of inputs than a pose has coordinates, forward only.
-
-    Attributes
-    ----------
-    mechanism, output
-        The output, and the mechanism that declares it.
-    points
-        Whether poses are directions (n, 3), else rotations (n, 3, 3).
-    modes, legs
-        The signs of all working modes, and what each sign belongs to.
-    form
-        The mid-plane symmetric architecture of the output, if it has one.
-    solved_by
-        What gives the configurations: ``dyads``, ``mid-plane`` or ``graph``.
-    """
-
-    modes: tuple[Signs, ...] = ()
-    legs: Names = ()
-    form: MidPlaneArchitecture | None = None
-    solved_by = "graph"
-
-    def __init__(self, mechanism: Mechanism, output: Output, points: bool) -> None:
-        self.mechanism, self.output, self.points = mechanism, output, points
-
-    @property
-    def labels(self) -> Names:
-        """Labels of the working modes."""
-        return tuple(map(label_of, self.modes))
-
-    def chosen_modes(self, text: str) -> tuple[Signs, ...]:
-        """Return the modes that a text names: all for ``""``, else a label or a number.
-
-        Raises
-        ------
-        AnalysisError
-            If it names none.
-        """
-        if not text:
-            return self.modes
-        if text in self.labels:
-            return (self.modes[self.labels.index(text)],)
-        if text.isdecimal() and int(text) < len(self.modes):
-            return (self.modes[int(text)],)
-        raise AnalysisError(
-            f'{self.mechanism.name}: outputs.{self.output.name}: working mode "{text}" is '
-            f"none of {listing(self.labels, 64)}, nor a number below {len(self.modes)}; "
-            f"the signs are those of: {'; '.join(self.legs)}"
-        )
-
-    def inverse(
-        self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
-    ) -> InverseRows:
-        """Return the configurations of poses in some modes, with variables of pairs.
-
-        Modes are named by their labels.
-
-        Raises
-        ------
-        PlanError
-            If there is none.
-        """
-        with_wrist(self.mechanism, self.output.name)
-        raise AssertionError(poses, modes, pairs)
-
-    def forward(self, inputs: Floats) -> PoseSolutions:
-        """Return every pose found at inputs (n, inputs) rad."""
-        return self._forward.solutions(inputs)
-
-    def turns(self, values: Floats) -> Floats:
-        """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
-
-        At configurations (n, variables), in axes of the link that the output is seen from;
-        NaN where the inputs do not determine the motion.
-        """
-        return output_rates(make_motion(self._forward.solver, values), self.output)
-
-    def type_2(self, values: Floats) -> Floats:
-        """Return the measure (n,) of type II at configurations (n, variables)."""
-        return Transmission.of(self.mechanism, self.output).of_values(self._closure, values)
-
-    def residual(self, values: Floats) -> Floats:
-        """Return (n,) rad by how much loops fail to close at values (n, variables)."""
-        return self._closure.at(values).gap
-
-    @cached_property
-    def _forward(self) -> ForwardKinematics:
-        return ForwardKinematics(self.mechanism, self.output.name)
-
-    @cached_property
-    def _closure(self) -> Closure:
-        return Closure.of(self.mechanism, make_joints(self.mechanism))
-
-
-class ClosedKinematics(OutputKinematics, ABC):
-    """An output in a closed form that needs no start; poses are judged by its limits."""
+    mechanism: Mechanism
+    """The whole mechanism."""
 
     @property
     def carrying(self) -> Mechanism:
-        """What carries the output: the numbers of axes are those of its pairs."""
-        return self.mechanism
+        """The mechanism that carries the output, without wheels. It numbers the axes."""
 
     @property
-    @abstractmethod
-    def spans(self) -> tuple[Span, ...]:
-        """What limits the reach."""
-
-    @abstractmethod
-    def at(self, poses: Floats, signs: Signs) -> Rows:
-        """Return one mode at poses."""
+    def spans(self) -> tuple[LegSpan, ...]:
+        """The reach of the legs."""
 
     def name_of(self, pair: int) -> str:
-        """Return the name of a pair, or that of the output for a pair made for it."""
-        pairs = self.carrying.pairs
-        return pairs[pair].name if pair < len(pairs) else self.output.name
-
-    @cached_property
-    def bounds(self) -> tuple[AngleLimit, ...]:
-        """The reach of the legs, and the joint limits of the mechanism."""
-        return bounds_of(self, Constraints())
-
-    def inverse(
-        self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
-    ) -> InverseRows:
-        """Return a row for each pose and mode."""
-        limits = tuple(bound.name for bound in self.bounds)
-        signs = dict(zip(self.labels, self.modes, strict=True))
-        count = len(poses)
-        parts = []
-        for mode in modes:
-            with np.errstate(all="ignore"):
-                rows = self.at(poses, signs[mode])
-                values = [np.empty((count, 0)), *map(rows.angle, pairs)]
-                part = InverseRows(
-                    np.arange(count),
-                    np.full(count, mode),
-                    rows.inputs,
-                    np.zeros(count, dtype=np.int8),
-                    *left_of(self.bounds, rows),
-                    rows.type_1,
-                    rows.type_2,
-                    rows.rates,
-                    np.column_stack(values),
-                    limits,
-                )
-            parts.append(part.judged())
-        return InverseRows.joined(parts)
+        """Return the name of a pair, or that of the output for a virtual pair."""
 
 
-def bounds_of(kinematics: ClosedKinematics, wanted: Constraints) -> tuple[AngleLimit, ...]:
-    """Return all bounds: of the reach, then those wanted.
+def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimit, ...]:
+    """Return all limits of an output.
+
+    Parameters
+    ----------
+    kinematics
+        The output, with the reach of its legs.
+    wanted
+        Further constraints.
+
+    Returns
+    -------
+    Limits of angles between axes, then of pairs, then of measures of singularities. Without
+    any, one limit that every pose keeps.
 
     Raises
     ------
@@ -379,111 +199,196 @@ def bounds_of(kinematics: ClosedKinematics, wanted: Constraints) -> tuple[AngleL
         For unknown pairs, values without meaning, and limits that contradict each other.
     """
     bounds = (
-        *_between_axes(kinematics, wanted),
-        *_of_pairs(kinematics, wanted.limits),
-        *_of_singularities(kinematics.mechanism, wanted.near),
+        *_limit_axis_angles(kinematics, wanted),
+        *_limit_pairs(kinematics, wanted.limits),
+        *_limit_measures(kinematics.mechanism, wanted.near),
     )
     return bounds or (_NO_LIMIT,)
 
 
-def left_of(bounds: Sequence[AngleLimit], rows: Rows) -> tuple[Floats, Indices]:
-    """Return what is left (n,) rad to the nearest bound, and its number.
+def find_least_margin(
+    bounds: Sequence[AngleLimit], rows: ModeAtPoses
+) -> tuple[Floats, Indices]:
+    """Return the margin to the nearest of several limits at n poses.
 
-    Negative outside; the number is -1 where no limit says why the pose cannot be taken.
+    Parameters
+    ----------
+    bounds
+        The limits.
+    rows
+        The mode at the poses.
+
+    Returns
+    -------
+    margin
+        (n,) rad to the nearest limit, negative beyond it; NaN if it is not known.
+    limiting
+        (n,) number of this limit, -1 if it is not known.
     """
-    left = np.stack([bound.left(rows) for bound in bounds], axis=1)
-    columns = np.stack([bound.column(rows) for bound in bounds], axis=1)
-    margin = np.fmin.reduce(left, axis=1)
-    limiting = np.argmax(left == margin[:, None], axis=1)
-    exact = np.fmin.reduce(columns, axis=1)
-    margin[(margin < 0.0) & (exact >= 0.0)] = 0.0
-    unknown = np.isnan(left).any(axis=1) & ~(margin < 0.0)
-    return np.where(unknown, np.nan, margin), np.where(unknown, -1, limiting)
+    angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)
+    cosine_margins = np.stack([bound.column(rows) for bound in bounds], axis=1)
+    margin = np.fmin.reduce(angle_margins, axis=1)
+    limiting = np.argmax(angle_margins == margin[:, None], axis=1)
+    # The arc cosine amplifies rounding errors at 0 and pi. The cosines decide whether a
+    # pose is inside.
+    least_cosine_margin = np.fmin.reduce(cosine_margins, axis=1)
+    margin[(margin < 0.0) & (least_cosine_margin >= 0.0)] = 0.0
+    # Without one of the margins a positive minimum says nothing, a negative one does.
+    is_unknown = np.isnan(angle_margins).any(axis=1) & ~(margin < 0.0)
+    return np.where(is_unknown, np.nan, margin), np.where(is_unknown, -1, limiting)
 
 
 _NO_LIMIT = AngleLimit(
-    "none: every pose is reached", np.pi, False, lambda r: np.ones_like(r.type_2)
+    name="none: every pose is reached",
+    limit=np.pi,
+    at_least=False,
+    cosine=lambda rows: np.ones_like(rows.type_2),
 )
+"""A limit that every pose keeps."""
 
 
-def _between_axes(
-    kinematics: ClosedKinematics, wanted: Constraints
-) -> tuple[AngleLimit, ...]:
-    """Return the bounds of angles between axes, one each way for each two axes.
+@dataclass(frozen=True)
+class _AngleRange:
+    """A range of the angle between two axes, and the constraint that it comes from.
 
-    Of the limits (rad) of two axes the strictest hold, with where they are from.
+    Attributes
+    ----------
+    low, high
+        Smallest and largest angle (rad).
+    source
+        Name of the constraint in messages.
+    """
+
+    low: float
+    high: float
+    source: str
+
+
+def _collect_axis_ranges(
+    kinematics: LimitedOutput, wanted: Constraints
+) -> dict[tuple[int, int], list[_AngleRange]]:
+    """Return all ranges of the angle between two axes, by the numbers of their pairs.
+
+    The smaller number comes first. The first range of each list is the whole half circle.
     """
     mechanism = kinematics.carrying
-    closest = _closest(mechanism, wanted)
-    limits: dict[tuple[int, int], list[tuple[float, float, str]]] = {}
+    least_link_angle = _find_least_link_angle(mechanism, wanted)
+    ranges: dict[tuple[int, int], list[_AngleRange]] = {}
 
-    def ask(one: int, other: int, *limit: Any) -> None:
-        limits.setdefault((min(one, other), max(one, other)), [(0.0, np.pi, "")]).append(
-            limit
-        )
+    def add_range(pair: int, other_pair: int, low: float, high: float, source: str) -> None:
+        """Add a range of the angle between the axes of two pairs."""
+        key = (min(pair, other_pair), max(pair, other_pair))
+        whole_range = _AngleRange(0.0, np.pi, "")
+        ranges.setdefault(key, [whole_range]).append(_AngleRange(low, high, source))
 
-    for one, other, shortest, longest, folds in kinematics.spans:
-        ask(one, other, shortest, longest, "the arcs of the leg")
-        if folds:
-            ask(one, other, closest, np.pi, "the width of the links")
-    for item in wanted.apart:
-        one, other = (_pair(kinematics, "apart", name) for name in (item.one, item.other))
-        if not _holds_always(mechanism, item, one, other):
-            ask(one, other, item.low, item.high, "apart")
+    for span in kinematics.spans:
+        first = span.first_pair
+        second = span.second_pair
+        add_range(first, second, span.shortest, span.longest, "the arcs of the leg")
+        if span.can_fold:
+            add_range(first, second, least_link_angle, np.pi, "the width of the links")
+    for limit in wanted.apart:
+        pair = _find_pair(kinematics, "apart", limit.one)
+        other_pair = _find_pair(kinematics, "apart", limit.other)
+        if not _is_always_kept(mechanism, limit, pair, other_pair):
+            add_range(pair, other_pair, limit.low, limit.high, "apart")
+    return ranges
+
+
+def _limit_axis_angles(
+    kinematics: LimitedOutput, wanted: Constraints
+) -> tuple[AngleLimit, ...]:
+    """Return the limits of angles between axes: a lower and an upper one for two axes.
+
+    Of several ranges of the same angle the strictest limits are returned, with the
+    constraints that they come from. An `AnalysisError` says if they contradict each other.
+    """
     bounds: list[AngleLimit] = []
-    for axes, held in limits.items():
+    for axes, ranges in _collect_axis_ranges(kinematics, wanted).items():
         name = "/".join(kinematics.name_of(pair) for pair in axes)
-        low, _, low_from = max(held, key=lambda asked: asked[0])
-        _, high, high_from = min(held, key=lambda asked: asked[1])
+        strictest_low = max(ranges, key=lambda angle_range: angle_range.low)
+        strictest_high = min(ranges, key=lambda angle_range: angle_range.high)
+        low = strictest_low.low
+        high = strictest_high.high
         if high - low < COLLINEAR_SINE:
-            raise _refusal(
-                mechanism,
-                f"the axes {name} cannot be at least {_deg(low)} apart ({low_from}) and "
-                f"at most {_deg(high)} ({high_from}) on any area: these limits contradict "
-                "each other, or leave no more than a curve",
+            raise _error(
+                kinematics.carrying,
+                f"the axes {name} cannot be at least {_format_degrees(low)} apart "
+                f"({strictest_low.source}) and at most {_format_degrees(high)} "
+                f"({strictest_high.source}) on any area: these limits contradict each "
+                "other, or leave no more than a curve",
             )
 
-        def cosine(rows: Rows, axes: tuple[int, int] = axes) -> Floats:
+        def cosine(rows: ModeAtPoses, axes: tuple[int, int] = axes) -> Floats:
+            """Return the cosine (n,) of the angle between both axes."""
             return rows.cosine(*axes)
 
-        for end, words, source in ((low, "least", low_from), (high, "most", high_from)):
-            if COLLINEAR_SINE < end < np.pi - COLLINEAR_SINE:
-                title = f"axes {name} at {words} {_deg(end)} ({source})"
-                bounds.append(AngleLimit(title, end, words == "least", cosine))
+        # Limits of 0 and pi are always kept.
+        if COLLINEAR_SINE < low < np.pi - COLLINEAR_SINE:
+            title = f"axes {name} at least {_format_degrees(low)} ({strictest_low.source})"
+            bounds.append(AngleLimit(title, low, at_least=True, cosine=cosine))
+        if COLLINEAR_SINE < high < np.pi - COLLINEAR_SINE:
+            title = f"axes {name} at most {_format_degrees(high)} ({strictest_high.source})"
+            bounds.append(AngleLimit(title, high, at_least=False, cosine=cosine))
     return tuple(bounds)
 
 
-def _holds_always(
-    mechanism: Mechanism, item: InterferenceLimit, one: int, other: int
+def _is_always_kept(
+    mechanism: Mechanism, limit: InterferenceLimit, pair: int, other_pair: int
 ) -> bool:
-    """Return whether the axes are on one link, and so always apart as asked."""
-    where = f"{item.one}/{item.other}"
-    if one == other:
-        raise _refusal(mechanism, f"apart: {where} names one axis twice")
-    if not 0.0 <= item.low <= item.high <= np.pi:
-        raise _refusal(
+    """Return whether both axes are on one link, so that their angle is constant.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism that carries the output.
+    limit
+        Range of the angle between two axes.
+    pair, other_pair
+        Numbers of the pairs with these axes.
+
+    Raises
+    ------
+    AnalysisError
+        If the axes are the same, the range is empty, or the constant angle is outside.
+    """
+    where = f"{limit.one}/{limit.other}"
+    if pair == other_pair:
+        raise _error(mechanism, f"apart: {where} names one axis twice")
+    if not 0.0 <= limit.low <= limit.high <= np.pi:
+        raise _error(
             mechanism,
-            f"apart: {where}: {_deg(item.low)} to {_deg(item.high)} is not a range; give "
-            "the least angle between the axes, 0 to 180 deg, and a greatest not below",
+            f"apart: {where}: {_format_degrees(limit.low)} to "
+            f"{_format_degrees(limit.high)} is not a range; give the least angle between "
+            "the axes, 0 to 180 deg, and a greatest not below",
         )
     joints = make_joints(mechanism)
-    shared = set(mechanism.ends[one]) & set(mechanism.ends[other])
-    for link in shared:
-        fixed = arc(*(axis_in(mechanism, joints, pair, link) for pair in (one, other)))
-        if not item.low - COLLINEAR_SINE <= fixed <= item.high + COLLINEAR_SINE:
-            raise _refusal(
+    common_links = set(mechanism.ends[pair]) & set(mechanism.ends[other_pair])
+    for link in common_links:
+        axis = axis_in(mechanism, joints, pair, link)
+        other_axis = axis_in(mechanism, joints, other_pair, link)
+        angle = arc(axis, other_axis)
+        if not limit.low - COLLINEAR_SINE <= angle <= limit.high + COLLINEAR_SINE:
+            raise _error(
                 mechanism,
-                f"apart: {where}: both axes are on one link, always {_deg(float(fixed))} "
-                f"apart, not {_deg(item.low)} to {_deg(item.high)}",
+                f"apart: {where}: both axes are on one link, always "
+                f"{_format_degrees(float(angle))} apart, not "
+                f"{_format_degrees(limit.low)} to {_format_degrees(limit.high)}",
             )
-    return bool(shared)
+    return bool(common_links)
 
 
-def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
-    """Return the least angle (rad) that the width of links leaves between axes."""
-    width, radius = wanted.width, wanted.radius
-    if not (0.0 <= width <= np.pi * radius < np.inf or 0.0 == width <= radius < np.inf):
-        raise _refusal(
+def _find_least_link_angle(mechanism: Mechanism, wanted: Constraints) -> float:
+    """Return the least angle (rad) between the outer axes of a leg of wide links.
+
+    An `AnalysisError` says if the width does not fit the radius.
+    """
+    width = wanted.width
+    radius = wanted.radius
+    fits = 0.0 <= width <= np.pi * radius < np.inf
+    # A radius of 0 is the default, with a width of 0.
+    if not (fits or 0.0 == width <= radius < np.inf):
+        raise _error(
             mechanism,
             f"links of width {width:g} do not fit on a sphere of radius {radius:g}; give "
             "both in the same unit of length, 0 or more, the radius more than width / 3.2",
@@ -491,80 +396,139 @@ def _closest(mechanism: Mechanism, wanted: Constraints) -> float:
     return width / radius if width else 0.0
 
 
-def _of_pairs(
-    kinematics: ClosedKinematics, limits: Sequence[JointLimit]
+def _limit_pairs(
+    kinematics: LimitedOutput, limits: Sequence[JointLimit]
 ) -> tuple[AngleLimit, ...]:
-    """Return the bounds of pairs: joint limits and limits wanted, each by its middle."""
+    """Return the limits of pairs, each as the largest angle from the middle of its range.
+
+    Parameters
+    ----------
+    kinematics
+        The output; the joint limits of its mechanism are included.
+    limits
+        Further ranges of pairs.
+
+    Raises
+    ------
+    AnalysisError
+        For unknown pairs, empty ranges, and ranges of one pair that do not overlap.
+    """
     mechanism = kinematics.mechanism
-    asked = [(item, "joint_limit") for item in mechanism.joint_limits]
-    kept: dict[str, JointLimit] = {}
+    named_limits = [
+        *((limit, "joint_limit") for limit in mechanism.joint_limits),
+        *((limit, "limit") for limit in limits),
+    ]
+    previous_limits: dict[str, JointLimit] = {}
     bounds = []
-    for item, kind in [*asked, *((item, "limit") for item in limits)]:
-        _pair(kinematics, "limits", item.pair)
-        number = mechanism.pair_number[item.pair]
-        span = f"{_deg(item.low)} to {_deg(item.high)}"
-        if not -np.inf < item.low <= item.high < np.inf:
-            why = f"limits: {item.pair}: {span} is not a range; give the lower limit first"
-            raise _refusal(mechanism, why)
-        middle, half = 0.5 * (item.low + item.high), 0.5 * (item.high - item.low)
-        before = kept.setdefault(item.pair, item)
-        gap = wrap(middle - 0.5 * (before.low + before.high))
-        if abs(gap) > half + 0.5 * (before.high - before.low) + COLLINEAR_SINE:
-            raise _refusal(
+    for limit, kind in named_limits:
+        _find_pair(kinematics, "limits", limit.pair)
+        number = mechanism.pair_number[limit.pair]
+        range_text = f"{_format_degrees(limit.low)} to {_format_degrees(limit.high)}"
+        if not -np.inf < limit.low <= limit.high < np.inf:
+            raise _error(
                 mechanism,
-                f"limits: {item.pair} cannot be within {_deg(before.low)} to "
-                f"{_deg(before.high)} and within {span}; these limits contradict each "
-                "other",
+                f"limits: {limit.pair}: {range_text} is not a range; give the lower limit "
+                "first",
             )
-        kept[item.pair] = item
-        if half >= np.pi:
+        middle = 0.5 * (limit.low + limit.high)
+        half_width = 0.5 * (limit.high - limit.low)
+        previous = previous_limits.setdefault(limit.pair, limit)
+        distance = wrap(middle - 0.5 * (previous.low + previous.high))
+        previous_half_width = 0.5 * (previous.high - previous.low)
+        if abs(distance) > half_width + previous_half_width + COLLINEAR_SINE:
+            raise _error(
+                mechanism,
+                f"limits: {limit.pair} cannot be within {_format_degrees(previous.low)} to "
+                f"{_format_degrees(previous.high)} and within {range_text}; these limits "
+                "contradict each other",
+            )
+        previous_limits[limit.pair] = limit
+        if half_width >= np.pi:
             continue
 
-        def cosine(rows: Rows, number: int = number, middle: float = middle) -> Floats:
+        def cosine(
+            rows: ModeAtPoses, number: int = number, middle: float = middle
+        ) -> Floats:
+            """Return the cosine (n,) of the angle from the middle of the range."""
             return np.cos(rows.angle(number) - middle)
 
-        bounds.append(AngleLimit(f"{kind} of {item.pair}, {span}", half, False, cosine))
+        name = f"{kind} of {limit.pair}, {range_text}"
+        bounds.append(AngleLimit(name, half_width, at_least=False, cosine=cosine))
     return tuple(bounds)
 
 
-def _of_singularities(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
-    """Return the bounds of the measures, by the double angle, whose cosine is smooth."""
+def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
+    """Return the limits of the measures of type I of every input, and of type II.
+
+    A measure is the sine of an angle. The limit is that of the double angle, whose cosine
+    1 - 2 measure^2 is smooth where the measure is 0.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its inputs.
+    near
+        Least angle (rad) whose sine is the measure; 0 for no limits.
+
+    Raises
+    ------
+    AnalysisError
+        If the angle is not in [0, pi / 2).
+    """
     if not 0.0 <= near < 0.5 * np.pi:
-        raise _refusal(
+        raise _error(
             mechanism,
-            f"near: {_deg(near)} is not a distance to a singularity; it is at least 0 and "
-            "less than 90 deg, as the angle whose sine is the measure",
+            f"near: {_format_degrees(near)} is not a distance to a singularity; it is at "
+            "least 0 and less than 90 deg, as the angle whose sine is the measure",
         )
     if near == 0.0:
         return ()
+
+    def type_2_cosine(rows: ModeAtPoses) -> Floats:
+        """Return the cosine (n,) of the double angle of type II."""
+        return 1.0 - 2.0 * np.minimum(rows.type_2**2, 1.0)
+
     bounds = []
-    for number, name in enumerate([*mechanism.input_pairs, ""]):
+    for number, name in enumerate(mechanism.input_pairs):
 
-        def cosine(rows: Rows, number: int = number, name: str = name) -> Floats:
-            square = rows.type_1_square[:, number] if name else rows.type_2**2
-            # Endless where an input rests whatever the output does: far from type I.
-            return 1.0 - 2.0 * np.minimum(square, 1.0)
+        def type_1_cosine(rows: ModeAtPoses, number: int = number) -> Floats:
+            """Return the cosine (n,) of the double angle of type I of an input."""
+            # The measure is infinite if the input rests whatever the output does. This is
+            # far from type I.
+            return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
 
-        title = f"{f'type I of {name}' if name else 'type II'} at least {_deg(near)} away"
-        bounds.append(AngleLimit(title, 2.0 * near, True, cosine, 0.5))
+        title = f"type I of {name} at least {_format_degrees(near)} away"
+        bounds.append(AngleLimit(title, 2.0 * near, True, type_1_cosine, unit=0.5))
+    title = f"type II at least {_format_degrees(near)} away"
+    bounds.append(AngleLimit(title, 2.0 * near, True, type_2_cosine, unit=0.5))
     return tuple(bounds)
 
 
-def _pair(kinematics: ClosedKinematics, what: str, name: str) -> int:
-    """Return the number of a pair among those that carry the output."""
-    numbers, every = kinematics.carrying.pair_number, kinematics.mechanism.pair_number
-    if name not in numbers:
-        hint = f"{nearest(name, numbers) or ';'} Pairs: {listing(numbers)}"
-        why = f'{what}: no pair is named "{name}"{hint}'
-        if name in every:
-            why = f"{what}: {name} is the pair of a wheel, which does not carry the output"
-        raise _refusal(kinematics.mechanism, why)
-    return numbers[name]
+def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
+    """Return the number of a pair among those that carry the output.
+
+    An `AnalysisError` that names the option says if there is none with this name.
+    """
+    carrying_numbers = kinematics.carrying.pair_number
+    if name not in carrying_numbers:
+        suggestion = nearest(name, carrying_numbers) or ";"
+        reason = (
+            f'{option}: no pair is named "{name}"{suggestion} '
+            f"Pairs: {listing(carrying_numbers)}"
+        )
+        if name in kinematics.mechanism.pair_number:
+            reason = (
+                f"{option}: {name} is the pair of a wheel, which does not carry the output"
+            )
+        raise _error(kinematics.mechanism, reason)
+    return carrying_numbers[name]
 
 
-def _refusal(mechanism: Mechanism, why: str) -> AnalysisError:
-    return AnalysisError(f"workspace of {mechanism.name}: {why}")
+def _error(mechanism: Mechanism, reason: str) -> AnalysisError:
+    """Return the error that the constraints of a workspace are wrong."""
+    return AnalysisError(f"workspace of {mechanism.name}: {reason}")
 
 
-def _deg(angle: float) -> str:
+def _format_degrees(angle: float) -> str:
+    """Return an angle (rad) as text in degrees."""
     return f"{np.degrees(angle):.6g} deg"

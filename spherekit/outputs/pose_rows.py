@@ -1,38 +1,54 @@
-"""An output at poses in one working mode, and configurations of poses in rows.
+"""Rates and aspects of configurations of an output, row by row.
 
-Inverse and forward kinematics of one output, whatever way leads there: a closed form has a
-row for each pose and working mode; on the graph of a mechanism with other groups there is
-one for each configuration that was found.
+They follow from the rates of the inputs, whether these come from a closed form or from the
+graph of all links.
 """
 
 import numpy as np
 
 from spherekit.arrays import Floats, Integers
 from spherekit.mechanism.load_kinds import JointLimit
-from spherekit.outputs.dyad_chain import rates_of_turns, reciprocal
+from spherekit.outputs.dyad_chain import invert_output_rates, reciprocal_vectors
 
 
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
-    """Return the output's angular velocity (k, 3, inputs) per unit rate of each input.
+    """Return the output's angular velocity per unit rate of each input.
 
-    From the rates (k, inputs, 3) of the inputs: with two inputs, at right angles to the
-    directions (k, 3).
+    Parameters
+    ----------
+    rates
+        (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
+    directions
+        (k, 3) directions at which an output of two inputs points. The angular velocities
+        are at right angles to them. None for three inputs.
+
+    Returns
+    -------
+    (k, 3, inputs) angular velocities in the axes of the rates.
     """
+    # The inverse of a matrix of rates is computed like the inverse of angular velocities.
     with np.errstate(over="ignore", invalid="ignore"):
-        turns, _ = rates_of_turns(np.swapaxes(rates, 1, 2), directions)
-    return np.swapaxes(turns, 1, 2)
+        angular_velocities, _ = invert_output_rates(np.swapaxes(rates, 1, 2), directions)
+    return np.swapaxes(angular_velocities, 1, 2)
 
 
 def sense_of(rates: Floats, directions: Floats | None) -> Integers:
-    """Return the sign (k,) of the determinant of rates (k, inputs, 3), 0 for none.
+    """Return the sign (k,) of the determinant of the rates, 0 if there is none.
 
-    It changes at singularities only: poses of one mode and one sign that hang together
-    are an aspect. With two inputs the determinant is seen along the directions (k, 3).
+    It changes at singularities only. Connected poses of one mode and one sign form an
+    aspect.
+
+    Parameters
+    ----------
+    rates
+        (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
+    directions
+        (k, 3) third row of the determinant for two inputs, None for three inputs.
     """
     # On the border of a leg rates are infinite and their determinant has no sign.
     with np.errstate(over="ignore", invalid="ignore"):
-        _, volume = reciprocal(rates, directions)
-    return np.sign(np.nan_to_num(volume)).astype(np.int64)
+        _, determinant = reciprocal_vectors(rates, directions)
+    return np.sign(np.nan_to_num(determinant)).astype(np.int64)
 
 
 JointRange = JointLimit

@@ -1,4 +1,4 @@
-"""What solves the poses of an output: a closed form, the graph, or one way only."""
+"""Chooses how the poses of an output are solved: by a closed form or on the graph."""
 
 from collections.abc import Sequence
 
@@ -8,12 +8,12 @@ from spherekit.arrays import Floats
 from spherekit.errors import ModelError, SolveError
 from spherekit.geometry.vectors import nans
 from spherekit.mechanism.mechanism import Mechanism, chosen_output
-from spherekit.outputs.dyad_chain import rates_of_turns
-from spherekit.outputs.dyad_solver import DyadKinematics, geared
+from spherekit.outputs.dyad_chain import invert_output_rates
+from spherekit.outputs.dyad_solver import DyadKinematics, geared_kinematics
 from spherekit.outputs.inverse_kinematics import InverseKinematics
 from spherekit.outputs.mid_plane_solver import MidPlaneKinematics
 from spherekit.outputs.mid_plane_symmetry import mid_plane_form
-from spherekit.outputs.pose_constraints import (
+from spherekit.outputs.output_kinematics import (
     ClosedKinematics,
     InverseRows,
     OutputKinematics,
@@ -45,7 +45,7 @@ def output_kinematics(
     inverse = InverseKinematics(mechanism, output)
     if inverse.has_closed_form or not graph:
         try:
-            return _closed_form_of(inverse)
+            return _find_closed_form(inverse)
         except SolveError:
             pass
     return GraphKinematics(inverse)
@@ -61,16 +61,20 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
     SolveError
         If there is no closed form that needs no start.
     """
-    return _closed_form_of(InverseKinematics(mechanism, output))
+    return _find_closed_form(InverseKinematics(mechanism, output))
 
 
-def _closed_form_of(inverse: InverseKinematics) -> ClosedKinematics:
+def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
+    """Return the closed form of an output: dyads, wheels on dyads, or a mid-plane.
+
+    A `SolveError` says if there is none.
+    """
     if inverse.has_closed_form:
         return DyadKinematics(inverse)
     output = inverse.wrist.output
-    turned = geared(inverse.own, output)
-    if turned is not None:
-        return turned
+    geared = geared_kinematics(inverse.own, output)
+    if geared is not None:
+        return geared
     try:
         form = mid_plane_form(inverse.own, output.name)
     except ModelError as problem:
@@ -81,11 +85,19 @@ def _closed_form_of(inverse: InverseKinematics) -> ClosedKinematics:
 
 
 class GraphKinematics(OutputKinematics):
-    """An output whose poses are solved on the graph of all links, row by row."""
+    """An output whose poses are solved on the graph of all links, row by row.
+
+    Parameters
+    ----------
+    inverse
+        Inverse kinematics of the output.
+    """
 
     def __init__(self, inverse: InverseKinematics) -> None:
         super().__init__(inverse.own, inverse.wrist.output, inverse.wrist.points)
-        self.kinematics, self.modes, self.legs = inverse, inverse.modes, inverse.legs
+        self.kinematics = inverse
+        self.modes = inverse.modes
+        self.legs = inverse.legs
         try:
             self.form = mid_plane_form(self.mechanism, self.output.name)
         except ModelError:
@@ -97,33 +109,37 @@ class GraphKinematics(OutputKinematics):
         """Return a row for each configuration found, or one that says there is none."""
         solutions = self.kinematics.solutions(poses)
         labels = np.array([*map(label_of, solutions.signs), ""])
-        kept = np.flatnonzero(np.isin(labels[:-1], modes))
-        none = np.setdiff1d(np.arange(len(poses)), solutions.row[kept])
-        at = np.append(kept, np.full(len(none), -1))
-        seen = at >= 0
+        chosen = np.flatnonzero(np.isin(labels[:-1], modes))
+        unsolved_poses = np.setdiff1d(np.arange(len(poses)), solutions.row[chosen])
+        # Number of the solution of each row; the index -1 selects the empty row that is
+        # appended below.
+        solution = np.append(chosen, np.full(len(unsolved_poses), -1))
+        is_solved = solution >= 0
 
-        def filled(array: Floats) -> Floats:
-            return np.concatenate([array, nans((1, *array.shape[1:]))])[at]
+        def select(array: Floats) -> Floats:
+            """Return the rows of an array (solutions, ...), NaN for unsolved poses."""
+            return np.concatenate([array, nans((1, *array.shape[1:]))])[solution]
 
-        values = filled(solutions.values)
-        turns = nans((len(values), 3, len(self.mechanism.inputs)))
-        turns[seen] = self.turns(values[seen])
+        values = select(solutions.values)
+        output_rates = nans((len(values), 3, len(self.mechanism.inputs)))
+        output_rates[is_solved] = self.turns(values[is_solved])
         directions = None
         if self.points and solutions.directions is not None:
-            directions = filled(solutions.directions)
-        rates, type_1 = rates_of_turns(turns, directions)
-        owners = self.mechanism.variable_owners
+            directions = select(solutions.directions)
+        rates, type_1 = invert_output_rates(output_rates, directions)
+        variables = [self.mechanism.variable_owners.index(pair) for pair in pairs]
         rows = InverseRows(
-            np.append(solutions.row[kept], none),
-            labels[at],
-            filled(solutions.inputs),
-            np.zeros(len(at), dtype=np.int8),
-            np.where(seen, np.nan, -np.inf),
-            np.full(len(at), -1),
-            type_1,
-            self.type_2(values),
-            rates,
-            values[:, [*map(owners.index, pairs)]],
-            (),
+            pose=np.append(solutions.row[chosen], unsolved_poses),
+            mode=labels[solution],
+            inputs=select(solutions.inputs),
+            status=np.zeros(len(solution), dtype=np.int8),
+            # No limit is known, except that unsolved poses are out of reach.
+            margin=np.where(is_solved, np.nan, -np.inf),
+            limiting=np.full(len(solution), -1),
+            type_1=type_1,
+            type_2=self.type_2(values),
+            rates=rates,
+            values=values[:, variables],
+            limits=(),
         )
-        return InverseRows.joined([rows.judged()])
+        return InverseRows.joined([rows.with_status()])

@@ -1,11 +1,10 @@
-"""A mechanism driven at its output: a virtual wrist gives the output its coordinates.
+"""A mechanism that is driven at its output, by means of two virtual links.
 
-Two virtual links and three R pairs between the link that is looked from and the output
-link take nothing from the freedoms. An orientation output holds all three pairs, whose
-angles are Euler angles; a pointing output holds the first two, azimuth and tilt, and is
-free to turn about its direction. So inverse kinematics is the position analysis of an
-ordinary mechanism whose inputs are the output's coordinates, and whatever can be asked
-of a mechanism can be asked of that.
+Two virtual links and three R pairs between the two links that the output joins (a virtual
+wrist) do not change the mobility. The angles of the three pairs are the coordinates of the
+output: Euler angles of an orientation, or azimuth, tilt and turn of a direction. If the
+three pairs of an orientation are driven, or the first two of a direction, the inverse
+kinematics is the position analysis of an ordinary mechanism.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,22 +23,34 @@ from spherekit.mechanism.sizes import Vector
 from spherekit.planning.assembly_plan import driven_pairs
 from spherekit.wording import counted
 
-Z: Vector = (0.0, 0.0, 1.0)
-WHOLE = 2.0 * np.pi
+Z_AXIS: Vector = (0.0, 0.0, 1.0)
+"""The third axis of a link."""
+
+FULL_TURN_RAD = 2.0 * np.pi
+"""Angle of a revolution (rad)."""
+
 COORDINATES = (2, 3)
-"""Of a pointing output, and of an orientation."""
+"""Numbers of coordinates: 2 of a pointing output, 3 of an orientation."""
 
 
 @dataclass(frozen=True)
 class VirtualOutputChain:
-    """A mechanism with a virtual wrist at one of its outputs.
+    """A mechanism with two virtual links between the links of one of its outputs.
 
-    `mechanism` has the wrist's held pairs as inputs: with an orientation R of the output
-    link, from its axes to those of the other link, they are R = Z(a) Y(b) Z(c); with a
-    pointing direction azimuth and tilt. `output` names its links, `driven` are the
-    numbers of the pairs that drive the mechanism itself, `carrier` the virtual link
-    whose last axis is the direction; its number, like those of all virtual links and
-    pairs, comes after the mechanism's own.
+    The numbers of virtual links and pairs come after those of the mechanism itself.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism with the virtual links. Its inputs are the coordinates of the output:
+        a, b, c of the orientation R = Z(a) Y(b) Z(c) of the output link, from its axes to
+        those of the other link, or azimuth and tilt of a pointing direction.
+    output
+        The output.
+    driven
+        Numbers of the pairs that drive the mechanism itself.
+    pairs
+        Numbers of the three virtual pairs, from the base to the output link.
     """
 
     mechanism: Mechanism
@@ -59,7 +70,10 @@ class VirtualOutputChain:
 
     @property
     def carrier(self) -> int:
-        """Number of the virtual link that carries the direction or the output link."""
+        """Number of the last virtual link, whose second pair joins it to the output link.
+
+        The axis of this pair is the direction of a pointing output.
+        """
         return len(self.mechanism.links) - 1
 
     @property
@@ -72,6 +86,13 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
     """Return a mechanism with a virtual wrist at its output.
 
     Three inputs move an orientation, two the direction that the output declares.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its inputs.
+    name
+        Name of the output; may be left out if there is one.
 
     Raises
     ------
@@ -86,7 +107,7 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
         raise PlanError(
             f"{where}: an output has two coordinates (pointing) or three (orientation), "
             f"but the mechanism has {counted(len(driven), 'input')}; trace its motion "
-            f"instead{_other_way(mechanism, output, len(driven))}"
+            f"instead{_suggest_direct_drive(mechanism, output, len(driven))}"
         )
     if output.link == output.relative_to:
         raise PlanError(
@@ -99,78 +120,120 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
             f"{where}: a mechanism with two inputs moves a direction; say which one of "
             f"link {output.link}: axis = the name of an R pair on it, or xyz"
         )
-    first, second = _unused(mechanism.links, ("pan", "swing"))
-    names = _unused(mechanism.pair_number, ("azimuth", "tilt", "turn"))
-    ends = ((output.relative_to, first), (first, second), (second, output.link))
-    wrist = tuple(Pair(n, "R", pair) for n, pair in zip(names, ends, strict=True))
-    held = names[:2] if points else names
-    direction = output.direction if points and output.direction is not None else Z
-    geometry = mechanism.geometry
-    made = replace(
+    pan_link, swing_link = _choose_unused_names(mechanism.links, ("pan", "swing"))
+    pair_names = _choose_unused_names(mechanism.pair_number, ("azimuth", "tilt", "turn"))
+    azimuth_name, tilt_name, turn_name = pair_names
+    virtual_pairs = (
+        Pair(azimuth_name, "R", (output.relative_to, pan_link)),
+        Pair(tilt_name, "R", (pan_link, swing_link)),
+        Pair(turn_name, "R", (swing_link, output.link)),
+    )
+    direction = output.direction if points and output.direction is not None else Z_AXIS
+    geometry: PoseGeometry | SizeGeometry
+    if isinstance(mechanism.geometry, PoseGeometry):
+        geometry = _add_to_pose(mechanism.geometry, pair_names, direction)
+    else:
+        geometry = _add_to_sizes(mechanism, mechanism.geometry, virtual_pairs, direction)
+    azimuth_input = Input(azimuth_name, 0.0, FULL_TURN_RAD)
+    tilt_input = Input(tilt_name, 0.0, 0.5 * FULL_TURN_RAD)
+    turn_input = Input(turn_name, 0.0, FULL_TURN_RAD)
+    coordinate_inputs = (azimuth_input, tilt_input, turn_input)
+    extended_mechanism = replace(
         mechanism,
-        links=(*mechanism.links, first, second),
-        pairs=(*mechanism.pairs, *wrist),
-        geometry=_posed(geometry, names, direction)
-        if isinstance(geometry, PoseGeometry)
-        else _sized(mechanism, geometry, wrist, direction),
+        links=(*mechanism.links, pan_link, swing_link),
+        pairs=(*mechanism.pairs, *virtual_pairs),
+        geometry=geometry,
         modes={},
-        inputs=tuple(
-            Input(pair, 0.0, 0.5 * WHOLE if pair == names[1] else WHOLE) for pair in held
-        ),
+        inputs=coordinate_inputs[:2] if points else coordinate_inputs,
     )
     count = len(mechanism.pairs)
-    return VirtualOutputChain(made, output, driven, (count, count + 1, count + 2))
+    return VirtualOutputChain(
+        extended_mechanism, output, driven, (count, count + 1, count + 2)
+    )
 
 
-def _other_way(mechanism: Mechanism, output: Output, count: int) -> str:
-    """Return how the output of one freedom is driven itself, if a pair has its angle."""
-    ends = {output.link, output.relative_to}
+def _suggest_direct_drive(mechanism: Mechanism, output: Output, input_count: int) -> str:
+    """Return advice for a mechanism with one input whose output has a pair of its own.
+
+    The text is empty if there is no such pair. Otherwise this pair can be driven instead.
+    """
+    output_links = {output.link, output.relative_to}
     for pair in mechanism.pairs:
-        if count == 1 and pair.kind.has_axis and set(pair.links) == ends:
+        if input_count == 1 and pair.kind.has_axis and set(pair.links) == output_links:
             return (
                 f", or drive its pair {pair.name} and read the input: --input {pair.name}"
             )
     return ""
 
 
-def _unused(taken: "Names | Mapping[str, int]", names: Names) -> list[str]:
-    """Return names that are not taken, with underscores if need be."""
-    unused = []
+def _choose_unused_names(
+    used_names: "Names | Mapping[str, int]", names: Names
+) -> list[str]:
+    """Return names that are not used yet, with underscores appended where necessary."""
+    unused_names = []
     for name in names:
-        while name in taken:
+        while name in used_names:
             name += "_"
-        unused.append(name)
-    return unused
+        unused_names.append(name)
+    return unused_names
 
 
-def _posed(geometry: PoseGeometry, names: list[str], direction: Vector) -> PoseGeometry:
-    """Add the wrist to a reference pose, in which the output link is not turned."""
+def _add_to_pose(
+    geometry: PoseGeometry, pair_names: list[str], direction: Vector
+) -> PoseGeometry:
+    """Return a reference pose with the virtual pairs, in which the output is not turned.
+
+    Parameters
+    ----------
+    geometry
+        Axes and variables of all pairs in the reference pose.
+    pair_names
+        Names of the three virtual pairs.
+    direction
+        Direction of the output in the reference pose. Z for an orientation.
+    """
     azimuth, tilt = azimuth_tilt(np.array([direction]))[0].tolist()
-    across = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)
-    axes = zip(names, (Z, across, direction), strict=True)
-    values = zip(names, (azimuth, tilt, 0.0), strict=True)
+    tilt_axis = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)
+    virtual_axes = zip(pair_names, (Z_AXIS, tilt_axis, direction), strict=True)
+    virtual_values = zip(pair_names, (azimuth, tilt, 0.0), strict=True)
     return PoseGeometry(
-        {**geometry.axes, **dict(axes)}, {**geometry.values, **dict(values)}
+        {**geometry.axes, **dict(virtual_axes)},
+        {**geometry.values, **dict(virtual_values)},
     )
 
 
-def _sized(
+def _add_to_sizes(
     mechanism: Mechanism,
     geometry: SizeGeometry,
-    wrist: Sequence[Pair],
+    virtual_pairs: Sequence[Pair],
     direction: Vector,
 ) -> SizeGeometry:
-    """Add the wrist to sizes; the axes of links stay."""
-    first, second = pair_frames(mechanism)
-    tilted = np.eye(3)[:, [2, 0, 1]]
-    pointed = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
-    starts, ends = (
-        (np.eye(3), tilted, np.eye(3)),
-        (np.eye(3), tilted, from_euler_zyz(pointed)[0]),
+    """Return the sizes of all links with the virtual pairs. The axes of links stay.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism without the virtual links.
+    geometry
+        Its sizes.
+    virtual_pairs
+        The three virtual pairs, from the base to the output link.
+    direction
+        Direction of the output in the axes of its link. Z for an orientation.
+    """
+    first_frames, second_frames = pair_frames(mechanism)
+    # The columns z, x, y: a rotation about the third column is one about y.
+    tilt_frame = np.eye(3)[:, [2, 0, 1]]
+    # In the output link the last pair has its axis along the direction.
+    pointing_angles = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
+    pointing_frame = from_euler_zyz(pointing_angles)[0]
+    names = [pair.name for pair in virtual_pairs]
+    first_frames |= zip(names, (np.eye(3), tilt_frame, np.eye(3)), strict=True)
+    second_frames |= zip(names, (np.eye(3), tilt_frame, pointing_frame), strict=True)
+    changed_links = {link for pair in virtual_pairs for link in pair.links}
+    unchanged_sizes = {
+        link: sizes for link, sizes in geometry.links.items() if link not in changed_links
+    }
+    return sizes_by_frames(
+        (*mechanism.pairs, *virtual_pairs), (first_frames, second_frames), unchanged_sizes
     )
-    names = [pair.name for pair in wrist]
-    first |= zip(names, starts, strict=True)
-    second |= zip(names, ends, strict=True)
-    changed = {link for pair in wrist for link in pair.links}
-    kept = {link: sizes for link, sizes in geometry.links.items() if link not in changed}
-    return sizes_by_frames((*mechanism.pairs, *wrist), (first, second), kept)

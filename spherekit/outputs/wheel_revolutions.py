@@ -1,9 +1,10 @@
-"""The revolutions of the inputs at which wheels stand as a posed configuration has them.
+"""The revolutions of the inputs at which wheels mesh as the file of a mechanism says.
 
-With its output held, a mechanism is closed by its wheels in any mesh, and its inputs are
-known to whole turns. But a file means one assembly, in which the lengths rolled follow
-from the inputs over any number of turns (`spherekit.positions.gear_phases`): of the others
-no input leads to the pose, and half a turn of a carrier is a whole one of its side gear.
+If the output is held, wheels close the mechanism in any mesh, and the inputs are known up
+to whole revolutions only. A file, however, describes one assembly, in which the rolled
+lengths follow from the inputs over any number of revolutions
+(`spherekit.positions.gear_phases`). No input leads to the pose in another assembly. For
+example, half a revolution of a carrier is a whole one of its side gear.
 """
 
 from itertools import islice, product
@@ -26,67 +27,119 @@ from spherekit.positions.gear_phases import (
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
+MAX_MESH_STEPS = 30
+"""Largest number of Newton steps with which loops are closed for other rolled lengths.
 
-def as_assembled(
+Larger: more lengths far from the configuration converge, in more time.
+"""
+
+
+def find_assembled_configuration(
     held: PositionSolver, released: PositionSolver, values: Floats
 ) -> Floats | None:
-    """Return a configuration of the assembly that a file means, None if there is none.
+    """Return a configuration of the assembly that the file describes, None if none exists.
 
     Parameters
     ----------
     held
-        The mechanism with its output held, whose variables are first those of `released`.
+        Solver of the mechanism with its output held. Its first variables are those of
+        `released`.
     released
-        The mechanism itself, its lengths rolled known at its inputs.
+        Solver of the mechanism itself, whose inputs determine the rolled lengths.
     values
-        (variables,) rad of `held`, closed, its wheels in any mesh.
+        (variables,) rad of `held`. The loops are closed, the wheels are in any mesh.
 
     Returns
     -------
-    (variables,) rad with the inputs at the turns that the lengths rolled say: of those
-    that differ by whole turns of wheels, the one whose inputs are least in sum.
+    (variables,) rad, with the inputs in the revolutions that the rolled lengths require. Of
+    several configurations that differ by whole revolutions of wheels, the one with the
+    smallest sum of absolute inputs is returned.
     """
-    meshes = released.gear_phases
-    if meshes is None or not meshes.variables:
+    gear_phases = released.gear_phases
+    if gear_phases is None or not gear_phases.variables:
         return values
-    driven, rolled = list(released.driven), list(meshes.variables)
-    lengths = _lengths(held, meshes, values[rolled])
-    tried = np.repeat(values[None], len(lengths), axis=0)
-    tried[:, rolled] = lengths
+    driven = list(released.driven)
+    rolled = list(gear_phases.variables)
+    lengths = _list_possible_lengths(held, gear_phases, values[rolled])
+    start_values = np.repeat(values[None], len(lengths), axis=0)
+    start_values[:, rolled] = lengths
     with np.errstate(all="ignore"):
-        closed = held.closure.solve(tried, [*held.driven, *rolled], iterations=30)
-    best, least = None, np.inf
-    for whole in closed.values[closed.gap < CLOSURE_TOLERANCE]:
-        q = _turned(meshes, wrap(whole[driven]), whole[rolled])
-        if q is not None and np.sum(np.abs(q)) < least - SAME_LENGTH:
-            best, least = whole.copy(), np.sum(np.abs(q))
-            best[driven] = q
-    return best
+        linearisation = held.closure.solve(
+            start_values, [*held.driven, *rolled], iterations=MAX_MESH_STEPS
+        )
+    is_closed = linearisation.gap < CLOSURE_TOLERANCE
+    best_configuration = None
+    least_sum = np.inf
+    for configuration in linearisation.values[is_closed]:
+        q = _find_input_revolutions(
+            gear_phases, wrap(configuration[driven]), configuration[rolled]
+        )
+        if q is not None and np.sum(np.abs(q)) < least_sum - SAME_LENGTH:
+            best_configuration = configuration.copy()
+            best_configuration[driven] = q
+            least_sum = np.sum(np.abs(q))
+    return best_configuration
 
 
-def _lengths(held: PositionSolver, meshes: GearPhases, lengths: Floats) -> Floats:
-    """Return lengths (n, m) whole turns of wheels from some, as inputs can roll them."""
-    joints = [held.closure.joints[held.closure.tree.owners[v]] for v in meshes.variables]
+def _list_possible_lengths(
+    held: PositionSolver, gear_phases: GearPhases, lengths: Floats
+) -> Floats:
+    """Return rolled lengths that differ from some by whole revolutions of wheels.
+
+    Only lengths that some inputs can roll are returned.
+
+    Parameters
+    ----------
+    held
+        Solver of the mechanism with its output held.
+    gear_phases
+        The ratios by which the lengths follow from the inputs.
+    lengths
+        (m,) rolled lengths.
+
+    Returns
+    -------
+    (n, m) rolled lengths, those with the smallest sum of absolute lengths first.
+    """
+    tree = held.closure.tree
+    joints = [held.closure.joints[tree.owners[v]] for v in gear_phases.variables]
     choices = map(list_equivalent_lengths, joints, map(float, lengths))
-    every = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
-    ratios = meshes.ratios
-    onto = ratios @ np.linalg.pinv(ratios)
-    beyond = every - meshes.lengths
-    every = every[max_abs(beyond - beyond @ onto.T, axis=1) < SAME_LENGTH]
-    return every[
-        np.argsort(np.sum(np.abs(every), axis=1), kind="stable")[:MAX_TRIED_ASSEMBLIES]
-    ]
+    combinations = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
+    # The inputs change the lengths in the range of the ratios only.
+    ratios = gear_phases.ratios
+    projection = ratios @ np.linalg.pinv(ratios)
+    change = combinations - gear_phases.lengths
+    misfit = max_abs(change - change @ projection.T, axis=1)
+    combinations = combinations[misfit < SAME_LENGTH]
+    order = np.argsort(np.sum(np.abs(combinations), axis=1), kind="stable")
+    return combinations[order[:MAX_TRIED_ASSEMBLIES]]
 
 
-def _turned(meshes: GearPhases, q: Floats, lengths: Floats) -> Floats | None:
-    """Return inputs (k,) whole turns from some that roll the lengths (m,), the least."""
-    rolling = max_abs(meshes.ratios, axis=0) > GEAR_RATIO_TOLERANCE
-    half = np.minimum(
-        MAX_INPUT_REVOLUTIONS, np.ceil(0.5 * np.asarray(meshes.periods) / TURN)
-    )
-    turns = [range(-k, k + 1) for k in np.where(rolling, half, 0).astype(int).tolist()]
-    places = q + TURN * np.array(list(product(*turns)), dtype=float)
-    fits = places[max_abs(meshes.rolled_lengths(places) - lengths, axis=1) < SAME_LENGTH]
-    if not len(fits):
+def _find_input_revolutions(
+    gear_phases: GearPhases, q: Floats, lengths: Floats
+) -> Floats | None:
+    """Return the inputs, whole revolutions away, that roll given lengths.
+
+    Parameters
+    ----------
+    gear_phases
+        The ratios by which the lengths follow from the inputs.
+    q
+        (inputs,) values of the inputs (rad), known up to whole revolutions.
+    lengths
+        (m,) rolled lengths.
+
+    Returns
+    -------
+    (inputs,) rad, with the smallest sum of absolute values; None if none rolls the lengths.
+    """
+    rolls = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
+    half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)
+    limits = np.where(rolls, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0)
+    revolutions = [range(-k, k + 1) for k in limits.astype(int).tolist()]
+    inputs = q + TURN * np.array(list(product(*revolutions)), dtype=float)
+    misfit = max_abs(gear_phases.rolled_lengths(inputs) - lengths, axis=1)
+    possible_inputs = inputs[misfit < SAME_LENGTH]
+    if not len(possible_inputs):
         return None
-    return fits[np.argmin(np.sum(np.abs(fits), axis=1))]
+    return possible_inputs[np.argmin(np.sum(np.abs(possible_inputs), axis=1))]

@@ -1,9 +1,10 @@
-"""One working mode of dyads placed one after another on one body, over many rows.
+"""One working mode of dyads that stand one after another on one body, at many poses.
 
-The middle axis of a dyad follows from the outer ones (`spherekit.geometry.dyad_axis`). The
-rates of its pairs follow from the triple product t of its axes, and with them how the
-inputs move per unit rate of the output. Arrays are (3, n), components first. What depends
-on the signs of some groups only is computed once for all modes that share these.
+The middle axis of a dyad follows from its outer axes (`spherekit.geometry.dyad_axis`). The
+rates of its pairs follow from the triple product of its three axes, and with them the rates
+of the inputs per unit angular velocity of the output. Vectors are stored as (3, n) for n
+poses, components first, in the axes of the base. Quantities that depend on the signs of
+some dyads only are computed once for all modes in which these signs are equal.
 """
 
 from collections.abc import Callable, Hashable, Mapping
@@ -15,7 +16,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.geometry.dyad_axis import middle_axis, triple_square
-from spherekit.outputs.dyad_chain import Dyads, Signs
+from spherekit.outputs.dyad_chain import DyadChain, Signs
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.status import Status
 from spherekit.tolerances import REACH_SLACK, SINGULAR_DYAD_SINE
@@ -24,304 +25,514 @@ from spherekit.velocities.pole_request import cross
 
 
 @dataclass(frozen=True)
-class Fraction:
-    """A rate, linear in the output's angular velocity w: top . w / bottom.
+class RateFraction:
+    """A rate that is linear in the angular velocity w of the output, at n poses.
 
-    `top` (3, n) and `bottom` (n,); both stay finite at a singular configuration.
+    The rate is ``numerator . w / denominator``. Both parts are finite at singular
+    configurations, where the rate itself is not.
+
+    Attributes
+    ----------
+    numerator
+        (3, n) vector in the axes of the base.
+    denominator
+        (n,) or (1,) number.
     """
 
-    top: Floats
-    bottom: Floats
+    numerator: Floats
+    denominator: Floats
 
-    def __sub__(self, other: "Fraction") -> "Fraction":
-        top = self.top * other.bottom - other.top * self.bottom
-        return Fraction(top, self.bottom * other.bottom)
-
-
-Made = TypeVar("Made")
-Of = Callable[["PosedMode", Any], Made]
-"""A method of a mode that is asked about one thing."""
-
-
-def _once(method: Of[Made]) -> Of[Made]:
-    """Compute what a method returns once for all modes with the signs that it needs."""
-
-    @wraps(method)
-    def once(mode: "PosedMode", what: Hashable) -> Made:
-        needs, about = mode.dyads.needs, (method, what)
-        key = (about, *(mode.signs[k] for k in needs.get(about, ())))
-        if key not in mode.shared:
-            alone = replace(mode, asked=set())
-            with np.errstate(all="ignore"):
-                made = method(alone, what)
-            needs[about] = frozenset(alone.asked)
-            key = (about, *(mode.signs[k] for k in needs[about]))
-            mode.shared[key] = made
-        mode.asked.update(needs[about])
-        return mode.shared[key]  # type: ignore[no-any-return]
-
-    return once
+    def __sub__(self, other: "RateFraction") -> "RateFraction":
+        numerator = self.numerator * other.denominator - other.numerator * self.denominator
+        return RateFraction(numerator, self.denominator * other.denominator)
 
 
 @dataclass(frozen=True)
-class PosedMode:
-    """The dyads at n poses of the output, in one mode.
+class ClosingLinkState:
+    """What a closing link says about the turn of a pointing output at n poses.
 
-    `given_axes` are the axes (3, n) of pairs on the given link, `given_rotation` the
-    columns (3, 3, n) of its orientation, for its other axes. `driven` are the pairs of the
-    inputs, `measure` gives the measure of type II. Where a bar gives the output's turn,
-    `turn` are the rate of its gap, the directions (3, n) and the status (n,). Modes of the
-    same poses have `shared` in common; `asked` are the dyads whose signs were asked for.
+    Attributes
+    ----------
+    residual_rate
+        Rate of the residual of the closing link, see `spherekit.outputs.closing_link`.
+    directions
+        (3, n) directions of the output.
+    status
+        (n,) codes of `Status`, of the closing link and of the dyads.
     """
 
-    dyads: Dyads
+    residual_rate: RateFraction
+    directions: Floats
+    status: SmallIntegers
+
+
+@dataclass(frozen=True)
+class DyadReach:
+    """How far the dyads of a mode are from the limits of their reach, at n poses.
+
+    Attributes
+    ----------
+    margin
+        (n,) angle (rad) left to the nearest limit of any dyad; negative out of reach.
+    limiting
+        (n,) number of the dyad with this margin.
+    status
+        (n,) OK, AT_SINGULARITY or OUT_OF_REACH.
+    """
+
+    margin: Floats
+    limiting: SmallIntegers
+    status: SmallIntegers
+
+
+@dataclass(frozen=True)
+class DyadTriangle:
+    """The parts from which the middle axis of a dyad is composed, at n poses.
+
+    With the unit outer axes a and c of the dyad, its middle axis is
+    ``common_part + sign * signed_part``.
+
+    Attributes
+    ----------
+    common_part
+        (3, n) part of the middle axis in the plane of a and c.
+    signed_part
+        (3, n) part of the middle axis at right angles to this plane, for the sign 1.
+    triple_product
+        (n,) size of b . (a x c) with the middle axis b; NaN where the dyad does not reach.
+    sum_square, difference_square
+        (n,) squares of the lengths of a + c and of a - c.
+    """
+
+    common_part: Floats
+    signed_part: Floats
+    triple_product: Floats
+    sum_square: Floats
+    difference_square: Floats
+
+
+Result = TypeVar("Result")
+
+
+def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result]:
+    """Let a method of `WorkingMode` compute its result once for all modes that share it.
+
+    While the method runs, the mode notes the dyads whose signs are read. The result is
+    stored under the name and arguments of the method and the signs of these dyads. All
+    modes of the same poses use one store. The arguments must be hashable.
+    """
+    name = method.__name__
+
+    @wraps(method)
+    def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
+        sign_dependencies = mode.chain.sign_dependencies
+        quantity = (name, *arguments)
+        # Before the first computation the dependencies are unknown. The key is then that
+        # of a quantity without signs, which is in the store only if there are none.
+        signs = (mode.signs[dyad] for dyad in sign_dependencies.get(quantity, ()))
+        key = (quantity, *signs)
+        if key not in mode.shared_results:
+            recording_mode = replace(mode, read_signs=set())
+            with np.errstate(all="ignore"):
+                result = method(recording_mode, *arguments)
+            sign_dependencies[quantity] = frozenset(recording_mode.read_signs)
+            signs = (mode.signs[dyad] for dyad in sign_dependencies[quantity])
+            key = (quantity, *signs)
+            mode.shared_results[key] = result
+        mode.read_signs.update(sign_dependencies[quantity])
+        return mode.shared_results[key]  # type: ignore[no-any-return]
+
+    return shared_method
+
+
+@dataclass(frozen=True)
+class WorkingMode:
+    """The dyads of a chain at n poses of the output, in one working mode.
+
+    Attributes
+    ----------
+    chain
+        The dyads in solving order.
+    signs
+        The sign of each dyad.
+    posed_axes
+        Axes (3, n) of pairs of the posed link, by the number of the pair.
+    posed_rotation
+        (3, 3, n) orientation of the posed link, or None. Index 0 is the axis of the posed
+        link, index 1 the component in the axes of the base. It gives the axes that
+        `posed_axes` does not contain.
+    driven
+        Numbers of the pairs of the inputs.
+    measure
+        Function that computes the measure of type II (n,).
+    closing_link
+        State of the closing link if there is one, otherwise None.
+    shared_results
+        Results of all modes of the same poses, see `_shared_between_modes`.
+    read_signs
+        Numbers of the dyads whose signs were read.
+    """
+
+    chain: DyadChain
     signs: Signs
-    given_axes: Mapping[int, Floats]
-    given_rotation: Floats | None
+    posed_axes: Mapping[int, Floats]
+    posed_rotation: Floats | None
     driven: tuple[int, ...] = ()
-    measure: "Callable[[PosedMode], Floats] | None" = None
-    turn: tuple[Fraction, Floats, SmallIntegers] | None = None
-    shared: dict[Hashable, Any] = field(default_factory=dict)
-    asked: set[int] = field(default_factory=set)
+    measure: "Callable[[WorkingMode], Floats] | None" = None
+    closing_link: ClosingLinkState | None = None
+    shared_results: dict[Hashable, Any] = field(default_factory=dict)
+    read_signs: set[int] = field(default_factory=set)
 
     @property
     def inputs(self) -> Floats:
         """(n, inputs) rad in (-pi, pi], NaN where the mode has no configuration."""
-        return np.stack([self.input(pair) for pair in self.driven], axis=1)
+        return np.stack([self.input_angle(pair) for pair in self.driven], axis=1)
 
     @property
     def type_1(self) -> Floats:
         """(n, inputs) measures of type I, see `Inverse`."""
-        return np.stack([self.speed(pair) for pair in self.driven], axis=1)
+        return np.stack([self.output_speed(pair) for pair in self.driven], axis=1)
 
     @property
     def type_1_square(self) -> Floats:
-        """(n, inputs) its squares, continued smoothly and negative beyond the reach."""
-        return np.stack([self._speed_square(pair) for pair in self.driven], axis=1)
+        """(n, inputs) squares of `type_1`, continued smoothly out of reach.
+
+        The continuation is negative.
+        """
+        squares = [self._output_speed_square(pair) for pair in self.driven]
+        return np.stack(squares, axis=1)
 
     @property
     def type_2(self) -> Floats:
         """(n,) measure of type II, NaN where the mode has no configuration."""
         assert self.measure is not None
-        return np.where(self._held, self.measure(self), np.nan)
+        return np.where(self._has_configuration, self.measure(self), np.nan)
 
     @property
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output."""
-        moved = [self.moved(pair)[0] for pair in self.driven]
-        return np.stack([(rate.top / rate.bottom).T for rate in moved], axis=1)
+        fractions = [self.input_rate(pair) for pair in self.driven]
+        return np.stack(
+            [(rate.numerator / rate.denominator).T for rate in fractions], axis=1
+        )
 
     @property
     def slope(self) -> Floats:
-        """The derivative (n,) of the bar's gap by the turn."""
-        assert self.turn is not None
-        gap, directions, _ = self.turn
-        return dot(gap.top, directions) / gap.bottom
+        """(n,) derivative of the residual of the closing link by the turn of the output."""
+        assert self.closing_link is not None
+        rate = self.closing_link.residual_rate
+        return dot(rate.numerator, self.closing_link.directions) / rate.denominator
 
     @property
     def status(self) -> SmallIntegers:
         """(n,) whether the mode closes, see `Inverse`."""
-        return self.reach[2] if self.turn is None else self.turn[2]
+        if self.closing_link is None:
+            return self.reach().status
+        return self.closing_link.status
 
     @property
-    def _held(self) -> Bools:
+    def _has_configuration(self) -> Bools:
+        """(n,) whether the mode closes, at a regular or at a singular configuration."""
         return has_configuration(self.status)
 
-    @property
-    def reach(self) -> tuple[Floats, SmallIntegers, SmallIntegers]:
-        """Margin, limiting dyad and status of the dyads (n,), see `Inverse`."""
-        return self._reach("")
-
-    @_once
-    def _reach(self, _dyads: str) -> tuple[Floats, SmallIntegers, SmallIntegers]:
-        margins, sound = [], []
-        for number, stand in enumerate(self.dyads.stands):
-            root, (u, v) = self._halves(number)[2:]
+    @_shared_between_modes
+    def reach(self) -> DyadReach:
+        """Return how far the dyads are from the limits of their reach."""
+        margins = []
+        is_regular = []
+        for number, dyad in enumerate(self.chain.dyads):
+            triangle = self._triangle(number)
+            u = triangle.sum_square
+            v = triangle.difference_square
+            # Angle between the outer axes, from the smaller one of |a + c| and |a - c|.
+            # Near 0 and pi an arc cosine would lose half the digits.
             half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
-            base = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
-            margins.append(np.minimum(base - stand.shortest, stand.longest - base))
-            sound.append(root >= SINGULAR_DYAD_SINE * np.prod(np.sin(stand.arcs)))
+            angle = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
+            margins.append(np.minimum(angle - dyad.shortest, dyad.longest - angle))
+            # The triple product is the product of the sines of both arcs and of the angle
+            # at the middle pair. That sine is 0 where the dyad is stretched or folded.
+            least_product = SINGULAR_DYAD_SINE * np.prod(np.sin(dyad.arcs))
+            is_regular.append(triangle.triple_product >= least_product)
         margin = np.fmin.reduce(margins)
         limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
-        status = np.where(np.all(sound, axis=0), Status.OK, Status.AT_SINGULARITY)
+        status = np.where(np.all(is_regular, axis=0), Status.OK, Status.AT_SINGULARITY)
         status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
-        return margin, limiting, status.astype(np.int8)
+        return DyadReach(margin, limiting, status.astype(np.int8))
 
     def axis(self, pair: int, link: int) -> Floats:
-        """Return the axis (3, n) or (3, 1) of a pair, seen on one of its links."""
-        dyads = self.dyads
-        pair, link, sense = dyads.source(pair, link)
-        group = dyads.placed_by.get(link)
-        if link == dyads.given and pair in self.given_axes:
-            axis = self.given_axes[pair]
-        elif group is not None and pair == dyads.stands[group].middle:
-            axis = self.middle(group)[0]
+        """Return the axis (3, n) or (3, 1) of a pair, as one of its links carries it."""
+        chain = self.chain
+        source = chain.axis_source(pair, link)
+        dyad = chain.dyad_of_link.get(source.link)
+        if source.link == chain.posed_link and source.pair in self.posed_axes:
+            axis = self.posed_axes[source.pair]
+        elif dyad is not None and source.pair == chain.dyads[dyad].middle_pair:
+            axis, _ = self.signed_middle_axis(dyad)
         else:
-            axis = self.vector(link, dyads.axis_in(pair, link))
-        return -axis if sense < 0.0 else axis
+            axis = self.vector(source.link, chain.axis_in(source.pair, source.link))
+        return -axis if source.sense < 0.0 else axis
 
     def vector(self, link: int, vector: Floats) -> Floats:
-        """Return a vector (3,) of a link in base axes, (3, n) or (3, 1)."""
-        if link == self.dyads.base:
+        """Return a vector (3,) of a link in base axes, (3, n), or (3, 1) of the base."""
+        if link == self.chain.base:
             return vector[:, None]
-        return self._carried((link, *vector.tolist()))
+        return self._carried_vector(link, *vector.tolist())
 
-    @_once
-    def _carried(self, carried: tuple[int, float, float, float]) -> Floats:
-        link, *vector = carried
-        if link == self.dyads.given:
-            assert self.given_rotation is not None
-            return (np.array(vector) @ self.given_rotation.reshape(3, -1)).reshape(3, -1)
-        stand = self.dyads.stands[self.dyads.placed_by[link]]
-        p = self.axis(self.dyads.stands_by(link)[0], link)
-        q = self.axis(stand.middle, link)
-        a, b, c = self.dyads.spread(*carried)
-        return a * p + b * q + c * cross(p, q)
+    @_shared_between_modes
+    def _carried_vector(self, link: int, x: float, y: float, z: float) -> Floats:
+        """Return a vector with the components x, y, z in a link, in base axes (3, n)."""
+        chain = self.chain
+        if link == chain.posed_link:
+            assert self.posed_rotation is not None
+            flat_rotation = self.posed_rotation.reshape(3, -1)
+            return (np.array([x, y, z]) @ flat_rotation).reshape(3, -1)
+        dyad = chain.dyads[chain.dyad_of_link[link]]
+        outer_pair, _ = chain.support_of(link)
+        p = self.axis(outer_pair, link)
+        q = self.axis(dyad.middle_pair, link)
+        p_weight, q_weight, cross_weight = chain.vector_weights(link, x, y, z)
+        return p_weight * p + q_weight * q + cross_weight * cross(p, q)
 
-    def _outer(self, group: int) -> tuple[Floats, Floats]:
-        """Return the axes of a dyad's near and far pair."""
-        stand = self.dyads.stands[group]
-        return self.axis(stand.near, stand.foot), self.axis(stand.far, stand.hold)
+    def _outer_axes(self, dyad_number: int) -> tuple[Floats, Floats]:
+        """Return the axes (3, n) of the near and of the far pair of a dyad."""
+        dyad = self.chain.dyads[dyad_number]
+        near_axis = self.axis(dyad.near_pair, dyad.near_support)
+        far_axis = self.axis(dyad.far_pair, dyad.far_support)
+        return near_axis, far_axis
 
-    @_once
-    def middle(self, group: int) -> tuple[Floats, Floats]:
-        """Return the middle axis (3, n) and middle . (near x far), NaN out of reach."""
-        level, across, height, _ = self._halves(group)
-        self.asked.add(group)
-        sign = self.signs[group] * self.dyads.stands[group].parity
-        return level + sign * across, sign * height
+    @_shared_between_modes
+    def signed_middle_axis(self, dyad_number: int) -> tuple[Floats, Floats]:
+        """Return the middle axis b of a dyad, and the triple product b . (a x c).
 
-    @_once
-    def _halves(self, group: int) -> tuple[Floats, Floats, Floats, tuple[Floats, Floats]]:
-        """Return the part of the middle axis that both signs share, the other, and |t|.
-
-        With them the squares of the sum and the difference of the outer axes.
+        The axis is (3, n), the product (n,), with the near axis a and the far axis c. Both
+        are NaN where the dyad does not reach.
         """
-        stand = self.dyads.stands[group]
-        a, c = self._outer(group)
-        total, rest = a + c, a - c
-        squares = dot(total, total), dot(rest, rest)
-        square = triple_square(*stand.halves, *squares)
-        square[(square < 0.0) & (square > -REACH_SLACK)] = 0.0
-        root = np.sqrt(square)
-        along, beside, height = middle_axis(*stand.halves, *squares, root)
-        level = total * along
-        if stand.arcs[0] != stand.arcs[1]:
-            level += rest * beside
-        across = cross(rest, total)  # 2 a x c, to rounding of its own size
-        across *= 0.5 * height
-        return level, across, root, squares
+        triangle = self._triangle(dyad_number)
+        self.read_signs.add(dyad_number)
+        sign = self.signs[dyad_number] * self.chain.dyads[dyad_number].parity
+        axis = triangle.common_part + sign * triangle.signed_part
+        return axis, sign * triangle.triple_product
 
-    @_once
+    @_shared_between_modes
+    def _triangle(self, dyad_number: int) -> DyadTriangle:
+        """Return the parts of the middle axis of a dyad, for both signs."""
+        dyad = self.chain.dyads[dyad_number]
+        a, c = self._outer_axes(dyad_number)
+        total = a + c
+        difference = a - c
+        sum_square = dot(total, total)
+        difference_square = dot(difference, difference)
+        triple_product_square = triple_square(
+            *dyad.half_arcs, sum_square, difference_square
+        )
+        # At the limit of the reach rounding errors can make the square negative.
+        is_rounding = (triple_product_square < 0.0) & (triple_product_square > -REACH_SLACK)
+        triple_product_square[is_rounding] = 0.0
+        triple_product = np.sqrt(triple_product_square)
+        sum_weight, difference_weight, cross_weight = middle_axis(
+            *dyad.half_arcs, sum_square, difference_square, triple_product
+        )
+        common_part = total * sum_weight
+        if dyad.arcs[0] != dyad.arcs[1]:
+            common_part += difference * difference_weight
+        # (a - c) x (a + c) is 2 a x c. It keeps its relative accuracy if a and c nearly
+        # coincide.
+        signed_part = cross(difference, total)
+        signed_part *= 0.5 * cross_weight
+        return DyadTriangle(
+            common_part, signed_part, triple_product, sum_square, difference_square
+        )
+
+    @_shared_between_modes
     def angle(self, pair: int) -> Floats:
-        """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach."""
-        dyads = self.dyads
-        a, b = dyads.ends[pair]
-        one, first = self._side(pair, a)
-        other, second = self._side(pair, b)
-        x = dot(one, other) - first[2] * second[2]
-        y = dot(self.axis(pair, b), cross(one, other))
-        turned = second[0] * first[0] + second[1] * first[1]
-        side = second[1] * first[0] - second[0] * first[1]
-        return np.arctan2(y * turned - x * side, x * turned + y * side)
+        """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach.
 
-    def _side(self, pair: int, link: int) -> tuple[Floats, Floats]:
-        """Return a vector of a link off a pair's axis, and its components in the frame.
-
-        The components (3,) are those in the pair's frame in that link.
+        It is the angle about the axis from a vector of the first link to a vector of the
+        second link, less the angle between both vectors at the variable 0.
         """
-        dyads = self.dyads
-        frame = dyads.frame_in(pair, link)
-        if link in (dyads.base, dyads.given):
+        first_link, second_link = self.chain.ends[pair]
+        first_vector, first_components = self._vector_off_axis(pair, first_link)
+        second_vector, second_components = self._vector_off_axis(pair, second_link)
+        # Cosine and sine of the angle between the vectors, times their distances from the
+        # axis. The components along the axis drop out.
+        cosine = dot(first_vector, second_vector)
+        cosine = cosine - first_components[2] * second_components[2]
+        sine = dot(self.axis(pair, second_link), cross(first_vector, second_vector))
+        # The same at the variable 0, from the components in the frames of the pair.
+        zero_cosine = (
+            second_components[0] * first_components[0]
+            + second_components[1] * first_components[1]
+        )
+        zero_sine = (
+            second_components[1] * first_components[0]
+            - second_components[0] * first_components[1]
+        )
+        return np.arctan2(
+            sine * zero_cosine - cosine * zero_sine,
+            cosine * zero_cosine + sine * zero_sine,
+        )
+
+    def _vector_off_axis(self, pair: int, link: int) -> tuple[Floats, Floats]:
+        """Return a vector of a link that is not parallel to the axis of a pair.
+
+        Returns
+        -------
+        vector
+            (3, n) or (3, 1) in base axes.
+        components
+            (3,) the same vector in the frame of the pair in this link.
+        """
+        chain = self.chain
+        frame = chain.frame_in(pair, link)
+        if link in (chain.base, chain.posed_link):
             return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
-        other = dyads.stands[dyads.placed_by[link]].middle
-        if pair == other or dyads.is_coaxial(pair, other, link):
-            other, _ = dyads.stands_by(link)
-        return self.axis(other, link), dyads.axis_in(other, link) @ frame
+        # Axes of other pairs of the link are known already.
+        other_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
+        if pair == other_pair or chain.is_coaxial(pair, other_pair, link):
+            other_pair, _ = chain.support_of(link)
+        components = chain.axis_in(other_pair, link) @ frame
+        return self.axis(other_pair, link), components
 
-    @_once
-    def input(self, pair: int) -> Floats:
-        """Return an input (n,), NaN where the mode has no configuration."""
-        return np.where(self._held, self.angle(pair), np.nan)
+    @_shared_between_modes
+    def input_angle(self, pair: int) -> Floats:
+        """Return an input (n,) in rad, NaN where the mode has no configuration."""
+        return np.where(self._has_configuration, self.angle(pair), np.nan)
 
-    @_once
-    def rate(self, pair: int) -> Fraction:
-        """Return the rate of a pair's variable per unit rate of the output.
+    @_shared_between_modes
+    def pair_rate(self, pair: int) -> RateFraction:
+        """Return the rate of a pair's variable per unit angular velocity of the output.
 
         Notes
         -----
-        The rates of the two bodies, w_foot + a A = w_hold + c C - b B, times the product
-        of two of the axes, leave the rate of the third pair.
+        With the axes a, b, c of the near, middle and far pair and their rates A, B, C, the
+        angular velocities of the supports satisfy
+
+            w_near + a A = w_far + c C - b B.
+
+        Multiplied by the vector product of two axes, only the rate of the third pair
+        remains, times the triple product of the axes.
         """
-        group = self.dyads.group_of[pair]
-        stand = self.dyads.stands[group]
-        (a, c), (b, triple) = self._outer(group), self.middle(group)
-        if pair == stand.near:
-            across, body = cross(b, c), stand.first
-        elif pair == stand.middle:
-            across, body = cross(c, a), stand.second
+        dyad_number = self.chain.dyad_of_pair[pair]
+        dyad = self.chain.dyads[dyad_number]
+        a, c = self._outer_axes(dyad_number)
+        b, triple_product = self.signed_middle_axis(dyad_number)
+        if pair == dyad.near_pair:
+            normal = cross(b, c)
+            link = dyad.near_link
+        elif pair == dyad.middle_pair:
+            normal = cross(c, a)
+            link = dyad.far_link
         else:
-            across, body = cross(b, a), stand.second
-        moved = self.along(across, stand.hold, None if pair == stand.far else stand.far)
-        stays = self.along(across, stand.foot, None if pair == stand.near else stand.near)
-        rate, ahead = moved - stays, self.dyads.ends[pair][1] == body
-        return Fraction(rate.top, rate.bottom * (-triple if ahead else triple))
+            normal = cross(b, a)
+            link = dyad.far_link
+        # The normal is at right angles to the axis of an outer pair unless the rate of this
+        # pair is asked for.
+        far_normal_pair = None if pair == dyad.far_pair else dyad.far_pair
+        near_normal_pair = None if pair == dyad.near_pair else dyad.near_pair
+        far_rate = self.angular_velocity_along(normal, dyad.far_support, far_normal_pair)
+        near_rate = self.angular_velocity_along(normal, dyad.near_support, near_normal_pair)
+        rate = far_rate - near_rate
+        # The variable of a pair is counted from its first to its second link.
+        is_second_link = self.chain.ends[pair][1] == link
+        sign = -triple_product if is_second_link else triple_product
+        return RateFraction(rate.numerator, rate.denominator * sign)
 
-    def along(self, vector: Floats, link: int, across: int | None) -> Fraction:
-        """Return vector . w of a link.
+    def angular_velocity_along(
+        self, vector: Floats, link: int, normal_pair: int | None
+    ) -> RateFraction:
+        """Return the scalar product of a vector and the angular velocity of a link.
 
-        The vector is at right angles to the axis of the pair `across` on that link, if
-        one is named.
+        Parameters
+        ----------
+        vector
+            (3, n) vector.
+        link
+            Number of the link; its angular velocity is relative to the base.
+        normal_pair
+            A pair of the link to whose axis the vector is at right angles, or None if none
+            is known. The rate of a pair with this axis does not matter then.
         """
-        dyads = self.dyads
-        if link == dyads.base:
-            return Fraction(np.zeros((3, 1)), np.ones(1))
-        if link == dyads.given:
-            return Fraction(vector, np.ones(1))
-        pair, foot = dyads.stands_by(link)
-        if across is not None and dyads.is_coaxial(pair, across, link):
-            return self.along(vector, foot, pair)
-        turning, share = self.rate(pair), dot(vector, self.axis(pair, link))
-        back = -share if dyads.ends[pair][1] == link else share
-        return self.along(vector, foot, None) - Fraction(turning.top * back, turning.bottom)
+        chain = self.chain
+        if link == chain.base:
+            return RateFraction(np.zeros((3, 1)), np.ones(1))
+        if link == chain.posed_link:
+            return RateFraction(vector, np.ones(1))
+        pair, support = chain.support_of(link)
+        if normal_pair is not None and chain.is_coaxial(pair, normal_pair, link):
+            return self.angular_velocity_along(vector, support, pair)
+        pair_rate = self.pair_rate(pair)
+        share = dot(vector, self.axis(pair, link))
+        subtracted_share = -share if chain.ends[pair][1] == link else share
+        subtracted_rate = RateFraction(
+            pair_rate.numerator * subtracted_share, pair_rate.denominator
+        )
+        return self.angular_velocity_along(vector, support, None) - subtracted_rate
 
-    @_once
-    def moved(self, pair: int) -> tuple[Fraction, Floats]:
-        """Return the rate of an input, the turn being what the bar asks, and its size."""
-        rate = self.rate(pair)
-        if self.turn is not None:
-            gap, directions, _ = self.turn
-            along, about = dot(rate.top, directions), dot(gap.top, directions)
-            rate = Fraction(rate.top * about - gap.top * along, rate.bottom * about)
-        return rate, norm(rate.top)
+    @_shared_between_modes
+    def input_rate(self, pair: int) -> RateFraction:
+        """Return the rate of an input per unit angular velocity of the output.
 
-    def normal(self, pair: int) -> Floats:
-        """Return the unit normal (3, n) along which the output turns with an input."""
-        rate, size = self.moved(pair)
-        return rate.top * (np.sign(rate.bottom) / size)
-
-    @_once
-    def speed(self, pair: int) -> Floats:
-        """Return how fast (n,) the output turns about that per unit rate of the input."""
-        rate, size = self.moved(pair)
-        return np.abs(rate.bottom) / size
-
-    def _speed_square(self, pair: int) -> Floats:
-        """Return the square (n,) of the speed, continued beyond the reach.
-
-        Smoothly, where the dyad of the pair stands on the base and the output alone.
+        If there is a closing link, it determines the turn of the output about its
+        direction. The numerator is then at right angles to the direction.
         """
-        group, square = self.dyads.group_of[pair], self.speed(pair) ** 2
-        stand = self.dyads.stands[group]
-        other = stand.arcs[1 if pair == stand.near else 0]
-        triple = triple_square(*stand.halves, *self._halves(group)[3])
-        return np.where(np.isnan(square), np.fmin(triple / np.sin(other) ** 2, 0.0), square)
+        rate = self.pair_rate(pair)
+        if self.closing_link is not None:
+            directions = self.closing_link.directions
+            residual_rate = self.closing_link.residual_rate
+            rate_by_turn = dot(rate.numerator, directions)
+            residual_by_turn = dot(residual_rate.numerator, directions)
+            rate = RateFraction(
+                rate.numerator * residual_by_turn - residual_rate.numerator * rate_by_turn,
+                rate.denominator * residual_by_turn,
+            )
+        return rate
+
+    @_shared_between_modes
+    def _numerator_length(self, pair: int) -> Floats:
+        """Return the length (n,) of the numerator of the rate of an input."""
+        return norm(self.input_rate(pair).numerator)
+
+    def output_normal(self, pair: int) -> Floats:
+        """Return the unit vector (3, n) along which the output turns with an input.
+
+        The other inputs are free. The sense is that of a positive rate of the input.
+        """
+        rate = self.input_rate(pair)
+        return rate.numerator * (np.sign(rate.denominator) / self._numerator_length(pair))
+
+    @_shared_between_modes
+    def output_speed(self, pair: int) -> Floats:
+        """Return the speed (n,) of the output along its normal per unit rate of an input.
+
+        This is the measure of type I of the input.
+        """
+        return np.abs(self.input_rate(pair).denominator) / self._numerator_length(pair)
+
+    def _output_speed_square(self, pair: int) -> Floats:
+        """Return the square (n,) of `output_speed`, continued out of reach.
+
+        The continuation is smooth if the dyad of the pair stands on the base and on the
+        posed link.
+        """
+        dyad_number = self.chain.dyad_of_pair[pair]
+        square = self.output_speed(pair) ** 2
+        dyad = self.chain.dyads[dyad_number]
+        other_arc = dyad.arcs[1 if pair == dyad.near_pair else 0]
+        triangle = self._triangle(dyad_number)
+        triple_product_square = triple_square(
+            *dyad.half_arcs, triangle.sum_square, triangle.difference_square
+        )
+        continuation = np.fmin(triple_product_square / np.sin(other_arc) ** 2, 0.0)
+        return np.where(np.isnan(square), continuation, square)
 
     def axes(self, count: int) -> Floats:
-        """Return the axes (n, count, 3) of the first pairs, NaN where the mode has none."""
+        """Return the axes (n, count, 3) of the first pairs.
+
+        They are NaN where the mode has none.
+        """
         axes = np.empty((len(self.status), count, 3))
         for pair in range(count):
-            axes[:, pair] = self._axis(pair).T
+            axes[:, pair] = self._earliest_axis(pair).T
         return axes
 
     def cosine(self, one: int, other: int) -> Floats:
@@ -329,10 +540,12 @@ class PosedMode:
 
         NaN where an axis cannot be placed; it may be known where the mode does not close.
         """
-        return np.broadcast_to(dot(self._axis(one), self._axis(other)), len(self.status))
+        cosine = dot(self._earliest_axis(one), self._earliest_axis(other))
+        return np.broadcast_to(cosine, len(self.status))
 
-    def _axis(self, pair: int) -> Floats:
-        dyads = self.dyads
-        order = {**dyads.placed_by, dyads.base: -1, dyads.given: -1}
-        first = min(dyads.ends[pair], key=lambda link: order.get(link, np.inf))
+    def _earliest_axis(self, pair: int) -> Floats:
+        """Return the axis (3, n) of a pair, from the one of its links placed first."""
+        chain = self.chain
+        order = {**chain.dyad_of_link, chain.base: -1, chain.posed_link: -1}
+        first = min(chain.ends[pair], key=lambda link: order.get(link, np.inf))
         return self.axis(pair, first)

@@ -1,9 +1,8 @@
-"""Workspaces of an output: what it reaches in each working mode under constraints."""
+"""Workspaces of an output: the poses that a working mode reaches under constraints."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import starmap
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -14,21 +13,36 @@ from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.vectors import nans
 from spherekit.outputs.dyad_chain import Signs
 from spherekit.outputs.nearest_pose import Margins, NearestPoseSearch
-from spherekit.outputs.pose_constraints import AngleLimit, ClosedKinematics, left_of
+from spherekit.outputs.output_kinematics import ClosedKinematics
+from spherekit.outputs.pose_constraints import AngleLimit, find_least_margin
 
-SAMPLES = 4000
-"""Orientations or directions looked at."""
-PSI = 1.533751168755204288118041
-"""The positive root of x^4 = x + 4."""
+POSE_SAMPLES = 4000
+"""Number of poses that are spread evenly over all poses.
+
+Larger: smaller parts of a workspace are met when the nearest pose is searched, in more
+time.
+"""
+
+SUPER_FIBONACCI_PSI = 1.533751168755204288118041
+"""The positive root of x^4 = x + 4, with which super-Fibonacci spirals are even."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Constraints at n poses in one mode.
+    """Margins and measures at n poses in one mode.
 
-    `margin` (n,) rad is what is left to the limit that is nearest, negative outside, and
-    `limiting` (n,) its number, -1 where no limit says why the pose cannot be taken.
-    `inputs` (n, inputs) rad, `type_1` (n,) the least of all inputs, `type_2` (n,).
+    Attributes
+    ----------
+    margin
+        (n,) rad left to the nearest limit, negative outside.
+    limiting
+        (n,) number of this limit, -1 where no limit says why the pose cannot be taken.
+    inputs
+        (n, inputs) rad.
+    type_1
+        (n,) least measure of type I of all inputs.
+    type_2
+        (n,) measure of type II.
     """
 
     margin: Floats
@@ -39,15 +53,22 @@ class Judged:
 
     @property
     def inside(self) -> Bools:
-        """Which poses (n,) keep to all bounds."""
+        """(n,) whether the pose keeps all limits."""
         return self.margin >= 0.0
 
 
 @dataclass(frozen=True)
 class DirectionWorkspace:
-    """The directions that one working mode reaches; `same_as` an earlier mode has them too.
+    """The directions that one working mode reaches.
 
-    Numbers of margins in `region` are those of `bounds`.
+    Attributes
+    ----------
+    signs
+        The signs of the mode.
+    region
+        The directions. Its margins are numbered like the limits.
+    same_as
+        Signs of an earlier mode that reaches the same directions, otherwise None.
     """
 
     signs: Signs
@@ -57,22 +78,47 @@ class DirectionWorkspace:
 
 @dataclass(frozen=True)
 class OrientationWorkspace:
-    """The orientations that one working mode reaches; `same_as` as for directions."""
+    """The orientations that one working mode reaches.
+
+    Attributes
+    ----------
+    signs
+        The signs of the mode.
+    orientations
+        The orientations.
+    same_as
+        Signs of an earlier mode that reaches the same orientations, otherwise None.
+    """
 
     signs: Signs
     orientations: Orientations
     same_as: Signs | None
 
 
-def margins_of(
+def make_margins(
     kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs
 ) -> Margins:
-    """Return the margins (n, bounds) of a mode, of directions or quaternions xyzw."""
+    """Return a function that computes the margins of a mode.
 
-    def margins(places: Floats) -> Floats:
+    Parameters
+    ----------
+    kinematics
+        The output.
+    bounds
+        The limits.
+    signs
+        The signs of the mode.
+
+    Returns
+    -------
+    A function of directions (n, 3) or quaternions xyzw (n, 4) that returns the margins
+    (n, bounds), differences of cosines.
+    """
+
+    def margins(poses: Floats) -> Floats:
         with np.errstate(all="ignore"):
-            rows = kinematics.at(_poses(kinematics, places), signs)
-            return np.stack([bound.column(rows) for bound in bounds], axis=1)
+            mode = kinematics.at(_convert_poses(kinematics, poses), signs)
+            return np.stack([bound.column(mode) for bound in bounds], axis=1)
 
     return margins
 
@@ -80,20 +126,41 @@ def margins_of(
 def judge(
     kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs, places: Floats
 ) -> Judged:
-    """Return what is left at places, directions (n, 3) or quaternions (n, 4) xyzw.
+    """Return margins and measures at poses in one mode.
 
-    The measures are NaN where no inputs are.
+    Parameters
+    ----------
+    kinematics
+        The output.
+    bounds
+        The limits.
+    signs
+        The signs of the mode.
+    places
+        (n, 3) directions or (n, 4) quaternions xyzw.
+
+    Returns
+    -------
+    The margins and measures. The measures are NaN at poses without inputs.
     """
     with np.errstate(all="ignore"):
-        rows = kinematics.at(_poses(kinematics, places), signs)
-        inputs = rows.inputs
-        gone = 0.0 * np.sum(inputs, axis=1)
-        type_1, type_2 = np.min(rows.type_1, axis=1) + gone, rows.type_2 + gone
-        return Judged(*left_of(bounds, rows), inputs, type_1, type_2)
+        mode = kinematics.at(_convert_poses(kinematics, places), signs)
+        inputs = mode.inputs
+        # 0 where all inputs are finite, NaN elsewhere.
+        blank = 0.0 * np.sum(inputs, axis=1)
+        margin, limiting = find_least_margin(bounds, mode)
+        return Judged(
+            margin=margin,
+            limiting=limiting,
+            inputs=inputs,
+            type_1=np.min(mode.type_1, axis=1) + blank,
+            type_2=mode.type_2 + blank,
+        )
 
 
-def _poses(kinematics: ClosedKinematics, places: Floats) -> Floats:
-    return places if kinematics.points else from_quaternion(places)
+def _convert_poses(kinematics: ClosedKinematics, poses: Floats) -> Floats:
+    """Return directions (n, 3) unchanged, and quaternions (n, 4) as rotations (n, 3, 3)."""
+    return poses if kinematics.points else from_quaternion(poses)
 
 
 def direction_workspaces(
@@ -116,39 +183,83 @@ def direction_workspaces(
     Modes whose margins are the same at all vertices of a region share it.
     """
 
-    def find(margins: Margins) -> tuple[Floats, Floats, Region]:
+    def find_directions(margins: Margins) -> _SampledWorkspace[Region]:
+        """Return the region of a mode with its vertices as samples."""
+        # The first error is relative to half the sphere. It is repeated if the region
+        # turns out to be smaller.
         region = find_region(margins, tolerance * 2.0 * np.pi)
-        goal = tolerance * region.area
-        if region.error > goal > 0.0:
-            region = find_region(margins, goal)
-        return region.points, region.values, region
+        target_error = tolerance * region.area
+        if region.error > target_error > 0.0:
+            region = find_region(margins, target_error)
+        return _SampledWorkspace(region.points, region.values, region)
 
-    return tuple(starmap(DirectionWorkspace, _found_once(kinematics, bounds, modes, find)))
+    return tuple(
+        DirectionWorkspace(signs, region, same_as)
+        for signs, region, same_as in _share_between_modes(
+            kinematics, bounds, modes, find_directions
+        )
+    )
 
 
-Found = TypeVar("Found")
+Workspace = TypeVar("Workspace")
 
 
-def _found_once(
+@dataclass(frozen=True)
+class _SampledWorkspace(Generic[Workspace]):
+    """A workspace with margins by which it is told from those of other modes.
+
+    Attributes
+    ----------
+    poses
+        (n, 3) directions or (n, 4) quaternions.
+    margins
+        (n, bounds) margins there.
+    workspace
+        The workspace.
+    """
+
+    poses: Floats
+    margins: Floats
+    workspace: Workspace
+
+
+def _share_between_modes(
     kinematics: ClosedKinematics,
     bounds: Sequence[AngleLimit],
     modes: Sequence[Signs],
-    find: Callable[[Margins], tuple[Floats, Floats, Found]],
-) -> Iterator[tuple[Signs, Found, Signs | None]]:
-    """Yield modes with what is found of them, and the earlier one that it is the same as.
+    find_workspace: Callable[[Margins], _SampledWorkspace[Workspace]],
+) -> Iterator[tuple[Signs, Workspace, Signs | None]]:
+    """Yield the workspace of each mode, computed once for modes with equal margins.
 
-    `find` gives places, the margins there, which tell modes apart, and what is found.
+    Parameters
+    ----------
+    kinematics, bounds
+        The output and its limits.
+    modes
+        The signs of the modes.
+    find_workspace
+        Function that returns the workspace for the margins of a mode.
+
+    Yields
+    ------
+    signs
+        The signs of the mode.
+    workspace
+        Its workspace.
+    same_as
+        Signs of the earlier mode for which the workspace was computed, otherwise None.
     """
-    kept: list[tuple[Floats, Floats, Found, Signs]] = []
+    computed: list[tuple[Signs, _SampledWorkspace[Workspace]]] = []
     for signs in modes:
-        margins = margins_of(kinematics, bounds, signs)
-        for places, values, reached, first in kept:
-            if np.array_equal(margins(places), values, equal_nan=True):
-                yield signs, reached, first
+        margins = make_margins(kinematics, bounds, signs)
+        for earlier_signs, earlier in computed:
+            if np.array_equal(margins(earlier.poses), earlier.margins, equal_nan=True):
+                yield signs, earlier.workspace, earlier_signs
                 break
         else:
-            kept.append((*find(margins), signs))
-            yield signs, kept[-1][2], None
+            sampled_workspace = find_workspace(margins)
+            computed.append((signs, sampled_workspace))
+            yield signs, sampled_workspace.workspace, None
 
 
 def orientation_workspaces(
@@ -159,19 +270,31 @@ def orientation_workspaces(
 ) -> tuple[OrientationWorkspace, ...]:
     """Return the orientations that each mode reaches; the tolerance is relative.
 
-    Modes whose margins are the same at all samples share what was found.
+    Modes whose margins are the same at all samples share the result.
+
+    Parameters
+    ----------
+    kinematics, bounds, modes
+        The output, its limits, and the signs of the modes.
+    tolerance
+        Error of the volume to aim at, relative to the volume.
     """
     samples = orientation_samples()
 
-    def find(margins: Margins) -> tuple[Floats, Floats, Orientations]:
-        return samples, margins(samples), find_orientations(margins, tolerance)
+    def find_mode_orientations(margins: Margins) -> _SampledWorkspace[Orientations]:
+        """Return the orientations of a mode with evenly spread samples."""
+        orientations = find_orientations(margins, tolerance)
+        return _SampledWorkspace(samples, margins(samples), orientations)
 
     return tuple(
-        starmap(OrientationWorkspace, _found_once(kinematics, bounds, modes, find))
+        OrientationWorkspace(signs, orientations, same_as)
+        for signs, orientations, same_as in _share_between_modes(
+            kinematics, bounds, modes, find_mode_orientations
+        )
     )
 
 
-def orientation_samples(count: int = SAMPLES) -> Floats:
+def orientation_samples(count: int = POSE_SAMPLES) -> Floats:
     """Return unit quaternions (count, 4) xyzw spread evenly over all orientations.
 
     Notes
@@ -180,18 +303,20 @@ def orientation_samples(count: int = SAMPLES) -> Floats:
     SO(3) (2022).
     """
     part = (np.arange(count) + 0.5) / count
-    turned = 2.0 * np.pi * count * part / np.array([[np.sqrt(2.0)], [PSI]])
+    turned = 2.0 * np.pi * count * part / np.array([[np.sqrt(2.0)], [SUPER_FIBONACCI_PSI]])
+    # Axes: sine or cosine, spiral, sample. The components of a quaternion are the sine and
+    # cosine of the first spiral, then those of the second one.
     spirals = np.sqrt([part, 1.0 - part]) * [np.sin(turned), np.cos(turned)]
     return np.hstack(np.moveaxis(spirals, 0, 2))
 
 
-def direction_samples(count: int = SAMPLES) -> Floats:
+def direction_samples(count: int = POSE_SAMPLES) -> Floats:
     """Return directions (count, 3) spread evenly over the sphere, along a spiral."""
     number = np.arange(count)
     z = 1.0 - (2.0 * number + 1.0) / count
-    turn = number * np.pi * (3.0 - np.sqrt(5.0))
-    width = np.sqrt(1.0 - z * z)
-    return np.column_stack([width * np.cos(turn), width * np.sin(turn), z])
+    azimuth = number * np.pi * (3.0 - np.sqrt(5.0))  # multiples of the golden angle
+    radius = np.sqrt(1.0 - z * z)
+    return np.column_stack([radius * np.cos(azimuth), radius * np.sin(azimuth), z])
 
 
 def nearest_reachable(
@@ -202,8 +327,20 @@ def nearest_reachable(
 ) -> tuple[Floats, float] | None:
     """Return the reachable pose nearest to one that is outside, and how far (rad) it is.
 
-    A direction (3,) or quaternion xyzw (4,), see `nearest_in_mode`. Parts that the
-    workspace has are met whatever their size. None if no pose is known to be inside.
+    Every part of the workspace is considered, whatever its size.
+
+    Parameters
+    ----------
+    kinematics, bounds
+        The output and its limits.
+    workspace
+        The workspace of a mode.
+    place
+        A direction (3,) or a quaternion xyzw (4,) outside.
+
+    Returns
+    -------
+    The pose and the angle, see `nearest_in_mode`. None if no pose is known to be inside.
     """
     if isinstance(workspace, OrientationWorkspace):
         inside_poses = workspace.orientations.place[None]
@@ -211,13 +348,12 @@ def nearest_reachable(
         region = workspace.region
         if not region.components:
             return None
-        inside_poses = np.stack(
-            [region.nearest(place), *(x.place for x in region.components)]
-        )
-    (offer,) = nearest_in_mode(
+        component_poses = [component.place for component in region.components]
+        inside_poses = np.stack([region.nearest(place), *component_poses])
+    (nearest_pose,) = nearest_in_mode(
         kinematics, bounds, workspace.signs, place[None], inside_poses
     )
-    return offer
+    return nearest_pose
 
 
 def nearest_in_mode(
@@ -236,7 +372,7 @@ def nearest_in_mode(
     places
         (n, 3) directions or (n, 4) unit quaternions xyzw that are outside.
     inside_poses
-        (k, 3 or 4) poses inside, besides those of `SAMPLES` spread evenly.
+        (k, 3 or 4) poses inside, besides those of `POSE_SAMPLES` spread evenly.
 
     Returns
     -------
@@ -244,33 +380,53 @@ def nearest_in_mode(
     was met. `spherekit.outputs.nearest_pose` says what is compared.
     """
 
-    def is_inside(places: Floats) -> Bools:
+    def is_inside(poses: Floats) -> Bools:
+        """Return whether poses (n, 3 or 4) keep all limits."""
         # `judge` would compute inputs and measures too, which take most of its time.
         with np.errstate(all="ignore"):
-            margin, _ = left_of(bounds, kinematics.at(_poses(kinematics, places), signs))
+            mode = kinematics.at(_convert_poses(kinematics, poses), signs)
+            margin, _ = find_least_margin(bounds, mode)
         return margin >= 0.0
 
-    search = NearestPoseSearch(margins_of(kinematics, bounds, signs), is_inside)
+    search = NearestPoseSearch(make_margins(kinematics, bounds, signs), is_inside)
     samples = direction_samples() if kinematics.points else orientation_samples()
-    reachable = samples[is_inside(samples)]
+    reachable_poses = samples[is_inside(samples)]
     if inside_poses is not None:
-        reachable = np.concatenate([reachable, inside_poses])
-    if not len(reachable):
+        reachable_poses = np.concatenate([reachable_poses, inside_poses])
+    if not len(reachable_poses):
         return [None] * len(places)
-    return [search.find_nearest(place, reachable) for place in places]
+    return [search.find_nearest(place, reachable_poses) for place in places]
 
 
 def nearest_poses(
     kinematics: ClosedKinematics, places: Floats, signs: Signs
 ) -> tuple[Floats, Floats]:
-    """Return the reachable poses nearest to some that are outside, and how far (n,) rad.
+    """Return the reachable poses nearest to some that are outside, and their distances.
 
-    Directions (n, 3) or quaternions xyzw (n, 4), see `nearest_in_mode`, under the limits
-    of the mechanism alone; NaN where none is known.
+    Only the limits of the mechanism itself apply.
+
+    Parameters
+    ----------
+    kinematics
+        The output.
+    places
+        (n, 3) directions or (n, 4) quaternions xyzw that are outside.
+    signs
+        The signs of the mode.
+
+    Returns
+    -------
+    poses
+        (n, 3 or 4) the nearest poses, NaN where none is known.
+    angles
+        (n,) angles to them (rad), NaN where none is known.
     """
-    offers = nearest_in_mode(kinematics, kinematics.bounds, signs, places)
-    near, away = np.full_like(places, np.nan), nans(len(places))
-    for k, offer in enumerate(offers):
-        if offer is not None:
-            near[k], away[k] = offer
-    return near, away
+    results = nearest_in_mode(kinematics, kinematics.bounds, signs, places)
+    poses = np.full_like(places, np.nan)
+    angles = nans(len(places))
+    for number, result in enumerate(results):
+        if result is not None:
+            pose, angle = result
+            poses[number] = pose
+            angles[number] = angle
+    return poses, angles

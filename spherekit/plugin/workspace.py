@@ -2,13 +2,15 @@
 
 from spherekit.geometry.direction_region import Part, Region, find_region
 from spherekit.geometry.sphere_mesh import sphere_mesh
-from spherekit.outputs.pose_constraints import (
-    AngleLimit,
+from spherekit.outputs.output_kinematics import (
     ClosedKinematics,
-    Constraints,
-    InterferenceLimit,
     InverseRows,
     OutputKinematics,
+)
+from spherekit.outputs.pose_constraints import (
+    AngleLimit,
+    Constraints,
+    InterferenceLimit,
     bounds_of,
 )
 from spherekit.outputs.pose_rows import JointRange, sense_of, turns_of

@@ -1,0 +1,299 @@
+"""An output of a mechanism with its poses: base classes of all ways to solve them.
+
+`OutputKinematics` is any output. `ClosedKinematics` is an output with a closed form, whose
+poses are limited by the reach of its legs. `spherekit.outputs.pose_solver` chooses the
+class for a mechanism.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
+from spherekit.conventions import Names
+from spherekit.errors import AnalysisError
+from spherekit.mechanism.elements import Output
+from spherekit.mechanism.joint_construction import make_joints
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.numerics.array_rows import ArrayRows
+from spherekit.outputs.dyad_chain import Signs
+from spherekit.outputs.forward_kinematics import (
+    ForwardKinematics,
+    PoseSolutions,
+    output_rates,
+)
+from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture
+from spherekit.outputs.pose_constraints import (
+    AngleLimit,
+    Constraints,
+    LegSpan,
+    ModeAtPoses,
+    bounds_of,
+    find_least_margin,
+)
+from spherekit.outputs.virtual_output import with_wrist
+from spherekit.positions.assembly_mode import label_of
+from spherekit.positions.loop_closure import Closure
+from spherekit.positions.motion import make_motion
+from spherekit.status import Status
+from spherekit.tolerances import SINGULAR_DYAD_SINE
+from spherekit.velocities.transmission import Transmission
+from spherekit.wording import listing
+
+MAX_LISTED_MODES = 64
+"""Largest number of working modes that an error message lists."""
+
+
+@dataclass(frozen=True)
+class InverseRows(ArrayRows):
+    """Poses in working modes, in k rows: the configurations and their measures.
+
+    Attributes
+    ----------
+    pose
+        (k,) number of the pose, ascending.
+    mode
+        (k,) label of the working mode, ``~`` for each group without signs; empty for a
+        pose without a configuration.
+    inputs
+        (k, inputs) rad in (-pi, pi].
+    status
+        (k,) values of `Status`: OK; OUT_OF_REACH, and then all but margin and limiting
+        are NaN; AT_SINGULARITY where a measure is nearly 0 or has no value.
+    margin, limiting
+        (k,) rad left to the nearest limit, negative outside, and its number in `limits`;
+        NaN and -1 where no limit says anything.
+    type_1, type_2
+        (k, inputs) and (k,), see `Inverse` and `spherekit.velocities.transmission`.
+    rates
+        (k, inputs, 3), see `ModeAtPoses`.
+    values
+        (k, pairs asked for) rad in (-pi, pi].
+    limits
+        Names of the limits.
+    """
+
+    pose: Indices
+    mode: NDArray[np.str_]
+    inputs: Floats
+    status: SmallIntegers
+    margin: Floats
+    limiting: Indices
+    type_1: Floats
+    type_2: Floats
+    rates: Floats
+    values: Floats
+    limits: Names
+
+    def __len__(self) -> int:
+        return len(self.pose)
+
+    @property
+    def solved(self) -> Bools:
+        """(k,) whether the row has a configuration."""
+        return self.status != Status.OUT_OF_REACH
+
+    def with_status(self) -> Self:
+        """Return the rows with the status that follows from their other values.
+
+        Rows beyond a limit become OUT_OF_REACH and lose their values.
+        """
+        is_outside = self.margin < 0.0
+        least_measure = np.fmin(np.min(self.type_1, axis=1), self.type_2)
+        has_inputs = np.isfinite(self.inputs).all(axis=1)
+        is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
+        status = np.where(is_regular, Status.OK, Status.AT_SINGULARITY)
+        status[is_outside] = Status.OUT_OF_REACH
+        # NaN is added to all values of rows outside, and 0 to the others.
+        blank = np.where(is_outside, np.nan, 0.0)
+        return replace(
+            self,
+            inputs=self.inputs + blank[:, None],
+            status=status.astype(np.int8),
+            margin=np.where(np.isfinite(self.margin), self.margin, np.nan),
+            type_1=self.type_1 + blank[:, None],
+            type_2=self.type_2 + blank,
+            rates=self.rates + blank[:, None, None],
+            values=self.values + blank[:, None],
+        )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return the rows of several modes, those of a pose together."""
+        rows = super().joined(parts)
+        return rows.rows(np.argsort(rows.pose, kind="stable"))
+
+
+class OutputKinematics:
+    """The poses of one declared output.
+
+    If the number of inputs differs from the number of coordinates of a pose, the poses at
+    inputs can be computed, but not the inputs of poses.
+
+    Attributes
+    ----------
+    mechanism, output
+        The output, and the mechanism that declares it.
+    points
+        Whether poses are directions (n, 3), else rotations (n, 3, 3).
+    modes, legs
+        The signs of all working modes, and what each sign belongs to.
+    form
+        The mid-plane symmetric architecture of the output, if it has one.
+    solved_by
+        What gives the configurations: ``dyads``, ``mid-plane`` or ``graph``.
+    """
+
+    modes: tuple[Signs, ...] = ()
+    legs: Names = ()
+    form: MidPlaneArchitecture | None = None
+    solved_by = "graph"
+
+    def __init__(self, mechanism: Mechanism, output: Output, points: bool) -> None:
+        self.mechanism = mechanism
+        self.output = output
+        self.points = points
+
+    @property
+    def labels(self) -> Names:
+        """Labels of the working modes."""
+        return tuple(map(label_of, self.modes))
+
+    def chosen_modes(self, text: str) -> tuple[Signs, ...]:
+        """Return the modes that a text names: all for ``""``, else a label or a number.
+
+        Raises
+        ------
+        AnalysisError
+            If it names none.
+        """
+        if not text:
+            return self.modes
+        if text in self.labels:
+            return (self.modes[self.labels.index(text)],)
+        if text.isdecimal() and int(text) < len(self.modes):
+            return (self.modes[int(text)],)
+        raise AnalysisError(
+            f'{self.mechanism.name}: outputs.{self.output.name}: working mode "{text}" is '
+            f"none of {listing(self.labels, MAX_LISTED_MODES)}, nor a number below "
+            f"{len(self.modes)}; the signs are those of: {'; '.join(self.legs)}"
+        )
+
+    def inverse(
+        self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
+    ) -> InverseRows:
+        """Return the configurations of poses in some modes, with variables of pairs.
+
+        Parameters
+        ----------
+        poses
+            (n, 3) directions or (n, 3, 3) rotations, see `points`.
+        modes
+            Labels of the modes.
+        pairs
+            Numbers of the pairs whose variables are returned.
+
+        Raises
+        ------
+        PlanError
+            If there is none.
+        """
+        with_wrist(self.mechanism, self.output.name)  # raises the error
+        raise AssertionError(poses, modes, pairs)
+
+    def forward(self, inputs: Floats) -> PoseSolutions:
+        """Return every pose found at inputs (n, inputs) rad."""
+        return self._forward.solutions(inputs)
+
+    def turns(self, values: Floats) -> Floats:
+        """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
+
+        At configurations (n, variables), in axes of the link that the output is seen from;
+        NaN where the inputs do not determine the motion.
+        """
+        return output_rates(make_motion(self._forward.solver, values), self.output)
+
+    def type_2(self, values: Floats) -> Floats:
+        """Return the measure (n,) of type II at configurations (n, variables)."""
+        transmission = Transmission.of(self.mechanism, self.output)
+        return transmission.of_values(self._closure, values)
+
+    def residual(self, values: Floats) -> Floats:
+        """Return the closure residuals (n,) in rad at values (n, variables)."""
+        return self._closure.at(values).gap
+
+    @cached_property
+    def _forward(self) -> ForwardKinematics:
+        """Forward kinematics of the output."""
+        return ForwardKinematics(self.mechanism, self.output.name)
+
+    @cached_property
+    def _closure(self) -> Closure:
+        """Loop closure of the mechanism."""
+        return Closure.of(self.mechanism, make_joints(self.mechanism))
+
+
+class ClosedKinematics(OutputKinematics, ABC):
+    """An output in a closed form that needs no start.
+
+    The limits of the mechanism decide which poses it reaches.
+    """
+
+    @property
+    def carrying(self) -> Mechanism:
+        """The mechanism that carries the output. It numbers the axes of `spans`."""
+        return self.mechanism
+
+    @property
+    @abstractmethod
+    def spans(self) -> tuple[LegSpan, ...]:
+        """The reach of the legs."""
+
+    @abstractmethod
+    def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
+        """Return one mode at poses."""
+
+    def name_of(self, pair: int) -> str:
+        """Return the name of a pair, or that of the output for a virtual pair."""
+        pairs = self.carrying.pairs
+        return pairs[pair].name if pair < len(pairs) else self.output.name
+
+    @cached_property
+    def bounds(self) -> tuple[AngleLimit, ...]:
+        """The reach of the legs, and the joint limits of the mechanism."""
+        return bounds_of(self, Constraints())
+
+    def inverse(
+        self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
+    ) -> InverseRows:
+        """Return a row for each pose and mode."""
+        limits = tuple(bound.name for bound in self.bounds)
+        signs_by_label = dict(zip(self.labels, self.modes, strict=True))
+        count = len(poses)
+        parts = []
+        for mode in modes:
+            with np.errstate(all="ignore"):
+                rows = self.at(poses, signs_by_label[mode])
+                pair_values = [rows.angle(pair) for pair in pairs]
+                margin, limiting = find_least_margin(self.bounds, rows)
+                part = InverseRows(
+                    pose=np.arange(count),
+                    mode=np.full(count, mode),
+                    inputs=rows.inputs,
+                    status=np.zeros(count, dtype=np.int8),
+                    margin=margin,
+                    limiting=limiting,
+                    type_1=rows.type_1,
+                    type_2=rows.type_2,
+                    rates=rows.rates,
+                    # The empty array gives the right shape if there are no pairs.
+                    values=np.column_stack([np.empty((count, 0)), *pair_values]),
+                    limits=limits,
+                )
+            parts.append(part.with_status())
+        return InverseRows.joined(parts)
