@@ -1,5 +1,6 @@
 """Inverse and forward kinematics of outputs, against second formulations."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -86,6 +87,14 @@ def test_vectors_agree_with_the_positions_of_all_links(made):
         gap = np.abs(np.angle(np.exp(1j * gap[held])))
         assert np.max(gap * inverse.type_1[k][held], initial=0.0) < 2e-13
         assert np.all(np.isnan(inverse.inputs[k][~held]))
+
+
+def test_inverse_kinematics_can_be_sent_to_other_processes_after_use():
+    kinematics = sk.InverseKinematics("three_rrr")
+    poses = poses_for(kinematics, 5, 3)
+    inverse = kinematics.at(poses)
+    copy = pickle.loads(pickle.dumps(kinematics))
+    assert np.array_equal(copy.at(poses).inputs, inverse.inputs, equal_nan=True)
 
 
 def input_frames(made):
