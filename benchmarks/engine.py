@@ -9,7 +9,7 @@ from spherekit.dynamics.simulation import Simulation
 from spherekit.files.mechanism_reader import load
 from spherekit.files.study import Start
 from spherekit.symbolic.compiler import available, heyoka
-from spherekit.velocities.dyad_expressions import COMPILED
+from spherekit.velocities.function_cache import FUNCTION_CACHE
 
 Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
@@ -55,7 +55,7 @@ def _dynamics(quick: bool) -> Section:
     rows: list[tuple[Cell, ...]] = []
     for compact in (True, False):
         for tolerance in tolerances:
-            COMPILED.clear()
+            FUNCTION_CACHE.clear()
             first = _paper(tolerance, compact)
             seconds = [_paper(tolerance, compact).engine.seconds for _ in range(9)]
             rows.append(

@@ -25,9 +25,9 @@ from spherekit.mechanism.mechanism import Mass, Mechanism
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.expression_function import expression_function
+from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
-from spherekit.velocities.row_quantities import VariedTerms
 
 MECHANISMS = "four_bar", "stephenson", "double_butterfly", "roller_cam", "flat_cam"
 MECHANISMS += "bevel_pair", "planetary_bevel"
@@ -79,14 +79,18 @@ def expression_values(mechanism, configurations, closed_form, engine):
     Configurations are all variables, or in closed form the input and the signs of dyads.
     """
     pair, links = mechanism.inputs[0].pair, mechanism.links
-    terms = VariedTerms(mechanism, [pair], closed_form=closed_form)
+    terms = DesignExpressions(mechanism, [pair], closed_form=closed_form)
     outputs = {name: [terms.quantity(name)] for name in ("B", "dB_dq")}
     for i, j in all_poles(len(links)):
         ends = f"{links[j]}_{links[i]}"
         outputs["direction", (i, j)] = [terms.quantity(f"pole_{ends}_{k}") for k in "xyz"]
         for name in COEFFICIENTS:
             outputs[name, (i, j)] = [terms.quantity(f"{name}_{ends}")]
-    inputs = [*terms.sample[:1], *terms.places] if closed_form else terms.places
+    inputs = (
+        [*terms.sample_symbols[:1], *terms.configuration_symbols]
+        if closed_form
+        else terms.configuration_symbols
+    )
     columns = [column for items in outputs.values() for column in items]
     rows = iter(expression_function(columns, inputs, engine == "compiled")(configurations))
     values = {"direction": {}} | {name: {} for name in COEFFICIENTS}

@@ -10,7 +10,7 @@ from spherekit.proof.balls import Digits, floats
 from spherekit.proof.reference_rows import exact_rows
 from spherekit.symbolic.expression_evaluation import array_function
 from spherekit.tolerances import EPS
-from spherekit.velocities.row_quantities import VariedTerms
+from spherekit.velocities.design_expressions import DesignExpressions
 
 FIFTY = Digits(50)
 NEAR = {"nearly coinciding": 1.0, "nearly opposite": -1.0}
@@ -29,10 +29,12 @@ def digits_lost(made):
     (driven,) = motion.assembly.inputs
     exact = exact_rows(motion, motion.sample >= 0, driven, FIFTY, order=1)
     links = tuple(range(1, len(made.links)))
-    terms = VariedTerms(tracer.mechanism, [made.pairs[driven].name], closed_form=True)
+    terms = DesignExpressions(tracer.mechanism, [made.pairs[driven].name], closed_form=True)
     names = [f"angular_velocity_{made.links[k]}_{axis}" for k in links for axis in "xyz"]
     columns = [terms.quantity(name) for name in names]
-    function = array_function(columns, [*terms.sample[:1], *terms.places])
+    function = array_function(
+        columns, [*terms.sample_symbols[:1], *terms.configuration_symbols]
+    )
     signs = np.array(tracer.assembly_modes[0].signs, dtype=float)
     rates = function(np.concatenate([[0.0], signs])[:, None]).reshape(len(links), 3)
     want = floats(exact.w)[0]

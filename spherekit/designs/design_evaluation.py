@@ -51,9 +51,9 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.singularities.grashof import class_of, four_bar_links
 from spherekit.velocities.axis_rotations import pair_rotations
+from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.velocities.equivalent_linkage import hinged
-from spherekit.velocities.load_numbers import LOADED
-from spherekit.velocities.row_quantities import VariedTerms
+from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.wording import listing
 
 STRIDE = np.radians(3.0)
@@ -244,7 +244,7 @@ class Evaluator:
         self.document, self.mechanism, self.inputs = document, mechanism, samples.inputs
         self.variables, self.samples = tuple(variables), samples
         self.figures = KernelFigures(mechanism, merits, samples)
-        if any(name.startswith(LOADED) for name in self.figures.columns):
+        if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.figures.columns):
             need_tabulated(mechanism, samples.rows[:, -1])
         contacts = hinged(mechanism, self.inputs)
         self.varied = VariedMechanism(
@@ -269,7 +269,7 @@ class Evaluator:
         elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
             return None
         terms = self.varied.terms()
-        if not terms.closed_form:
+        if not terms.has_closed_form:
             paths = PathKernel(terms)
             start = start_set(paths, self.varied.nominal)
             if start is None:
@@ -576,15 +576,15 @@ class Evaluator:
         if not self._is_over_constrained and self.samples.crossings == "end":
             assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
             if assembly.has_closed_form:
-                terms = VariedTerms(mechanism, self.inputs)
+                terms = DesignExpressions(mechanism, self.inputs)
                 of_signs = DesignKernel(terms, self.figures.columns, compiled=False)
                 return self._modes(of_signs, np.empty((0, 1)))
         tracer, motion, values = self.traced(mechanism)
         profiled = self.varied.is_profiled
         modes = tracer.assembly_modes
 
-        def terms_at(configuration: Floats | None) -> VariedTerms:
-            return VariedTerms(
+        def terms_at(configuration: Floats | None) -> DesignExpressions:
+            return DesignExpressions(
                 mechanism,
                 self.inputs,
                 geometry=lambda _: pair_rotations(mechanism, as_columns=profiled),

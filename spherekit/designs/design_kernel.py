@@ -23,7 +23,7 @@ from spherekit.symbolic.expression_graph import (
     separate_constant_parts,
 )
 from spherekit.symbolic.vector_algebra import Exprs, constants, cross
-from spherekit.velocities.row_quantities import VariedTerms
+from spherekit.velocities.design_expressions import DesignExpressions
 
 
 class DesignKernel:
@@ -33,7 +33,7 @@ class DesignKernel:
     `evaluate` takes a sample, the places of the links (then the columns of profiles that
     are handed in) and what is prepared to the
     `columns`, then to their derivatives, size by size, where `gradients` are asked for, and
-    last to `VariedTerms.rates_left_over`, where that is asked for.
+    last to `DesignExpressions.relative_loop_residual`, where that is asked for.
     Columns are names of `row_quantities`, `EngineError` where there is none of it. Places
     are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
     not negative where it closes. Otherwise they are the variables of all pairs. It is
@@ -48,7 +48,7 @@ class DesignKernel:
 
     def __init__(
         self,
-        terms: VariedTerms,
+        terms: DesignExpressions,
         columns: Sequence[str],
         gradients: bool = False,
         compiled: bool = True,
@@ -56,24 +56,35 @@ class DesignKernel:
     ) -> None:
         outputs = [terms.quantity(name) for name in columns]
         if gradients:
-            outputs += [slope for slopes in terms.by_sizes(outputs) for slope in slopes]
+            outputs += [
+                slope
+                for slopes in terms.differentiate_by_sizes(outputs)
+                for slope in slopes
+            ]
         if with_rates_left_over:
-            outputs.append(terms.rates_left_over())
-        self.places, self.columns = terms.places, tuple(columns)
-        self.closed_form, self._compiled = terms.closed_form, compiled and available()
+            outputs.append(terms.relative_loop_residual())
+        self.places, self.columns = terms.configuration_symbols, tuple(columns)
+        self.closed_form, self._compiled = terms.has_closed_form, compiled and available()
         used = set(iterate_nodes(outputs))
-        turns = {pair: x for pair, x in terms.turns.items() if x in used}
+        turns = {pair: x for pair, x in terms.revolution_symbols.items() if x in used}
         self.turning = tuple(turns)
-        moving = [*terms.sample, *terms.places, *terms.profile_columns, *turns.values()]
-        tables = {name: x for name, x in terms.tables.items() if x in used}
+        moving = [
+            *terms.sample_symbols,
+            *terms.configuration_symbols,
+            *terms.profile_symbols,
+            *turns.values(),
+        ]
+        tables = {name: x for name, x in terms.table_symbols.items() if x in used}
         loads = (x for x in terms.mechanism.loads if isinstance(x, TorqueTable))
         self._tables = [load for load in loads if load.name in tables]
-        self._time = len(terms.sample) - 1
-        items = [*terms.squares, *outputs, *(terms.angle(pair) for pair in turns)]
+        self._time = len(terms.sample_symbols) - 1
+        items = [*terms.triple_squares, *outputs, *(terms.angle(pair) for pair in turns)]
         self._rows, fixed = separate_constant_parts(items, [*tables.values(), *moving])
-        self._given, self._reached = [*moving, *fixed], len(terms.squares)
+        self._given, self._reached = [*moving, *fixed], len(terms.triple_squares)
         self._count = self._reached + len(outputs)
-        self.prepare = expression_function([*fixed.values()], terms.sizes, self._compiled)
+        self.prepare = expression_function(
+            [*fixed.values()], terms.size_symbols, self._compiled
+        )
         given = [*tables.values(), *self._given]
         self._evaluate = expression_function(
             self._rows[: self._count], given, self._compiled
@@ -138,14 +149,14 @@ class RedundantKernel:
         Names of `row_quantities`.
     """
 
-    def __init__(self, terms: Sequence[VariedTerms], columns: Sequence[str]) -> None:
+    def __init__(self, terms: Sequence[DesignExpressions], columns: Sequence[str]) -> None:
         # Everything that follows from rates is divided by the scale of the rates.
-        scale = terms[0].flow.scale
+        scale = terms[0].coordinate_rates.scale
         self._follows_from_rates = np.array(
             [scale in set(iterate_nodes([terms[0].quantity(name)])) for name in columns],
             bool,
         )
-        by_choice: dict[str, VariedTerms] = {}
+        by_choice: dict[str, DesignExpressions] = {}
         for item in terms:
             groups = item.structure.groups
             choice = repr(
@@ -182,7 +193,7 @@ class RedundantKernel:
         return columns
 
 
-def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], ArrayFunction]:
+def arc_function(terms: DesignExpressions) -> tuple[tuple[int, ...], ArrayFunction]:
     """Return the links with two axes, and the function of sizes that gives their arcs.
 
     The arcs (links, n) are in [0, pi] rad.
@@ -198,4 +209,4 @@ def arc_function(terms: VariedTerms) -> tuple[tuple[int, ...], ArrayFunction]:
         function("atan2", np.sqrt(dot(normal, normal)), dot(one, other))
         for one, other, normal in both.values()
     ]
-    return tuple(both), array_function(arcs, terms.sizes)
+    return tuple(both), array_function(arcs, terms.size_symbols)

@@ -32,13 +32,13 @@ from spherekit.positions.input_grid import InputGrid, make_input_grid
 from spherekit.positions.timing import evaluate_time_laws
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.runs.sampling import check_time
-from spherekit.velocities.load_numbers import LOADED
+from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.velocities.row_quantities import row_quantities, sample_names
 from spherekit.wording import counted, listing
 
 BLOCK = 4096
 """Designs evaluated together: their rows stay in the cache."""
-INERTIAL = ("B", "dB_dq", "kinetic_energy", *LOADED)
+INERTIAL = ("B", "dB_dq", "kinetic_energy", *LOAD_DEPENDENT_PREFIXES)
 """How quantities begin that depend on masses or loads."""
 NEVER_CLOSES = "NEVER_CLOSES"
 IMPOSSIBLE = "IMPOSSIBLE"

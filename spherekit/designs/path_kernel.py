@@ -23,7 +23,7 @@ from spherekit.symbolic.expression_graph import (
     symbols,
 )
 from spherekit.symbolic.vector_algebra import cross
-from spherekit.velocities.row_quantities import VariedTerms
+from spherekit.velocities.design_expressions import DesignExpressions
 
 Parts = tuple[Expr, Expr]
 """The real and the imaginary part."""
@@ -121,36 +121,44 @@ class PathKernel:
     are handed in, and these to `NewtonStep`. `driven` are the variables of the inputs.
     """
 
-    def __init__(self, terms: VariedTerms, compiled: bool = True) -> None:
-        structure, flow, places = terms.structure, terms.flow, terms.places
+    def __init__(self, terms: DesignExpressions, compiled: bool = True) -> None:
+        structure, flow, places = (
+            terms.structure,
+            terms.coordinate_rates,
+            terms.configuration_symbols,
+        )
         self.terms, self.compiled = terms, compiled and available()
         self.variables, self.driven = len(places), [*structure.inputs]
         change = flow.solve_loops(flow.closure_residuals)
         for variable, angle in enumerate(terms.variables):
             if angle is not places[variable]:
                 change[variable] = angle - places[variable]
-        given = [*places, *terms.profile_columns]
+        given = [*places, *terms.profile_symbols]
         self._rows, fixed = separate_constant_parts(
             [*change, flow.scale, flow.closure_residual_square], given
         )
         self._inputs = [*given, *fixed]
-        self.prepare = expression_function([*fixed.values()], terms.sizes, self.compiled)
+        self.prepare = expression_function(
+            [*fixed.values()], terms.size_symbols, self.compiled
+        )
         self._real = expression_function(self._rows, self._inputs, self.compiled)
 
     @cached_property
     def _complex(self) -> ComplexFunction:
-        places, numbers = self.terms.places, self._inputs[self.variables :]
+        places, numbers = self.terms.configuration_symbols, self._inputs[self.variables :]
         return complex_function(self._rows, places, numbers, self.compiled)
 
     def labels(self, values: Floats, sizes: Floats) -> list[str]:
         """Return the signs of dyads, ``~`` for other groups, at closed configurations."""
-        groups, flow = self.terms.structure.assembly.groups, self.terms.flow
+        groups, flow = self.terms.structure.assembly.groups, self.terms.coordinate_rates
         labels = np.full((len(groups), values.shape[1]), "~")
         for k, group in enumerate(groups):
             if group.is_dyad:
                 axes = [flow.vectors[flow.pair_variables[pair][0]] for pair in group.pairs]
                 turning = dot(axes[0], cross(axes[1], axes[2]))
-                made = array_function([turning], [*self.terms.places, *self.terms.sizes])
+                made = array_function(
+                    [turning], [*self.terms.configuration_symbols, *self.terms.size_symbols]
+                )
                 positive = made(np.concatenate([values, sizes]))[0] >= 0.0
                 labels[k] = np.where(positive, "+", "-")
         return ["".join(column) for column in labels.T]

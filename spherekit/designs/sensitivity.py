@@ -35,9 +35,10 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.progress import ProgressReporter
+from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.velocities.equivalent_linkage import EquivalentLinkage, hinged
-from spherekit.velocities.load_numbers import LOADED
-from spherekit.velocities.row_quantities import VariedTerms, row_quantities, sample_names
+from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
+from spherekit.velocities.row_quantities import row_quantities, sample_names
 from spherekit.wording import choices, listing, nearest
 
 TOGETHER = 2**16
@@ -152,7 +153,7 @@ class Sensitivity:
         return hinged(self.mechanism, self.inputs)
 
     @cached_property
-    def _terms(self) -> VariedTerms:
+    def _terms(self) -> DesignExpressions:
         """The terms of kernels, and `_varied` what designs have of them.
 
         Of the mechanism with its contacts, or with these as links where some of their
@@ -189,7 +190,10 @@ class Sensitivity:
     def timed(self) -> bool:
         """Whether a quantity depends on how the inputs move."""
         moving = (*sample_names(self.inputs)[len(self.inputs) :], "kinetic_energy")
-        return any(name in moving or name.startswith(LOADED) for name in self.quantities)
+        return any(
+            name in moving or name.startswith(LOAD_DEPENDENT_PREFIXES)
+            for name in self.quantities
+        )
 
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
         """Return by how much each size is off, `size` (rad) or what is said `singly`.
@@ -246,7 +250,7 @@ class Sensitivity:
     @property
     def wound(self) -> Names:
         """The pairs whose turns count: loads that matter depend on their variables."""
-        if not any(name.startswith(LOADED) for name in self.quantities):
+        if not any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
             return ()
         return wound_pairs(self.mechanism)
 
@@ -287,7 +291,7 @@ class Sensitivity:
         Rad and SI. The inputs are held, and the loops stay closed: from the derivative of
         the closure equations by a size, solved for the variables.
         """
-        if any(name.startswith(LOADED) for name in self.quantities):
+        if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
             need_tabulated(self.mechanism, samples[:, -1])
         design = self._design
         places = self._placed(values).T

@@ -36,9 +36,13 @@ from spherekit.symbolic.expression_graph import symbols
 from spherekit.symbolic.frame_expressions import direction_from_angles
 from spherekit.symbolic.vector_algebra import Exprs
 from spherekit.velocities.axis_rotations import pair_rotations
+from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.velocities.equivalent_linkage import EquivalentLinkage, hinged
-from spherekit.velocities.load_numbers import actions_of, numbers_of, with_other_numbers
-from spherekit.velocities.row_quantities import VariedTerms
+from spherekit.velocities.load_numbers import (
+    list_numbers,
+    masses_and_loads,
+    replace_numbers,
+)
 
 DEG = np.pi / 180.0
 UNLIKE = "its loads or contacts have another form"
@@ -148,7 +152,7 @@ class VariedMechanism:
         """Whether profiles are no circles, and what they are is handed in."""
         return has_other_profiles(self.mechanism)
 
-    def terms(self, closed_form: bool | None = None) -> VariedTerms:
+    def terms(self, closed_form: bool | None = None) -> DesignExpressions:
         """Return what kernels of all designs are written in."""
         contacts = self.contacts
         first = self._contacts
@@ -160,7 +164,7 @@ class VariedMechanism:
                     "contacts stay; vary one or the other"
                 )
             names = {k: f"turned_{k}" for k in self.of_contacts}
-            return VariedTerms(
+            return DesignExpressions(
                 contacts.mechanism,
                 self.inputs,
                 tuple(names.values()),
@@ -173,7 +177,7 @@ class VariedMechanism:
         shapes = [name for name, (kind, _) in slots.items() if kind != POINTED]
         profiled = self.is_profiled
         mechanism = self.mechanism
-        return VariedTerms(
+        return DesignExpressions(
             mechanism,
             self.inputs,
             list(slots),
@@ -267,7 +271,7 @@ class VariedMechanism:
     def _stated(self) -> Floats:
         """All numbers that are read of the file as it is."""
         of_contacts = self.contacts.numbers if self.contacts else []
-        return np.array([*of_contacts, *numbers_of(actions_of(self.mechanism))])
+        return np.array([*of_contacts, *list_numbers(masses_and_loads(self.mechanism))])
 
     @cached_property
     def _tried(self) -> list[tuple[Floats, Floats]]:
@@ -307,19 +311,19 @@ class VariedMechanism:
             both = zip(self.variables, map(float, values), strict=True)
             acting = {v.path: number for v, number in both if v.path[0] in ACTIONS}
             made = replace_actions(self.mechanism, with_numbers(self.document, acting))
-        actions = actions_of(made)
+        actions = masses_and_loads(made)
         if self.contacts is not None:
             with_contacts = hinged(made, self.inputs, self.apart)
             if with_contacts is None or with_contacts.form != self.contacts.form:
                 raise DesignError(UNLIKE)
             contacts = with_contacts.numbers
         form, other = (
-            with_other_numbers(x, lambda number: 0.0)
-            for x in (actions, actions_of(self.mechanism))
+            replace_numbers(x, lambda number: 0.0)
+            for x in (actions, masses_and_loads(self.mechanism))
         )
         if form != other:
             raise DesignError(UNLIKE)
-        return np.array([*contacts, *numbers_of(actions)])
+        return np.array([*contacts, *list_numbers(actions)])
 
     def _possible(self, values: Floats) -> Floats | None:
         with suppress(SpherekitError):

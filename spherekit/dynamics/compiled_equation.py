@@ -33,7 +33,7 @@ from spherekit.symbolic.expression_evaluation import ArrayFunction
 from spherekit.symbolic.expression_graph import iterate_nodes
 from spherekit.symbolic.taylor_integrator import EventFunction, Integrator
 from spherekit.velocities.axis_rotations import pair_rotations
-from spherekit.velocities.dyad_expressions import COMPILED
+from spherekit.velocities.function_cache import FUNCTION_CACHE
 from spherekit.velocities.load_expressions import steep_arguments
 
 MAX_STEP_TOLERANCE = 1e-12
@@ -179,7 +179,7 @@ def compile_equation(
             expressions, common_mechanism, step_tolerance, arguments
         )
 
-    equation = COMPILED.get(common_mechanism, key, compile_now)
+    equation = FUNCTION_CACHE.get(common_mechanism, key, compile_now)
     return equation, was_compiled
 
 
@@ -209,7 +209,7 @@ def estimate_compile_seconds(
         heyoka()
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     common_mechanism = _remove_run_data(mechanism, coordinates)
-    if COMPILED.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):
+    if FUNCTION_CACHE.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):
         return 0.0
     variables = len(mechanism.variable_names)
     loads_on_links = sum("pair" not in load.keys for load in mechanism.loads)

@@ -113,11 +113,11 @@ class EquationLayout:
             tau=coordinate_rates.tau,
             w=coordinate_rates.w,
             variables=self.variables,
-            turns=[parameter_symbol(k) for k in range(self.variable_count)],
+            revolutions=[parameter_symbol(k) for k in range(self.variable_count)],
             rates=variable_rates,
             time=TIME,
-            switch=self._switch_symbol,
-            table=self._table_torque,
+            sign_of_condition=self._switch_symbol,
+            table_torque=self._table_torque,
         )
 
     def _switch_symbol(self, condition: Expr) -> Expr:

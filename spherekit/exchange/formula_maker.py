@@ -54,9 +54,10 @@ from spherekit.symbolic.expression_graph import (
     symbols,
 )
 from spherekit.velocities.axis_rotations import ProfileSide
+from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.velocities.equivalent_linkage import hinged
-from spherekit.velocities.load_numbers import actions_of, numbers_of
-from spherekit.velocities.row_quantities import VariedTerms, row_quantities
+from spherekit.velocities.load_numbers import list_numbers, masses_and_loads
+from spherekit.velocities.row_quantities import row_quantities
 from spherekit.wording import listing
 
 CLOSURE = "closure_"
@@ -115,16 +116,16 @@ def formulas(
     terms = varied.terms()
     sizes = symbols(variable.name for variable in variables)
     stands = _numbers(varied, terms, sizes)
-    closures = {f"{CLOSURE}{k + 1}": x for k, x in enumerate(terms.squares)}
+    closures = {f"{CLOSURE}{k + 1}": x for k, x in enumerate(terms.triple_squares)}
     results: dict[str, Expr] = {}
     for name in wanted:
         with suppress(*[SpherekitError] * (quantities is None)):
             results[name] = closures[name] if name in closures else terms.quantity(name)
     step: list[Expr] = []
-    if not terms.closed_form:
+    if not terms.has_closed_form:
         step = _step(terms)
-        driven = (terms.places[v] for v in terms.structure.inputs)
-        stands |= zip(driven, terms.sample, strict=False)
+        driven = (terms.configuration_symbols[v] for v in terms.structure.inputs)
+        stands |= zip(driven, terms.sample_symbols, strict=False)
     passes_crossings = crossings == "pass" and bool(
         position_analysis_of(made, "pass").mode_meetings
     )
@@ -141,11 +142,11 @@ def formulas(
         for side in terms.structure.pairs.sides_with_columns
         if used & {*side.column_symbols, side.last_derivative}
     ]
-    tables = tuple(_table(profile, terms.places) for profile in profiles)
+    tables = tuple(_table(profile, terms.configuration_symbols) for profile in profiles)
     without_modes = Formulas(
         made,
         motion,
-        tuple(place.arguments[0] for place in terms.places),
+        tuple(place.arguments[0] for place in terms.configuration_symbols),
         tuple(
             Argument(v.name, ("as in the file", "rad")[v.is_angle], float(value), v.key)
             for v, value in zip(variables, varied.scale * varied.values, strict=True)
@@ -154,11 +155,11 @@ def formulas(
         {name: units.get(name, "") for name in results},
         tuple(outputs),
         tuple(step),
-        (of_motion, tuple(terms.places), tuple(sizes)),
+        (of_motion, tuple(terms.configuration_symbols), tuple(sizes)),
         tables,
     )
     angles: list[Expr] = []
-    if terms.closed_form:
+    if terms.has_closed_form:
         angles = [terms.angle(pair) for pair in passive_variables(terms)]
         angles = substitute(angles, stands)
     mode_table = compare_modes(
@@ -264,7 +265,7 @@ def _wanted(
 
 def _turns_of_swings(
     mechanism: Mechanism,
-    terms: VariedTerms,
+    terms: DesignExpressions,
     results: Sequence[Expr],
     stands: dict[ExpressionNode, Expr],
 ) -> dict[ExpressionNode, Expr]:
@@ -282,16 +283,16 @@ def _turns_of_swings(
         What other terms stand for.
     """
     used = {x for x in iterate_nodes(results) if x.operation == "variable"}
-    pairs = [pair for pair, turns in terms.turns.items() if turns in used]
+    pairs = [pair for pair, turns in terms.revolution_symbols.items() if turns in used]
     middles = find_swing_middles(mechanism, [x for x in pairs if x in mechanism.angles])
     turns = [turns_about(terms.angle(pair), middle) for pair, middle in middles.items()]
-    keys = [terms.turns[pair] for pair in middles]
+    keys = [terms.revolution_symbols[pair] for pair in middles]
     return dict(zip(keys, substitute(turns, stands), strict=True))
 
 
-def _step(terms: VariedTerms) -> list[Expr]:
+def _step(terms: DesignExpressions) -> list[Expr]:
     """Return all variables after a step of Newton's method, and how far loops are open."""
-    flow, places = terms.flow, terms.places
+    flow, places = terms.coordinate_rates, terms.configuration_symbols
     change = flow.solve_loops(flow.closure_residuals)
     after = [
         x if x is not place else place + dx
@@ -301,24 +302,24 @@ def _step(terms: VariedTerms) -> list[Expr]:
 
 
 def _motion(
-    terms: VariedTerms, outputs: Sequence[Expr]
+    terms: DesignExpressions, outputs: Sequence[Expr]
 ) -> tuple[tuple[Argument, ...], tuple[ExpressionNode, ...]]:
     """Return the inputs and what else of a motion results follow from."""
     inputs = terms.inputs
     units = [unit for unit in ("rad", "rad/s", "rad/s2") for _ in inputs] + ["s"]
-    every = dict(zip(terms.sample, units, strict=True))
-    for pair, term in terms.turns.items():
+    every = dict(zip(terms.sample_symbols, units, strict=True))
+    for pair, term in terms.revolution_symbols.items():
         every[term] = f"rad: whole turns of theta_{pair}, 0 while it is in (-pi, pi]"
-    every |= dict.fromkeys(terms.tables.values(), "N m")
+    every |= dict.fromkeys(terms.table_symbols.values(), "N m")
     used = {x for x in iterate_nodes(outputs) if x.operation == "variable"}
-    used |= {*terms.sample[: len(inputs)]}
+    used |= {*terms.sample_symbols[: len(inputs)]}
     kept = {term: unit for term, unit in every.items() if term in used}
     named = (Argument(x.arguments[0], unit) for x, unit in kept.items())
     return tuple(named), tuple(kept)
 
 
 def _numbers(
-    varied: VariedMechanism, terms: VariedTerms, sizes: Sequence[ExpressionNode]
+    varied: VariedMechanism, terms: DesignExpressions, sizes: Sequence[ExpressionNode]
 ) -> dict[ExpressionNode, Expr]:
     """Return what the numbers of kernels that follow the file's are, by the `sizes`.
 
@@ -327,7 +328,7 @@ def _numbers(
     DesignError
         If they follow in no form that is known, or nothing varies.
     """
-    numbers = terms.sizes[len(varied.sized) :]
+    numbers = terms.size_symbols[len(varied.sized) :]
     if not len(numbers):
         return {}
     document, variables = varied.document, varied.variables
@@ -347,7 +348,7 @@ def _numbers(
     moved = copy(terms.mechanism)
     object.__setattr__(moved, "masses", masses)  # terms: no mechanism could be checked
     every, stated = (
-        [*contacts, *numbers_of(actions_of(x))] for x in (moved, terms.mechanism)
+        [*contacts, *list_numbers(masses_and_loads(x))] for x in (moved, terms.mechanism)
     )
     slopes = np.stack([varied.tried_slopes(k) for k in range(len(variables))])
     stands: dict[ExpressionNode, Expr] = {}

@@ -43,7 +43,7 @@ from spherekit.positions.motion_cache import position_analysis_of
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 from spherekit.symbolic.expression_graph import Expr
-from spherekit.velocities.row_quantities import VariedTerms
+from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.wording import listing
 
 MODE_SAMPLES = 121
@@ -145,7 +145,7 @@ class ModeProblem(Exception):
 def compare_modes(
     formulas: Formulas,
     varied: VariedMechanism,
-    terms: VariedTerms,
+    terms: DesignExpressions,
     angles: Sequence[Expr],
     assembly_mode: int | str | None,
     crossings: Crossings = "end",
@@ -333,7 +333,7 @@ def _join_places(
     )
 
 
-def passive_variables(terms: VariedTerms) -> dict[str, int]:
+def passive_variables(terms: DesignExpressions) -> dict[str, int]:
     """Return the index of the variable of each R pair that is not driven, by pair name."""
     return {k: v for k, v in terms.mechanism.angles.items() if k not in terms.inputs}
 
@@ -344,7 +344,7 @@ def _find_candidate(
     mode: AssemblyMode,
     borders: Floats,
     varied: VariedMechanism,
-    terms: VariedTerms,
+    terms: DesignExpressions,
 ) -> ModeCandidate:
     """Choose configurations of an assembly mode, and determine its places.
 
@@ -366,7 +366,7 @@ def _find_candidate(
         mode and an interval.
     """
     motion = _select_well_conditioned_rows(
-        position_analysis, sampled_motion, mode, borders, terms.closed_form
+        position_analysis, sampled_motion, mode, borders, terms.has_closed_form
     )
     interval = np.zeros(len(motion), dtype=np.intp)
     if len(borders):
@@ -375,7 +375,7 @@ def _find_candidate(
     if varied.contacts is not None:
         values = varied.contacts.values(values)
     count = len(borders) + 1
-    if terms.closed_form and varied.contacts is None:
+    if terms.has_closed_form and varied.contacts is None:
         signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * count
         return ModeCandidate(mode, motion, values, interval, np.array(signs, dtype=float))
     places: list[Floats | None] = []
@@ -383,7 +383,7 @@ def _find_candidate(
         middle_row = _middle_row(interval, number)
         if middle_row is None:
             places.append(None)
-        elif terms.closed_form:
+        elif terms.has_closed_form:
             places.append(_dyad_signs(terms, values[interval == number]))
         else:
             places.append(values[middle_row])
@@ -486,7 +486,7 @@ def _find_accurate_rows(sampled_motion: Motion, mode: AssemblyMode) -> Indices:
     return np.asarray(rows[is_accurate])
 
 
-def _dyad_signs(terms: VariedTerms, values: Floats) -> Floats:
+def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     """Return the sign of each dyad of an equivalent linkage in one assembly mode.
 
     In the equivalent linkage, links between the centres of circles replace contacts. The
@@ -533,7 +533,7 @@ def _dyad_signs(terms: VariedTerms, values: Floats) -> Floats:
 
 def _compute_deviations(
     formulas: Formulas,
-    terms: VariedTerms,
+    terms: DesignExpressions,
     angles: Sequence[Expr],
     candidates: Sequence[ModeCandidate],
 ) -> list[Floats]:
@@ -568,7 +568,7 @@ def _compute_deviations(
     # The inputs come first. The other rows (rates, accelerations, loads) may be zero,
     # because the variables of pairs do not depend on them.
     motion[: len(inputs)] = inputs
-    if terms.closed_form:
+    if terms.has_closed_form:
         # (places, configurations): those of the interval of each configuration
         places = np.concatenate(
             [candidate.places[candidate.interval] for candidate in candidates]

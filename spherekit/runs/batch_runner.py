@@ -37,7 +37,7 @@ from spherekit.velocities.direction_signs import (
     continue_signs,
     signs_by_start_sides,
 )
-from spherekit.velocities.dyad_expressions import given_by, lost_by
+from spherekit.velocities.dyad_expressions import find_out_of_reach, write_arguments
 from spherekit.velocities.input_columns import InputColumns
 from spherekit.velocities.pole_request import Request
 from spherekit.velocities.row_kernel import ColumnFunction, RowKernel, row_kernel
@@ -183,7 +183,7 @@ class BlockRows:
         arguments = room[:argument_count]
         columns = room[argument_count:]
         if has_closed_form:
-            given_by(q, signs, arguments)
+            write_arguments(q, signs, arguments)
         else:
             arguments[:] = self.values[:, rows]
         deciding(arguments, columns)
@@ -201,7 +201,7 @@ class BlockRows:
             return SliceReversals(self.kernel, deciding, columns, row_numbers)
 
         if has_closed_form:
-            is_out_of_reach = lost_by(columns[column_rows["squares"]])
+            is_out_of_reach = find_out_of_reach(columns[column_rows["squares"]])
         else:
             # No prediction: the input may be beyond the end of the curve of the mode.
             is_out_of_reach = np.isnan(arguments[self.kernel.passive_variables[0]])

@@ -1,18 +1,18 @@
 """Positions in closed form as expressions, for mechanisms whose groups are all dyads.
 
-The inputs' angles and one sign for each dyad give the directions of all axes; no angle of
-any other pair is formed.
+The angles of the inputs and one sign for each dyad give the orientations of all links. The
+directions of axes are computed from each other without the angles of other pairs. These
+angles follow afterwards, if they are needed.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Integers
 from spherekit.errors import EngineError
 from spherekit.geometry.dyad_axis import HalfAngle, middle_axis, triple_square
-from spherekit.mechanism.cache import MechanismCache
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
@@ -26,171 +26,328 @@ from spherekit.velocities.pose_expressions import (
     place_by_variables,
 )
 
-COMPILED = MechanismCache()
-"""Kernels and equations of motion that were compiled."""
+MAX_UNREACHED_SQUARE = -1e-4
+"""Largest square of a triple product for which a dyad certainly does not close.
+
+Rounding errors of its outer axes do not make a square this negative. Larger: dyads at
+their dead centres can count as out of reach. Smaller: more rows are solved by the position
+analysis, only to be found out of reach there.
+"""
+
+MIN_RELIABLE_SQUARE = 1e-16
+"""Smallest square of a triple product of a dyad whose bodies are placed to 1e-8 rad.
+
+Later dyads whose axes depend on a dyad with a smaller square are not judged. Larger: fewer
+of these are found out of reach. Smaller: axes with larger errors are trusted.
+"""
+
+
+@dataclass(frozen=True)
+class DyadPlacement:
+    """Orientations of all links in closed form.
+
+    Attributes
+    ----------
+    orientations
+        The orientation of each link.
+    triple_squares
+        For each dyad the square of the triple product of its axes. It is negative if the
+        arcs of the dyad do not reach each other.
+    """
+
+    orientations: list[LinkOrientation]
+    triple_squares: list[Expr]
+
+
+@dataclass(frozen=True)
+class BodyAxis:
+    """The axis of a pair in one of the two links that it joins.
+
+    Attributes
+    ----------
+    orientation
+        Orientation of the link.
+    axis
+        (3,) the axis in link axes.
+    """
+
+    orientation: LinkOrientation
+    axis: Entries
+
+    @property
+    def direction(self) -> Exprs:
+        """(3,) the axis in the axes in which links are placed."""
+        return self.orientation.direction(self.axis)
 
 
 def place_by_inputs(
     structure: KinematicStructure, q: Sequence[Expr], signs: Sequence[Expr]
-) -> tuple[list[LinkOrientation], list[Expr]]:
-    """Return the placements of all links for the angles q of the inputs.
+) -> DyadPlacement:
+    """Return the orientations of all links for given inputs and signs.
 
-    With them, of the dyads that these follow from, the squares of triple products, negative
-    where arcs do not reach.
-
-    `signs` are those of the dyads in solving order, as in
-    `spherekit.positions.assembly_mode.AssemblyMode`: +1 or -1, the sign of u_1 . (u_2 x
-    u_3) with the axes of the dyad's pairs in file order.
+    Parameters
+    ----------
+    structure
+        A mechanism whose groups are all dyads.
+    q
+        Angles (rad) of the inputs.
+    signs
+        +1 or -1 for each dyad in solving order: the sign of u_1 . (u_2 x u_3) with the axes
+        of its pairs in file order, as in `AssemblyMode`.
 
     Raises
     ------
     EngineError
         If a group is not a dyad.
     """
-    mechanism, assembly = structure.mechanism, structure.assembly
+    mechanism = structure.mechanism
+    assembly = structure.assembly
     if not assembly.has_closed_form:
         raise EngineError(
             f"{mechanism.name}: not every group is a dyad, so positions have no closed "
             "form; give the variables of a motion instead of the input"
         )
-    driven = dict(zip(structure.inputs, q, strict=True)) | structure.follower_angles(q)
-    variables = [driven.get(v) for v in range(len(mechanism.variable_names))]
-    ways = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
-    within = place_by_variables(mechanism, structure.pairs, variables, ways)
-    squares = [
-        _close(structure, group, sign, within)
+    driven_angles = dict(zip(structure.inputs, q, strict=True))
+    driven_angles |= structure.follower_angles(q)
+    variables = [driven_angles.get(v) for v in range(len(mechanism.variable_names))]
+    # First the links of each body are placed relative to each other, by the driven pairs.
+    steps = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
+    orientations = place_by_variables(mechanism, structure.pairs, variables, steps)
+    # Each dyad then becomes part of the first body of its group.
+    triple_squares = [
+        _close_dyad(structure, group, sign, orientations)
         for group, sign in zip(assembly.groups, signs, strict=True)
     ]
-    ground = within[0]
+    ground = orientations[0]
     if ground.depth:
+        # The ground belongs to a body that was turned. All links are turned back.
         back = constants(ground.within.T) @ ground.basis.T
-        within = [replace(x, basis=back @ x.basis, depth=x.depth + 1) for x in within]
-        within[0] = GROUND_ORIENTATION
-    return within, squares
+        orientations = [
+            replace(
+                orientation, basis=back @ orientation.basis, depth=orientation.depth + 1
+            )
+            for orientation in orientations
+        ]
+        orientations[0] = GROUND_ORIENTATION
+    return DyadPlacement(orientations, triple_squares)
 
 
-def _close(
-    structure: KinematicStructure, group: Group, sign: Expr, within: list[LinkOrientation]
+def _close_dyad(
+    structure: KinematicStructure,
+    group: Group,
+    sign: Expr,
+    orientations: list[LinkOrientation],
 ) -> Expr:
-    """Place the free bodies of a dyad; return the square of its triple product."""
+    """Turn the two free bodies of a dyad into their places.
+
+    Parameters
+    ----------
+    structure, group, sign
+        The mechanism, the dyad and its sign as in `place_by_inputs`.
+    orientations
+        Orientations of all links, each relative to the body that it is part of. The links
+        of the two free bodies are changed in place.
+
+    Returns
+    -------
+    The square of the triple product of the axes of the dyad.
+    """
     mechanism = structure.mechanism
-    near, middle, far = group.dyad_positions
+    first_outer, middle, second_outer = group.dyad_positions
 
-    def held(which: int, body: int) -> tuple[LinkOrientation, Entries]:
-        pair, end = group.pairs[which], group.ends[which].index(body)
-        return within[mechanism.ends[pair][end]], structure.pairs.axes(pair)[end]
+    def body_axis(position: int, body: int) -> BodyAxis:
+        """Return the axis of a pair of the group in a body of the group."""
+        pair = group.pairs[position]
+        end = group.ends[position].index(body)
+        link = mechanism.ends[pair][end]
+        return BodyAxis(orientations[link], structure.pairs.axes(pair)[end])
 
-    fixed = (held(outer, 0) for outer in (near, far))
-    first, second = (link.direction(axis) for link, axis in fixed)
-    bodies = [(near, 1), (far, 2)]
-    held_axes = [(held(outer, body), held(middle, body)) for outer, body in bodies]
-    near_arc, far_arc = (_side(*both) for both in held_axes)
-    more, less = first + second, first - second
-    squares = dot(more, more), dot(less, less)
-    square = triple_square(near_arc, far_arc, *squares)
-    height = function("sqrt", square) * (sign if group.dyad_parity > 0 else -1.0 * sign)
-    along, beside, upright = middle_axis(near_arc, far_arc, *squares, height)
-    third = more * along + less * beside + cross(first, second) * upright
-    reached = np.asarray(third)
-    depth = 1 + max(placement.depth for placement in within)
-    for (_, body), sides in zip(bodies, held_axes, strict=True):
-        ends = (link.direction(axis) for link, axis in sides)
-        onto = _frame(first if body == 1 else second, reached) @ _inverse(*ends)
+    # The outer axes a and c in the fixed body 0, and the outer and the middle axis in each
+    # of the free bodies 1 and 2.
+    a = body_axis(first_outer, 0).direction
+    c = body_axis(second_outer, 0).direction
+    first_body_axes = body_axis(first_outer, 1), body_axis(middle, 1)
+    second_body_axes = body_axis(second_outer, 2), body_axis(middle, 2)
+    first_arc = _arc_between(*first_body_axes)
+    second_arc = _arc_between(*second_body_axes)
+
+    axis_sum = a + c
+    axis_difference = a - c
+    sum_square = dot(axis_sum, axis_sum)
+    difference_square = dot(axis_difference, axis_difference)
+    square = triple_square(first_arc, second_arc, sum_square, difference_square)
+    parity_sign = sign if group.dyad_parity > 0 else -1.0 * sign
+    triple_product = function("sqrt", square) * parity_sign
+    sum_factor, difference_factor, normal_factor = middle_axis(
+        first_arc, second_arc, sum_square, difference_square, triple_product
+    )
+    middle_direction = np.asarray(
+        axis_sum * sum_factor
+        + axis_difference * difference_factor
+        + cross(a, c) * normal_factor
+    )
+
+    depth = 1 + max(orientation.depth for orientation in orientations)
+    for body, outer_direction, body_axes in (
+        (1, a, first_body_axes),
+        (2, c, second_body_axes),
+    ):
+        # The rotation that leads from the two axes of the body to their new directions.
+        rotation = _axis_frame(outer_direction, middle_direction) @ _inverse_axis_frame(
+            *(axis.direction for axis in body_axes)
+        )
         for link in group.bodies[body]:
-            turned = onto @ within[link].basis
-            within[link] = replace(within[link], basis=turned, depth=depth)
+            orientations[link] = replace(
+                orientations[link], basis=rotation @ orientations[link].basis, depth=depth
+            )
     return square
 
 
-def _frame(a: Exprs, b: Exprs) -> Exprs:
-    """Return the columns a + b, a - b, a x b, at right angles to each other (unit a, b).
+def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
+    """Return the columns a + b, a - b and a x b (3, 3) of two unit vectors.
 
-    Unlike a and b themselves they keep their digits where those nearly coincide.
+    They are perpendicular to each other. Unlike a and b themselves, they keep their digits
+    if a and b nearly coincide.
     """
     return np.stack([a + b, a - b, cross(a, b)], axis=1)
 
 
-def _inverse(a: Exprs, b: Exprs) -> Exprs:
-    """Return the inverse of the frame of a and b.
+def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
+    """Return the inverse (3, 3) of the `_axis_frame` of a and b.
 
-    Rounding of their lengths tilts a + b and a - b against each other; where one of them
-    is short that counts, so they are not taken to be at right angles.
+    Rounding of the lengths of a and b tilts a + b and a - b against each other. This
+    matters if one of the two is short, so they are not assumed to be perpendicular.
     """
-    more, less = a + b, a - b
-    u, v = 1.0 / dot(more, more), 1.0 / dot(less, less)
-    tilt = dot(more, less) * u * v
-    third = cross(a, b) * (4.0 * (u * v))
-    return np.stack([more * u - less * tilt, less * v - more * tilt, third])
+    axis_sum = a + b
+    axis_difference = a - b
+    inverse_sum_square = 1.0 / dot(axis_sum, axis_sum)
+    inverse_difference_square = 1.0 / dot(axis_difference, axis_difference)
+    tilt = dot(axis_sum, axis_difference) * inverse_sum_square * inverse_difference_square
+    # |a x b|^2 = |a + b|^2 |a - b|^2 / 4
+    normal_row = cross(a, b) * (4.0 * (inverse_sum_square * inverse_difference_square))
+    return np.stack(
+        [
+            axis_sum * inverse_sum_square - axis_difference * tilt,
+            axis_difference * inverse_difference_square - axis_sum * tilt,
+            normal_row,
+        ]
+    )
 
 
-def _side(
-    one: tuple[LinkOrientation, Entries], other: tuple[LinkOrientation, Entries]
-) -> HalfAngle:
-    """Return the arc between two axes (link, direction) of a body."""
-    if one[0] is other[0]:
-        a, b = (constants(axis) for _, axis in (one, other))
+def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
+    """Return the arc between two axes of one body."""
+    if first.orientation is second.orientation:
+        # Within one link the arc is a number.
+        a = constants(first.axis)
+        b = constants(second.axis)
     else:
-        a, b = (link.direction(axis) for link, axis in (one, other))
-    more, less = a + b, a - b
-    return HalfAngle(0.5 * np.sqrt(dot(less, less)), 0.5 * np.sqrt(dot(more, more)))
+        a = first.direction
+        b = second.direction
+    axis_sum = a + b
+    axis_difference = a - b
+    return HalfAngle(
+        0.5 * np.sqrt(dot(axis_difference, axis_difference)),
+        0.5 * np.sqrt(dot(axis_sum, axis_sum)),
+    )
 
 
-OUT_OF_REACH = -1e-4
-"""Squares of triple products below this are those of arcs that do not reach each other,
-whatever their ends are off by."""
-IN_LINE = 1e-16
-"""Squares above this are those of dyads that are placed to 1e-8 rad at least."""
+@dataclass(frozen=True)
+class ClosedForm:
+    """All variables of a mechanism as expressions of its inputs.
+
+    Attributes
+    ----------
+    arguments
+        Symbols of the inputs (rad), then of the signs of the dyads.
+    variables
+        Expressions (rad) of all variables. Passive ones are in (-pi, pi].
+    triple_squares
+        For each dyad the square of the triple product of its axes.
+    """
+
+    arguments: list[ExpressionNode]
+    variables: list[Expr]
+    triple_squares: list[Expr]
 
 
-ClosedForm = tuple[list[ExpressionNode], list[Expr], list[Expr]]
-"""The inputs with the signs of the dyads, all variables as terms of these, and the squares
-of the dyads' triple products."""
+def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
+    """Return the closed form of all variables, or None if a group is not a dyad.
 
-
-def closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | None:
-    """Return the terms of configurations, None where a group is no dyad."""
+    Parameters
+    ----------
+    mechanism, assembly
+        The mechanism, and its driven pairs and groups.
+    """
     if not assembly.has_closed_form or not assembly.groups:
         return None
     inputs = symbols(f"q_{k + 1}" for k in range(len(assembly.inputs)))
     signs = symbols(f"sign_{k + 1}" for k in range(len(assembly.groups)))
-    # Rates are not asked for, so no equations are chosen.
+    # Rates are not computed, so the structure needs no equations of groups.
     structure = KinematicStructure(mechanism, assembly, pair_rotations(mechanism), ())
-    placed, squares = place_by_inputs(structure, inputs, signs)
-    driven = dict(zip(assembly.inputs, inputs, strict=True))
-    variables = [
-        driven[pair] if pair in driven else angle_of(structure, pair, placed)
-        for pair in mechanism.variable_owners
-    ]
-    return [*inputs, *signs], variables, squares
+    placement = place_by_inputs(structure, inputs, signs)
+    input_by_pair = dict(zip(assembly.inputs, inputs, strict=True))
+    variables: list[Expr] = []
+    for pair in mechanism.variable_owners:
+        if pair in input_by_pair:
+            variables.append(input_by_pair[pair])
+        else:
+            variables.append(pair_angle(structure, pair, placement.orientations))
+    return ClosedForm([*inputs, *signs], variables, placement.triple_squares)
 
 
-def given_by(q: Floats, signs: Integers, out: Floats) -> Floats:
-    """Write inputs q (inputs, n) and signs (dyads, n) into what functions are given."""
+def write_arguments(q: Floats, signs: Integers, out: Floats) -> Floats:
+    """Write the values of `ClosedForm.arguments` into an array, and return it.
+
+    Parameters
+    ----------
+    q
+        (inputs, n) values of the inputs (rad).
+    signs
+        (dyads, n) signs of the dyads.
+    out
+        (inputs + dyads, n) array that is filled.
+    """
     out[: len(q)] = q
     out[len(q) :] = signs
     return out
 
 
-def lost_by(squares: Floats) -> Bools:
-    """Return (n,) where squares (dyads, n) say that there surely is no configuration.
+def find_out_of_reach(triple_squares: Floats) -> Bools:
+    """Return (n,) the configurations in which a dyad certainly does not close.
 
-    In solving order: one that follows a dyad in line says nothing.
+    Parameters
+    ----------
+    triple_squares
+        (dyads, n) values of `ClosedForm.triple_squares`, in solving order.
     """
-    lost = np.zeros(squares.shape[1], dtype=bool)
-    placed = ~lost
+    is_out_of_reach = np.zeros(triple_squares.shape[1], dtype=bool)
+    # Whether the axes of the next dyad are accurate enough to judge it.
+    is_reliable = ~is_out_of_reach
     with np.errstate(invalid="ignore"):
-        for square in squares:
-            lost |= placed & (square < OUT_OF_REACH)
-            placed &= square > IN_LINE
-    return lost
+        for square in triple_squares:
+            is_out_of_reach |= is_reliable & (square < MAX_UNREACHED_SQUARE)
+            is_reliable &= square > MIN_RELIABLE_SQUARE
+    return is_out_of_reach
 
 
-def angle_of(
-    structure: KinematicStructure, pair: int, placed: Sequence[LinkOrientation]
+def pair_angle(
+    structure: KinematicStructure, pair: int, orientations: Sequence[LinkOrientation]
 ) -> Expr:
-    """Return the variable of an R pair between placed links, less its turns."""
+    """Return the variable (rad, in (-pi, pi]) of an R pair between placed links.
+
+    Parameters
+    ----------
+    structure, pair
+        The mechanism, and the number of the pair.
+    orientations
+        Orientations of all links.
+    """
     chain = structure.pairs.chains[pair]
-    first, second = (placed[link] for link in structure.mechanism.ends[pair])
-    ahead, beside = (first.direction(chain.constants[0][:, k]) for k in (0, 1))
-    reached = second.direction(chain.constants[1][0])
-    return function("atan2", dot(beside, reached), dot(ahead, reached))
+    first_link, second_link = structure.mechanism.ends[pair]
+    first = orientations[first_link]
+    # The zero direction of the pair in the first link, and the direction 90 deg ahead.
+    zero = first.direction(chain.constants[0][:, 0])
+    quarter = first.direction(chain.constants[0][:, 1])
+    # The zero direction in the second link.
+    pointer = orientations[second_link].direction(chain.constants[1][0])
+    return function("atan2", dot(quarter, pointer), dot(zero, pointer))

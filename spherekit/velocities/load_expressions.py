@@ -1,9 +1,11 @@
-"""Loads as expressions of the generalised forces they exert on the motion.
+"""Loads as expressions of the generalised forces that they exert on the coordinates.
 
-What loads do is said in `spherekit.mechanism.load_kinds`; here the coordinate of one
-freedom is the homogeneous parameter p. Where an expression is not smooth it asks for a
-switch, a factor +1 or -1 that the integration changes exactly where a condition passes
-through zero.
+`spherekit.mechanism.load_kinds` explains the loads. Coordinates are the inputs in the
+homogeneous form of `spherekit.velocities.coordinate_rates`: their generalised forces are
+powers per unit of the homogeneous rates.
+
+If an expression has a kink or a jump, it asks for the sign of a condition. The integration
+of a motion changes such signs exactly where the condition passes through zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,13 +27,31 @@ from spherekit.velocities.pose_expressions import LinkOrientation
 
 @dataclass(frozen=True)
 class LoadState:
-    """A mechanism in motion, as loads see it.
+    """The moving mechanism on which loads depend, as expressions.
 
-    `tau[i][v]` and `w[i][link]` (3,) are what variables and links turn by per unit of the
-    i-th coordinate; `placed` are the placements, `rates` those of the variables by time,
-    `time` the time. `switch(condition)` is +1 where an expression is positive and -1
-    where it is negative, `table(name)` the torque of a table now. `variables` are reduced
-    by whole turns, the k-th by `turns[k]` of them.
+    Attributes
+    ----------
+    mechanism
+        The mechanism.
+    placed
+        Orientations of all links.
+    tau
+        For each coordinate the homogeneous rates of all variables.
+    w
+        For each coordinate the homogeneous angular velocities (3,) of all links, in ground
+        axes.
+    variables
+        All variables (rad), reduced by whole revolutions.
+    revolutions
+        Number of whole revolutions by which each variable is reduced.
+    rates
+        Rates of all variables by time (rad/s).
+    time
+        The time (s).
+    sign_of_condition
+        Returns +1 if an expression is positive, and -1 if it is negative.
+    table_torque
+        Returns the present torque (N m) of the torque table with a given name.
     """
 
     mechanism: Mechanism
@@ -39,79 +59,130 @@ class LoadState:
     tau: Sequence[Sequence[Expr]]
     w: Sequence[Sequence[Exprs]]
     variables: Sequence[Expr]
-    turns: Sequence[Expr]
+    revolutions: Sequence[Expr]
     rates: Sequence[Expr]
     time: Expr
-    switch: Callable[[Expr], Expr]
-    table: Callable[[str], Expr]
+    sign_of_condition: Callable[[Expr], Expr]
+    table_torque: Callable[[str], Expr]
 
-    def named(self, name: str) -> tuple[Expr, Expr]:
-        """Return what a name in an expression stands for, and that less whole turns."""
+    def named_value(self, name: str) -> tuple[Expr, Expr]:
+        """Return the value of a name in the expression of a load, and its reduced value.
+
+        Parameters
+        ----------
+        name
+            "t", "theta_PAIR" or "dtheta_PAIR".
+
+        Returns
+        -------
+        The value, and the value less whole revolutions. They differ for angles only. Sines
+        of the reduced value keep their digits after many revolutions.
+        """
         kind, _, pair = name.partition("_")
         if kind == "t":
             return self.time, self.time
-        number = self.mechanism.angles[pair]
+        variable = self.mechanism.angles[pair]
         if kind == "theta":
-            angle = self.variables[number]
-            return angle + TURN * self.turns[number], angle
-        return self.rates[number], self.rates[number]
+            reduced_angle = self.variables[variable]
+            return reduced_angle + TURN * self.revolutions[variable], reduced_angle
+        return self.rates[variable], self.rates[variable]
 
 
-def generalised_forces(load: Load, moving: LoadState) -> list[Expr]:
-    """Return the power of a load per unit rate of each coordinate."""
-    return forces_of(load.components(moving.mechanism), moving)
+def generalised_forces(load: Load, load_state: LoadState) -> list[Expr]:
+    """Return the power of a load per unit of the homogeneous rate of each coordinate."""
+    return component_forces(load.components(load_state.mechanism), load_state)
 
 
-def forces_of(parts: Sequence[Component], moving: LoadState) -> list[Expr]:
-    """Return the power of a load's components per unit rate of each coordinate."""
-    totals: list[Expr] = [0.0] * len(moving.tau)
-    on_links: dict[tuple[str, str, Vector | None], Exprs] = {}
-    for part in parts:
-        law = part.magnitude
-        magnitude = (
-            moving.table(law.name)
-            if isinstance(law, TorqueTable)
-            else expression_value(expression_of(law), moving)
-        )
-        if part.pair:
-            variable = moving.mechanism.angles[part.pair]
-            worked = (magnitude * tau[variable] for tau in moving.tau)
-            totals = [*map(add, totals, worked)]
-        for moment in part.moments:
-            key = moment.link, moment.axes, moment.arm
-            along = vector([magnitude * component for component in moment.direction])
-            on_links[key] = on_links[key] + along if key in on_links else along
-    for (link, axes, arm), along in on_links.items():
-        number = moving.mechanism.link_number[link]
+def component_forces(components: Sequence[Component], load_state: LoadState) -> list[Expr]:
+    """Return the power of load components per unit of the rate of each coordinate.
+
+    Parameters
+    ----------
+    components
+        Components of one load or of several.
+    load_state
+        The moving mechanism.
+    """
+    forces: list[Expr] = [0.0] * len(load_state.tau)
+    # Moments that act on one link in the same way are added before they are projected.
+    moment_sums: dict[tuple[str, str, Vector | None], Exprs] = {}
+    for component in components:
+        law = component.magnitude
+        if isinstance(law, TorqueTable):
+            magnitude = load_state.table_torque(law.name)
+        else:
+            magnitude = expression_value(expression_of(law), load_state)
+        if component.pair:
+            variable = load_state.mechanism.angles[component.pair]
+            powers = (magnitude * tau[variable] for tau in load_state.tau)
+            forces = [*map(add, forces, powers)]
+        for moment in component.moments:
+            key = (moment.link, moment.axes, moment.arm)
+            scaled = vector([magnitude * part for part in moment.direction])
+            moment_sums[key] = moment_sums[key] + scaled if key in moment_sums else scaled
+    for (link, axes, arm), components_sum in moment_sums.items():
+        number = load_state.mechanism.link_number[link]
+        # Moments on the ground, and forces at the centre, do no work.
         if number and (arm is None or any(arm)):
-            turning = _moment(moving.placed[number], axes, arm, along)
-            totals = [*map(add, totals, (dot(w[number], turning) for w in moving.w))]
-    return totals
+            orientation = load_state.placed[number]
+            moment_vector = _ground_moment(orientation, axes, arm, components_sum)
+            powers = (dot(w[number], moment_vector) for w in load_state.w)
+            forces = [*map(add, forces, powers)]
+    return forces
 
 
-def steep_arguments(load: Load, moving: LoadState) -> list[Expr]:
-    """Return what the load's `Expression.steep_and_smooth` are; kinks have switches."""
-    return [
-        expression_value(argument, moving)
-        for part in load.components(moving.mechanism)
-        if isinstance(part.magnitude, Expression)
-        for argument in part.magnitude.steep_and_smooth
-    ]
+def steep_arguments(load: Load, load_state: LoadState) -> list[Expr]:
+    """Return the arguments of steep functions in the expressions of a load.
+
+    Arguments of functions with kinks or jumps are left out, because their conditions end
+    integration steps already.
+    """
+    arguments: list[Expr] = []
+    for component in load.components(load_state.mechanism):
+        if isinstance(component.magnitude, Expression):
+            for argument in component.magnitude.steep_and_smooth:
+                arguments.append(expression_value(argument, load_state))
+    return arguments
 
 
-def _moment(placed: LinkOrientation, axes: str, arm: Vector | None, along: Exprs) -> Exprs:
-    """Return a moment (3,), or that of a force with an arm, in ground axes."""
-    if axes == "ground":
-        if arm is None:
-            return along
-        if not all(isinstance(component, float) for component in arm):
-            return cross(placed.direction(vector(list(arm))), along)
-        size = float(np.linalg.norm(arm))
-        return cross(placed.direction(np.array(arm) / size) * size, along)
-    moment = along if arm is None else cross(vector(list(arm)), along)
-    return placed.basis @ (constants(placed.within) @ moment)
+def _ground_moment(
+    orientation: LinkOrientation, axes: str, arm: Vector | None, components: Exprs
+) -> Exprs:
+    """Return the moment (3,) of a load on a link about the centre, in ground axes.
+
+    Parameters
+    ----------
+    orientation
+        Orientation of the link.
+    axes
+        The axes of `components`: "ground", or those of the link.
+    arm
+        (3,) the point of the link, in link axes, at which a force acts (m). None for a
+        moment.
+    components
+        (3,) the force or the moment.
+    """
+    if axes != "ground":
+        moment = components if arm is None else cross(vector(list(arm)), components)
+        return orientation.basis @ (constants(orientation.within) @ moment)
+    if arm is None:
+        return components
+    if not all(isinstance(entry, float) for entry in arm):
+        return cross(orientation.direction(vector(list(arm))), components)
+    # The entries of a unit vector are compared with 0 and 1, see `constants`.
+    length = float(np.linalg.norm(arm))
+    return cross(orientation.direction(np.array(arm) / length) * length, components)
 
 
-def expression_value(law: Expression, moving: LoadState) -> Expr:
-    """Return an expression's value; sines and the like are of angles less whole turns."""
-    return convert_to_graph(law, {x: moving.named(x) for x in law.names}, moving.switch)
+def expression_value(law: Expression, load_state: LoadState) -> Expr:
+    """Return the value of the expression of a load.
+
+    Parameters
+    ----------
+    law
+        The parsed expression.
+    load_state
+        The moving mechanism.
+    """
+    values = {name: load_state.named_value(name) for name in law.names}
+    return convert_to_graph(law, values, load_state.sign_of_condition)

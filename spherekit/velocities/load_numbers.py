@@ -1,7 +1,8 @@
-"""Masses and loads as numbers that are inputs of a kernel.
+"""Masses and loads of a mechanism as numbers, for functions that apply to many designs.
 
-What a mechanism's tensors are and what its loads are made of has one form for all designs;
-the numbers in it, those of the texts of laws included, come one after another.
+The inertia tensors and load components of all designs have one form. Their numbers,
+including those in the expressions of loads, are listed in a fixed order. A function of
+designs takes these numbers as arguments.
 """
 
 from collections.abc import Callable
@@ -13,45 +14,65 @@ from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import ExpressionNode
 
-LOADED = ("torque", "generalized_force", "free_acceleration", "A_q", "A_dq")
-"""How quantities begin that loads and rates of the inputs enter."""
+LOAD_DEPENDENT_PREFIXES = (
+    "torque",
+    "generalized_force",
+    "free_acceleration",
+    "A_q",
+    "A_dq",
+)
+"""Beginnings of the names of quantities that depend on loads and on rates of the inputs."""
+
+MassesAndLoads = Any
+"""Two nested tuples of dataclasses and numbers: pairs of a link and the rows of its inertia
+tensor in link axes, and the components of every load."""
 
 
-Actions = Any
-"""Tensors (rows of link axes) by link, and the components of every load, in tuples."""
+def masses_and_loads(mechanism: Mechanism) -> MassesAndLoads:
+    """Return the inertia tensors and the load components of a mechanism."""
+    tensors = tuple((mass.link, mass.tensor) for mass in mechanism.masses)
+    components = tuple(load.components(mechanism) for load in mechanism.loads)
+    return tensors, components
 
 
-def actions_of(mechanism: Mechanism) -> Actions:
-    """Return the masses and loads of a mechanism."""
-    tensors = ((mass.link, mass.tensor) for mass in mechanism.masses)
-    return tuple(tensors), tuple(load.components(mechanism) for load in mechanism.loads)
+def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
+    """Return masses and loads, or a part of them, with other numbers.
 
+    Texts of expressions are left out. If all numbers are replaced by 0, the results are
+    equal for mechanisms that differ in these numbers only.
 
-def with_other_numbers(part: Any, change: Callable[[Any], Any]) -> Any:
-    """Return the same form with other numbers or terms, asked for in one order.
-
-    With 0 for every number it is equal for mechanisms that differ in these alone.
+    Parameters
+    ----------
+    part
+        A number, an expression node, or any nested part of `MassesAndLoads`.
+    replace_number
+        Returns the new number or expression for a number or an expression node. It is
+        called in a fixed order.
     """
     if isinstance(part, tuple):
-        return tuple(with_other_numbers(item, change) for item in part)
+        return tuple(replace_numbers(item, replace_number) for item in part)
     if isinstance(part, ExpressionNode):
-        return change(part)
+        return replace_number(part)
     if isinstance(part, int | float):
-        return change(float(part))
-    parts: dict[str, Any] = {}
+        return replace_number(float(part))
+    fields_with_numbers: dict[str, Any] = {}
     if isinstance(part, Component):
-        parts = {"magnitude": part.magnitude, "moments": part.moments}
+        fields_with_numbers = {"magnitude": part.magnitude, "moments": part.moments}
         part = replace(part, rubs=None)
     elif isinstance(part, LinkMoment):
-        parts = {"direction": part.direction, "arm": part.arm}
+        fields_with_numbers = {"direction": part.direction, "arm": part.arm}
     elif isinstance(part, Expression):
-        part, parts = replace(part, text=""), {"root": part.root}
-    changed = {name: with_other_numbers(item, change) for name, item in parts.items()}
-    return replace(part, **changed) if changed else part
+        fields_with_numbers = {"root": part.root}
+        part = replace(part, text="")
+    new_fields = {
+        name: replace_numbers(value, replace_number)
+        for name, value in fields_with_numbers.items()
+    }
+    return replace(part, **new_fields) if new_fields else part
 
 
-def numbers_of(actions: Actions) -> list[float]:
-    """Return all numbers of masses and loads, in order."""
+def list_numbers(part: MassesAndLoads) -> list[float]:
+    """Return all numbers of masses and loads in their fixed order."""
     numbers: list[float] = []
-    with_other_numbers(actions, numbers.append)
+    replace_numbers(part, numbers.append)
     return numbers

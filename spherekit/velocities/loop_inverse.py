@@ -1,9 +1,9 @@
-"""Loop equations solved as expressions, three variables of a loop at a time.
+"""The inverse of the loop equations as expressions, by block elimination.
 
-Three variables of a loop are eliminated by the vector products of their axes, which does
-not depend on how the axes of the ground lie. A loop whose equations repeat others gives
-fewer: two by their axes and the normal of these, or one. `elimination_order.py` chooses
-which ones, and in which order.
+The pivots are three variables of a loop at a time. The inverse of their three axes consists
+of vector products, which do not depend on the choice of the ground axes. If equations of a
+loop repeat others, the loop gives a pivot of two variables, or of one.
+`elimination_order.py` chooses the pivots and their order.
 """
 
 from collections.abc import Sequence
@@ -16,34 +16,55 @@ from spherekit.velocities.elimination_order import Pivot
 
 
 def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
-    """Return the inverse (variables, loops, 3) of equations (loops, 3, variables).
+    """Return a left inverse of the loop equations by Gauss-Jordan elimination.
 
-    It says by how much what a loop has on its right-hand side counts for a variable.
+    Parameters
+    ----------
+    equations
+        (loops, 3, variables) coefficients of the rates of all variables.
+    pivots
+        The loop and the variables of each pivot, in the order of elimination.
+
+    Returns
+    -------
+    (variables, loops, 3) change of each variable per unit right-hand side of each equation.
+    It is 0 for variables that no pivot contains.
     """
-    loops, _, count = equations.shape
+    loops, _, variable_count = equations.shape
+    # The identity matrix beside the equations becomes the inverse.
     unit = np.eye(3 * loops).reshape(loops, 3, 3 * loops)
     rows = [*np.concatenate([equations, unit], axis=2)]
-    inverse = np.zeros((count, loops, 3)).astype(object)
-    for loop, at in pivots:
-        axes, rows[loop][:, at] = rows[loop][:, at].T, 0.0
-        rows[loop] = _inverse(axes) @ rows[loop]
-        for other in range(loops):
-            if other != loop:
-                used, rows[other][:, at] = rows[other][:, at], 0.0
-                rows[other] -= used @ rows[loop]
-    for loop, at in pivots:
-        inverse[at] = rows[loop][:, count:].reshape(-1, loops, 3)
+    inverse = np.zeros((variable_count, loops, 3)).astype(object)
+    for loop, variables in pivots:
+        axes = rows[loop][:, variables].T
+        # The columns of a pivot become a unit matrix, which is not needed any more.
+        rows[loop][:, variables] = 0.0
+        rows[loop] = _axes_inverse(axes) @ rows[loop]
+        for other_loop in range(loops):
+            if other_loop != loop:
+                factors = rows[other_loop][:, variables]
+                rows[other_loop][:, variables] = 0.0
+                rows[other_loop] -= factors @ rows[loop]
+    for loop, variables in pivots:
+        # The solved rows of each pivot are rows of the inverse.
+        inverse[variables] = rows[loop][:, variable_count:].reshape(-1, loops, 3)
     return inverse
 
 
-def _inverse(axes: Exprs) -> Exprs:
-    """Return what (m, 3) gives the parts along m axes of a vector in their span."""
+def _axes_inverse(axes: Exprs) -> Exprs:
+    """Return the matrix (m, 3) that gives the components of a vector along m axes.
+
+    Parameters
+    ----------
+    axes
+        (m, 3) with m = 1, 2 or 3 independent axes. The vector has to be in their span.
+    """
     if len(axes) == 1:
         return axes * (1.0 / dot(axes[0], axes[0]))
     if len(axes) == 2:
         normal = cross(*axes)
-        both = np.stack([cross(axes[1], normal), cross(normal, axes[0])])
-        return both * (1.0 / dot(normal, normal))
+        numerators = np.stack([cross(axes[1], normal), cross(normal, axes[0])])
+        return numerators * (1.0 / dot(normal, normal))
     a, b, c = axes
     normals = np.stack([cross(b, c), cross(c, a), cross(a, b)])
     return normals * (1.0 / dot(a, normals[0]))

@@ -21,11 +21,12 @@ from spherekit.symbolic.expression_graph import Expr, ExpressionNode, substitute
 from spherekit.symbolic.vector_algebra import vector_sum
 from spherekit.velocities.axis_rotations import ProfileSide, append_profile_columns
 from spherekit.velocities.carried_vectors import largest
-from spherekit.velocities.dyad_expressions import COMPILED, closed_form
+from spherekit.velocities.dyad_expressions import make_closed_form
 from spherekit.velocities.elimination_order import (
     EliminationOrder,
     assign_elimination_orders,
 )
+from spherekit.velocities.function_cache import FUNCTION_CACHE
 from spherekit.velocities.input_columns import ColumnList, InputColumns
 from spherekit.velocities.pole_field import REPORTED_ERRORS
 from spherekit.velocities.pole_request import Request
@@ -194,7 +195,7 @@ class RowKernel:
         )
         self.profiles = self._rows.pairs.sides_with_columns
         self._closed_form = (
-            None if self.profiles else closed_form(mechanism, motion.assembly)
+            None if self.profiles else make_closed_form(mechanism, motion.assembly)
         )
         self.has_closed_form = self._closed_form is not None
         self.is_compiled = engine == "compiled"
@@ -231,9 +232,12 @@ class RowKernel:
             passive = dict(zip(self.passive_variables, rows.newton_step, strict=True))
             after_step = [passive.get(v, x) for v, x in enumerate(self._variables)]
             return float_function([*after_step, *columns], self._variables)
-        inputs, variables, _ = self._closed_form
-        by_variable = dict(zip(self._variables, variables, strict=True))
-        return float_function([*variables, *substitute(columns, by_variable)], inputs)
+        closed_form = self._closed_form
+        by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
+        return float_function(
+            [*closed_form.variables, *substitute(columns, by_variable)],
+            closed_form.arguments,
+        )
 
     def evaluate_row(self, values: Sequence[float]) -> EvaluatedRow | None:
         """Return a single row, or None if it cannot be certified.
@@ -315,14 +319,18 @@ class RowKernel:
         if arcs do not reach each other.
         """
         assert self._closed_form is not None
-        inputs, variables, squares = self._closed_form
-        by_variable = dict(zip(self._variables, variables, strict=True))
+        closed_form = self._closed_form
+        by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
         quality = {
             name: substitute(expressions, by_variable)
             for name, expressions in self._quality_expressions.items()
         }
-        parts = {"variables": variables, **quality, "squares": squares}
-        return ColumnFunction(parts, inputs, (), self.is_compiled)
+        parts = {
+            "variables": closed_form.variables,
+            **quality,
+            "squares": closed_form.triple_squares,
+        }
+        return ColumnFunction(parts, closed_form.arguments, (), self.is_compiled)
 
     @cached_property
     def all_columns(self) -> ColumnFunction:
@@ -394,7 +402,7 @@ def row_kernel(
     key = repr(("rows", quantities, pivots, engine))
     # A pivot can be zero as an expression although its value at the samples is not.
     with suppress(ZeroDivisionError):
-        return COMPILED.get(
+        return FUNCTION_CACHE.get(
             motion.mechanism, key, lambda: RowKernel(motion, requests, pivots, engine)
         )
     return None

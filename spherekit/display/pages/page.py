@@ -48,7 +48,7 @@ from spherekit.positions.motion_cache import (
 )
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.scenes.link_scenes import PROFILE_POINTS
-from spherekit.velocities.load_numbers import LOADED
+from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.velocities.row_quantities import middle_pairs, row_quantities
 from spherekit.version import __version__
 from spherekit.wording import listing
@@ -441,7 +441,10 @@ class PageMaker:
             ],
             "wound": [*map(self._wound, self._wound_pairs)],
             "crossings": self._passed_crossings() if passes_crossings else None,
-            "moving": any(name.startswith((*LOADED, "kinetic_energy")) for name in shown),
+            "moving": any(
+                name.startswith((*LOAD_DEPENDENT_PREFIXES, "kinetic_energy"))
+                for name in shown
+            ),
             "plans": [*map(self._plan, self._ends, self.plans)],
             "toml": text_with_places(self.document, [x.path for x in self._numbers]),
         }

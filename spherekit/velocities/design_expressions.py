@@ -1,0 +1,733 @@
+"""The quantities of the rows of designs, as expressions with sizes, masses and loads.
+
+One set of expressions applies to all designs of a mechanism: the sizes that differ are
+symbols. `spherekit.velocities.row_quantities` lists the names of the quantities.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.conventions import TURN
+from spherekit.errors import EngineError
+from spherekit.mechanism.friction import need_no_rubbing
+from spherekit.mechanism.load import TorqueTable
+from spherekit.mechanism.load_dependence import wound_pairs
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    ExpressionNode,
+    dot,
+    function,
+    iterate_nodes,
+    sign_of,
+    symbols,
+)
+from spherekit.symbolic.vector_algebra import (
+    Exprs,
+    cofactors,
+    cross,
+    determinant,
+    singular_values,
+    vector,
+)
+from spherekit.tolerances import NO_MOTION
+from spherekit.velocities.axis_rotations import PairRotations
+from spherekit.velocities.coordinate_rates import CoordinateRates
+from spherekit.velocities.dyad_expressions import pair_angle, place_by_inputs
+from spherekit.velocities.input_moments import InputMoments
+from spherekit.velocities.kinematic_structure import KinematicStructure
+from spherekit.velocities.load_expressions import LoadState, component_forces
+from spherekit.velocities.load_numbers import masses_and_loads, replace_numbers
+from spherekit.velocities.pose_expressions import LinkOrientation
+from spherekit.velocities.row_quantities import (
+    QuantityTable,
+    make_quantity_table,
+    sample_names,
+)
+from spherekit.wording import listing, nearest
+
+MakePairs = Callable[[Mapping[str, Expr]], PairRotations]
+"""Returns the rotations of all pairs, given the symbols of the sizes by their names."""
+
+
+class DesignExpressions:
+    """The quantities of the rows of all designs of a mechanism.
+
+    Inputs are counted by their index in `inputs`. A *moving* input has the rate 1 while the
+    others rest.
+
+    Attributes
+    ----------
+    mechanism, inputs
+        The mechanism, and the names of its input pairs.
+    structure
+        The kinematics, with symbols for the sizes that differ.
+    sample_symbols
+        Symbols of the `sample_names`.
+    configuration_symbols
+        Symbols of the signs of the dyads (closed form), or of all pair variables.
+    size_symbols
+        Symbols of the sizes that differ, then of the numbers of masses and loads that
+        differ.
+    variables
+        Without a closed form, expressions of all variables: their symbols, and linear
+        functions of these for pairs that follow the inputs through wheels.
+    triple_squares
+        In closed form, for each dyad the square of the triple product of its axes.
+    table_symbols
+        For each torque table by its name, the symbol of its present torque (N m).
+    revolution_symbols
+        For each passive pair on whose angle loads depend, by its name: the symbol of the
+        angle of its whole revolutions (rad), which is added to the angle of the
+        configuration.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        inputs: Sequence[str],
+        sizes: Sequence[str] = (),
+        make_pairs: MakePairs | None = None,
+        closed_form: bool | None = None,
+        differing: Sequence[int] = (),
+        closed: Floats | None = None,
+        pointing: Mapping[str, str | Exprs] | None = None,
+        by_rank: bool = False,
+    ) -> None:
+        """Place the links and write the equations.
+
+        Parameters
+        ----------
+        mechanism, inputs
+            The mechanism, and the names of its input pairs.
+        sizes
+            Names of the sizes that differ.
+        make_pairs
+            Returns the rotations of the pairs with symbols for these sizes.
+        closed_form
+            Whether links are placed by the signs of dyads. By default they are if all
+            groups are dyads.
+        differing
+            Indices of the numbers of masses and loads that differ, in the order of
+            `list_numbers`.
+        closed
+            (variables,) a closed configuration (rad) of the mechanism, if one is known.
+        pointing
+            By output, the direction in which it points if designs differ in it: the name of
+            a pair whose axis it is, or its components (3,) in link axes.
+        by_rank
+            As in `KinematicStructure.from_mechanism`.
+
+        Raises
+        ------
+        EngineError
+            If there are no expressions for the pairs or groups of the mechanism.
+        """
+        size_symbols = symbols(sizes)
+        pairs = None
+        if make_pairs:
+            pairs = make_pairs(dict(zip(sizes, size_symbols, strict=True)))
+        self.mechanism = mechanism
+        self.inputs = [*inputs]
+        self._pointing = pointing or {}
+        self.structure = KinematicStructure.from_mechanism(
+            mechanism, inputs, pairs, closed, by_rank
+        )
+        structure = self.structure
+        self.sample_symbols = symbols(sample_names(inputs))
+        if closed_form is None:
+            closed_form = structure.assembly.has_closed_form
+        self.triple_squares: list[Expr] = []
+        self.variables: list[Expr] = []
+        self._placed: list[LinkOrientation] = []
+        if closed_form:
+            self.configuration_symbols = symbols(
+                f"sign_{k + 1}" for k in range(len(structure.groups))
+            )
+            placement = place_by_inputs(
+                structure, self.sample_symbols[: len(inputs)], self.configuration_symbols
+            )
+            self._placed = placement.orientations
+            self.triple_squares = placement.triple_squares
+        else:
+            self.configuration_symbols = symbols(mechanism.variable_names)
+            follower_angles = structure.follower_angles(
+                [self.configuration_symbols[v] for v in structure.inputs]
+            )
+            self.variables = [
+                follower_angles.get(v, symbol)
+                for v, symbol in enumerate(self.configuration_symbols)
+            ]
+
+        number_symbols = symbols(f"number_{k}" for k in differing)
+        symbol_by_index = dict(zip(differing, number_symbols, strict=True))
+        indices = count()
+        self._tensors, self._load_components = replace_numbers(
+            masses_and_loads(mechanism),
+            lambda number: symbol_by_index.get(next(indices), number),
+        )
+        self.size_symbols = (*size_symbols, *number_symbols)
+        self.table_symbols = {
+            load.name: symbols([f"torque_{load.name}"])[0]
+            for load in mechanism.loads
+            if isinstance(load, TorqueTable)
+        }
+        self.revolution_symbols = {
+            pair: symbols([f"turns_of_{pair}"])[0]
+            for pair in wound_pairs(mechanism)
+            if pair not in inputs
+        }
+
+    @cached_property
+    def coordinate_rates(self) -> CoordinateRates:
+        """The homogeneous rates of all variables by each input."""
+        return CoordinateRates(self.structure, self.variables, self._placed)
+
+    @property
+    def has_closed_form(self) -> bool:
+        """Whether the links are placed by the signs of dyads."""
+        return bool(self.triple_squares) or not self.configuration_symbols
+
+    @property
+    def profile_symbols(self) -> list[ExpressionNode]:
+        """Symbols of the profile columns, which are arguments after the configuration."""
+        return [
+            symbol
+            for side in self.structure.pairs.sides_with_columns
+            for symbol in (*side.column_symbols, side.last_derivative)
+        ]
+
+    def differentiate_by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
+        """Return the derivatives of expressions by each size, with the loops kept closed.
+
+        If profiles have columns, these follow after the sizes, without the last one of each
+        profile.
+
+        Parameters
+        ----------
+        items
+            The expressions.
+
+        Raises
+        ------
+        EngineError
+            If an expression depends on the last column of a profile.
+        """
+        if self.has_closed_form:
+            return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
+        sides = self.structure.pairs.sides_with_columns
+        nodes = set(iterate_nodes(items))
+        if any(side.last_derivative in nodes for side in sides):
+            raise EngineError(
+                f"{self.mechanism.name}: how a linearised motion changes with sizes is not "
+                "known where profiles are no circles; compare designs by a sweep"
+            )
+        by_variable = [
+            self._differentiate_by_variable(items, v)
+            for v in range(len(self.configuration_symbols))
+        ]
+        columns = (symbol for side in sides for symbol in side.column_symbols)
+        rates = self.coordinate_rates
+        derivatives: list[list[Expr]] = []
+        for size in (*self.size_symbols, *columns):
+            # The variables change such that the loops stay closed.
+            changes = rates.solve_loops(rates.closure_residual_rates(size))
+            total = differentiate(items, {size: 1.0})
+            for change, partial in zip(changes, by_variable, strict=True):
+                total = [x + y * change for x, y in zip(total, partial, strict=True)]
+            derivatives.append(total)
+        return derivatives
+
+    def _differentiate_by_variable(
+        self, items: Sequence[Expr], variable: int
+    ) -> list[Expr]:
+        """Return the derivatives by a pair variable, also along profiles it moves on."""
+        rates: dict[ExpressionNode, Expr] = {self.configuration_symbols[variable]: 1.0}
+        for side in self.structure.pairs.sides_with_columns:
+            if side.track.variable == variable:
+                rates |= zip(side.column_symbols, side.column_derivatives, strict=True)
+        return differentiate(items, rates)
+
+    @cached_property
+    def _moments(self) -> InputMoments:
+        """Inertia matrix and moments of the links."""
+        link_number = self.mechanism.link_number
+        tensors = {
+            link_number[link]: np.array(rows, object) for link, rows in self._tensors
+        }
+        return InputMoments(self.coordinate_rates, tensors)
+
+    def quantity(self, name: str) -> Expr:
+        """Return a quantity by its name, one of `row_quantities`.
+
+        Raises
+        ------
+        EngineError
+            If there is no such quantity, or if the name is ambiguous.
+        """
+        table = self._quantity_table
+        if name not in table:
+            raise EngineError(
+                f'{self.mechanism.name}: "{name}" is no quantity of a configuration'
+                f"{nearest(name, table) or '.'} Quantities: {listing(table)}"
+            )
+        row_quantity = table[name]
+        value = getattr(self, row_quantity.method)(*row_quantity.arguments)
+        if row_quantity.component is None:
+            return value
+        return value[row_quantity.component]
+
+    @cached_property
+    def _quantity_table(self) -> QuantityTable:
+        """All quantities by their names."""
+        return make_quantity_table(self.mechanism, self.inputs, self.structure.assembly)
+
+    def refuse_ambiguous_name(self, name: str, *arguments: Sequence[Any]) -> Expr:
+        """Raise `EngineError` because two quantities have the same name.
+
+        Parameters
+        ----------
+        name
+            The name.
+        arguments
+            For both quantities the arguments of their methods, names of links and pairs
+            among them.
+        """
+        first, second = (
+            listing([x for x in items if isinstance(x, str)]) for items in arguments
+        )
+        raise EngineError(
+            f'{self.mechanism.name}: "{name}" may be of {first} or of {second}; give links '
+            "or pairs other names"
+        )
+
+    def sample_variable(self, index: int) -> Expr:
+        """Return one of the `sample_symbols`."""
+        return self.sample_symbols[index]
+
+    @cached_property
+    def _variable_rates(self) -> list[list[Expr]]:
+        """For each moving input the rates of all variables."""
+        inverse_scale = 1.0 / self.coordinate_rates.scale
+        return [[rate * inverse_scale for rate in tau] for tau in self.coordinate_rates.tau]
+
+    @cached_property
+    def _link_velocities(self) -> list[list[Exprs]]:
+        """For each moving input the angular velocities (3,) of all links."""
+        inverse_scale = 1.0 / self.coordinate_rates.scale
+        return [[x * inverse_scale for x in w] for w in self.coordinate_rates.w]
+
+    @cached_property
+    def _link_velocity_derivatives(self) -> list[list[Exprs]]:
+        """The derivatives (3,) of the `_link_velocities` by the moving input."""
+        return [
+            self.coordinate_rates.bias_accelerations(rates, w)
+            for rates, w in zip(self._variable_rates, self._link_velocities, strict=True)
+        ]
+
+    def determinant(self) -> Expr:
+        """Return the determinant of the velocity equations.
+
+        It vanishes if the inputs do not determine the rates of all variables.
+        """
+        return self.coordinate_rates.scale
+
+    def rate(self, pair: str, moving: int) -> Expr:
+        """Return the rate of a pair's variable per unit rate of a moving input."""
+        tau = self.coordinate_rates.tau[moving]
+        return tau[self._variable(pair)] / self.coordinate_rates.scale
+
+    def axis(self, pair: str) -> Exprs:
+        """Return the axis (3,) of an R pair in ground axes."""
+        return self.coordinate_rates.vectors[self._variable(pair)]
+
+    def orientation(self, link: str, row: int, column: int) -> Expr:
+        """Return an entry of the rotation from link axes to ground axes."""
+        placed = self.coordinate_rates.placed[self.mechanism.link(link)]
+        return placed.direction(np.eye(3)[column])[row]
+
+    def angular_velocity(self, kind: str, link: str, moving: int) -> Exprs:
+        """Return the angular velocity (3,) of a link in ground axes, or its derivative.
+
+        Parameters
+        ----------
+        kind
+            Empty for the angular velocity per unit rate of the moving input, "_dq" for its
+            derivative with respect to this input.
+        link, moving
+            Name of the link, and index of the moving input.
+        """
+        vectors = self._link_velocity_derivatives if kind else self._link_velocities
+        return vectors[moving][self.mechanism.link(link)]
+
+    def _output_links(self, name: str) -> tuple[int, int]:
+        """Return the number of an output's link, and of the link it is seen from."""
+        (output,) = (output for output in self.mechanism.outputs if output.name == name)
+        return self.mechanism.link(output.link), self.mechanism.link(output.relative_to)
+
+    def _output_direction(self, name: str) -> Exprs | None:
+        """Return the direction (3,) of an output in ground axes; None if it has none."""
+        (output,) = (output for output in self.mechanism.outputs if output.name == name)
+        if output.direction is None:
+            return None
+        direction = self._pointing.get(name, np.array(output.direction))
+        if isinstance(direction, str):
+            return self.axis(direction)
+        link, _ = self._output_links(name)
+        return self.coordinate_rates.placed[link].direction(direction)
+
+    def direction(self, name: str) -> Exprs:
+        """Return the direction (3,) of an output, in the axes of its reference link.
+
+        This is the link from which the output is seen.
+        """
+        _, base = self._output_links(name)
+        return self.coordinate_rates.placed[base].direction(
+            np.eye(3)
+        ).T @ self._output_direction(name)
+
+    def _output_jacobian(self, name: str) -> list[Exprs]:
+        """Return the columns (3,) of the Jacobian of an output, one for each input.
+
+        They are relative angular velocities. With two inputs and an output that points,
+        they are the rates of its direction.
+        """
+        link, base = self._output_links(name)
+        velocities = [w[link] - w[base] for w in self._link_velocities]
+        direction = self._output_direction(name)
+        if direction is None or len(velocities) != 2:
+            return velocities
+        return [cross(velocity, direction) for velocity in velocities]
+
+    def condition_number(self, name: str) -> Expr:
+        """Return the condition number of the Jacobian of an output."""
+        columns = self._output_jacobian(name)
+        if len(columns) > 3:
+            # The singular values of three rows are those of three columns.
+            columns = [*np.transpose(columns)]
+        largest, *_, least = singular_values(columns)
+        return largest / least
+
+    def jacobian_determinant(self, name: str) -> Expr:
+        """Return the determinant of the square Jacobian of an output.
+
+        With two inputs it is the area spanned by the rates of the direction, seen along the
+        direction.
+        """
+        first, second, *others = self._output_jacobian(name)
+        third = others[0] if others else self._output_direction(name)
+        return dot(cross(first, second), third)
+
+    def inertia(self, first: int, second: int) -> Expr:
+        """Return an entry of the inertia matrix (kg m2), for two inputs."""
+        inverse_scale = 1.0 / self.coordinate_rates.scale
+        moments = self._moments
+        factor = inverse_scale * inverse_scale
+        return moments.matrix[first][second] * factor * moments.unit
+
+    def inertia_rate(self) -> Expr:
+        """Return dB/dq (kg m2/rad) of a single input.
+
+        At the rate 1 and without acceleration, half of it is the moment of inertia forces.
+        """
+        return 2.0 * self._moments.resistance(0, [1.0], [0.0])
+
+    def relative_loop_residual(self) -> Expr:
+        """Return the residual of the loop equations at the computed rates.
+
+        It is the norm over all loops and inputs, relative to that of the rates, and zero up
+        to rounding if the equations that give the rates are independent. If equations
+        repeat each other, those that were chosen at one configuration can depend on each
+        other at another one. Their solution then does not satisfy the other equations.
+        """
+        rates = self.coordinate_rates
+        total: Expr = 0.0
+        for tau, w in zip(rates.tau, rates.w, strict=True):
+            pair_velocities = rates.pair_velocities(tau)
+            residual_square: Expr = 0.0
+            for chord in rates.tree.chords:
+                first, second = rates.tree.ends[chord]
+                residual = w[first] - w[second] + pair_velocities[chord]
+                residual_square = residual_square + dot(residual, residual)
+            total = total + residual_square / dot(tau, tau)
+        return function("sqrt", total)
+
+    @cached_property
+    def _inverse_inertia(self) -> list[list[Expr]]:
+        """The inverse of the inertia matrix, 1/(kg m2)."""
+        matrix = self._moments.matrix
+        scale = self.coordinate_rates.scale
+        factor = scale * scale / (self._moments.unit * determinant(matrix))
+        return [[x * factor for x in row] for row in cofactors(matrix)]
+
+    def kinetic_energy(self) -> Expr:
+        """Return the kinetic energy of all links (J)."""
+        scaled_speeds = self.coordinate_rates.motion_rates(self._speeds).scaled_speeds
+        momenta = [dot(row, scaled_speeds) for row in self._moments.matrix]
+        return dot(scaled_speeds, momenta) * (0.5 * self._moments.unit)
+
+    def coefficient(self, link_name: str, other_name: str, kind: str, moving: int) -> Expr:
+        """Return a velocity or acceleration coefficient of two links.
+
+        If a pair joins the links, the velocity coefficient is the rate of its variable. Of
+        other links it is the size of the relative angular velocity.
+
+        Parameters
+        ----------
+        link_name, other_name
+            The link whose motion relative to the other one is meant, and the other one.
+        kind
+            "velocity" or "acceleration".
+        moving
+            Index of the moving input.
+        """
+        link = self.mechanism.link(link_name)
+        other = self.mechanism.link(other_name)
+        variable = self.mechanism.angle_between(link, other)
+        w = self._link_velocities[moving]
+        relative_velocity = w[link] - w[other]
+        if kind == "velocity":
+            if variable is None:
+                return function("sqrt", dot(relative_velocity, relative_velocity))
+            first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
+            return self._variable_rates[moving][variable] * (
+                1.0 if first == other else -1.0
+            )
+        if self._rest_together(link_name, other_name, moving):
+            return 0.0
+        # The derivative of a unit vector is perpendicular to it, so that of the direction
+        # does not contribute.
+        dw = self._link_velocity_derivatives[moving]
+        direction = self._relative_direction(link_name, other_name, moving)
+        return dot(dw[link] - dw[other], direction)
+
+    def pole(self, link_name: str, other_name: str, moving: int) -> Exprs:
+        """Return the unit vector (3,) of the pole axis of two links in ground axes.
+
+        Multiplied by the velocity coefficient, it is the angular velocity of the first link
+        relative to the second one. It is NaN if the links do not move relative to each
+        other and no pair joins them.
+
+        Parameters
+        ----------
+        link_name, other_name
+            The two links.
+        moving
+            Index of the moving input.
+        """
+        if self._rest_together(link_name, other_name, moving):
+            return vector([np.nan] * 3)
+        direction = self._relative_direction(link_name, other_name, moving)
+        link = self.mechanism.link(link_name)
+        other = self.mechanism.link(other_name)
+        if self.mechanism.angle_between(link, other) is not None:
+            # The axis of a pair is defined even if the pair rests.
+            return direction
+        w = self._link_velocities[moving]
+        larger_link_velocity = w[max(link, other)]
+        relative_velocity = w[link] - w[other]
+        # The velocity of links that rest is rounding, which has a direction too. As in a
+        # run, links rest if their relative velocity is below a part of their own velocity.
+        # The square root of the sign is 1 or NaN.
+        least_square = NO_MOTION**2 * function(
+            "maximum", 1.0, dot(larger_link_velocity, larger_link_velocity)
+        )
+        square = dot(relative_velocity, relative_velocity)
+        moves = function("sqrt", sign_of(square - least_square))
+        return direction * moves
+
+    def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
+        """Return the axis (3,) of the pair of two links, or the direction of their motion.
+
+        The parameters are those of `pole`.
+        """
+        link = self.mechanism.link(link_name)
+        other = self.mechanism.link(other_name)
+        variable = self.mechanism.angle_between(link, other)
+        if variable is not None:
+            return self.coordinate_rates.vectors[variable]
+        w = self._link_velocities[moving]
+        size = self.coefficient(link_name, other_name, "velocity", moving)
+        return (w[link] - w[other]) * (1.0 / size)
+
+    def _rest_together(self, link_name: str, other_name: str, moving: int) -> bool:
+        """Return whether two links rest relative to each other at all configurations.
+
+        Locked inputs then hold them together, and the difference of their angular
+        velocities is zero as an expression.
+        """
+        w = self._link_velocities[moving]
+        relative_velocity = (
+            w[self.mechanism.link(link_name)] - w[self.mechanism.link(other_name)]
+        )
+        return not any(isinstance(x, ExpressionNode) or x != 0.0 for x in relative_velocity)
+
+    @property
+    def _speeds(self) -> Sequence[Expr]:
+        """The rates of the inputs (rad/s), a part of the sample."""
+        return self.sample_symbols[len(self.inputs) : 2 * len(self.inputs)]
+
+    def torque(self, index: int) -> Expr:
+        """Return the torque (N m) that an input needs at the rates of the sample."""
+        accelerations = self.sample_symbols[2 * len(self.inputs) : -1]
+        return self._needed_torque(index, accelerations)
+
+    def _needed_torque(self, index: int, accelerations: Sequence[Expr]) -> Expr:
+        """Return the torque (N m) of an input at given accelerations of all inputs."""
+        resistance = self._moments.resistance(index, self._speeds, accelerations)
+        return resistance - self.generalized_force(index)
+
+    def free_acceleration(self, index: int) -> Expr:
+        """Return the acceleration (rad/s2) of an input while no input has a torque."""
+        no_accelerations = [0.0] * len(self.inputs)
+        torques = (
+            self._needed_torque(k, no_accelerations) for k in range(len(self.inputs))
+        )
+        return -1.0 * dot(self._inverse_inertia[index], torques)
+
+    def linearised(self, kind: str, index: int, other: int) -> Expr:
+        """Return a derivative of an input's acceleration about the motion of the sample.
+
+        All torques are held constant, and all loops stay closed.
+
+        Parameters
+        ----------
+        kind
+            "A_q", "A_dq" or "B_torque": the derivative with respect to the angle, the rate
+            or the torque of another input.
+        index, other
+            The input that accelerates, and the other input.
+        """
+        if kind == "B_torque":
+            return self._inverse_inertia[index][other]
+        input_count = len(self.inputs)
+        torques = [self.torque(k) for k in range(input_count)]
+        if kind == "A_dq":
+            rates: dict[ExpressionNode, Expr] = {
+                self.sample_symbols[input_count + other]: 1.0
+            }
+        else:
+            rates = self._symbol_rates(other)
+        changes = differentiate(torques, rates)
+        return -1.0 * dot(self._inverse_inertia[index], changes)
+
+    def _symbol_rates(self, moving: int) -> dict[ExpressionNode, Expr]:
+        """Return the rates of the symbols of sample, configuration and profiles.
+
+        They are per unit rate of the moving input. Symbols that are not returned are
+        constant.
+        """
+        rates: dict[ExpressionNode, Expr] = {self.sample_symbols[moving]: 1.0}
+        if not self.has_closed_form:
+            rates |= zip(
+                self.configuration_symbols, self._variable_rates[moving], strict=True
+            )
+        for side in self.structure.pairs.sides_with_columns:
+            speed = rates[self.configuration_symbols[side.track.variable]]
+            column_rates = (x * speed for x in side.column_derivatives)
+            rates |= zip(side.column_symbols, column_rates, strict=True)
+        return rates
+
+    def generalized_force(self, moving: int) -> Expr:
+        """Return the power of all loads per unit rate of a moving input (N m).
+
+        Raises
+        ------
+        ModelError
+            If friction of loads follows from reactions.
+        """
+        mechanism = self.mechanism
+        rates = self.coordinate_rates
+        column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
+        if len(self.inputs) == 1:
+            column = "eksergian.eksergian: abs(tau)"
+        need_no_rubbing(
+            mechanism,
+            f'a kernel of designs does not solve for; runs do: --reduce "max({column})"',
+        )
+        angles = self._angles()
+        revolutions = {
+            self._variable(pair): angle * (1.0 / TURN)
+            for pair, angle in self.revolution_symbols.items()
+        }
+        load_state = LoadState(
+            mechanism=mechanism,
+            placed=rates.placed,
+            tau=rates.tau,
+            w=rates.w,
+            variables=angles,
+            revolutions=[revolutions.get(v, 0.0) for v in range(len(angles))],
+            rates=rates.motion_rates(self._speeds).variable_rates,
+            time=self.sample_symbols[-1],
+            sign_of_condition=sign_of,
+            table_torque=self.table_symbols.__getitem__,
+        )
+        forces = (
+            component_forces(components, load_state)[moving]
+            for components in self._load_components
+        )
+        return sum(forces, 0.0) / rates.scale
+
+    def _angles(self) -> list[Expr]:
+        """Return the variables of R pairs (rad), and 0 for those of contacts.
+
+        No load depends on variables of contacts.
+        """
+        angles: list[Expr] = [0.0] * len(self.mechanism.variable_owners)
+        for pair, variable in self.mechanism.angles.items():
+            if pair in self.inputs:
+                angles[variable] = self.sample_symbols[self.inputs.index(pair)]
+            else:
+                angles[variable] = self.angle(pair)
+        return angles
+
+    def _variable(self, pair: str) -> int:
+        """Return the number of the (first) variable of a pair."""
+        return self.mechanism.variables_of(self.mechanism.pair_number[pair])[0]
+
+    def angle(self, pair: str) -> Expr:
+        """Return the variable (rad) of an R pair, in closed form in (-pi, pi]."""
+        if not self.has_closed_form:
+            return self.variables[self._variable(pair)]
+        pair_number = self.mechanism.pair_number[pair]
+        return pair_angle(self.structure, pair_number, self._placed)
+
+    def transmission_angle(self, pair: str) -> Expr:
+        """Return the transmission angle (rad, in [0, pi/2]) of a dyad.
+
+        It is the angle between the planes of the two arcs that meet in the middle axis of
+        the dyad. `spherekit.singularities.single_freedom` computes the same quantity from
+        arrays.
+
+        Parameters
+        ----------
+        pair
+            Name of the middle pair of the dyad.
+        """
+        number = self.mechanism.pair_number[pair]
+        dyads = (group for group in self.structure.assembly.groups if group.is_dyad)
+        (group,) = (dyad for dyad in dyads if dyad.middle == number)
+        first_outer, middle, second_outer = (
+            self.coordinate_rates.vectors[self._variable_of_pair(group.pairs[position])]
+            for position in group.dyad_positions
+        )
+        first_normal = cross(first_outer, middle)
+        second_normal = cross(middle, second_outer)
+        double_normal = cross(first_normal, second_normal)
+        cosine = dot(first_normal, second_normal)
+        # Both arguments are not negative, so the angle is at most 90 degrees.
+        return function(
+            "atan2",
+            function("sqrt", dot(double_normal, double_normal)),
+            function("sqrt", cosine * cosine),
+        )
+
+    def _variable_of_pair(self, pair_number: int) -> int:
+        """Return the number of the (first) variable of a pair, given by its number."""
+        return self.mechanism.variables_of(pair_number)[0]
