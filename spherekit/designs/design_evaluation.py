@@ -587,7 +587,7 @@ class Evaluator:
             return DesignExpressions(
                 mechanism,
                 self.inputs,
-                geometry=lambda _: pair_rotations(mechanism, as_columns=profiled),
+                make_pairs=lambda _: pair_rotations(mechanism, as_columns=profiled),
                 closed_form=False,
                 closed=configuration,
                 by_rank=tracer.by_rank,
