@@ -23,7 +23,7 @@ from spherekit.singularities.several_inputs import coefficients, what_vanishes
 from spherekit.singularities.singularity_report import SingularityReport
 from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import output_of
-from spherekit.velocities.transmission import SINGULAR, Transmission
+from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
 
 NAME = "singularities"
 FIVE = joints("1-2 2-3 3-4 4-5 1-5")
@@ -240,13 +240,15 @@ def check_types(made, count):
                 assert np.all(view.has_type(view.types(points)))
         rows = np.concatenate(rows)
         told = coefficients(make_motion(solver, rows), rest)
-        measure = Transmission.of(made, output).of_values(solver.closure, rows)
+        measure = Transmission.from_mechanism(made, output).measure_configurations(
+            solver.closure, rows
+        )
         assert np.max(np.abs(told.type_two - measure)) < 1e-12
         whole = views["II"].locus
         for k, here in enumerate(rows):
             kind = kernel_type(made, here, output)
             clear = min(told.type_two[k], told.type_one[k], told.hold[k])
-            if SINGULAR < 1e3 * clear < 1.0:
+            if SINGULAR_TRANSMISSION < 1e3 * clear < 1.0:
                 continue  # near a type, or where two loci meet
             assert views["II"].types(here[None])[0] == told.type[k]
             assert kind == {0: "regular", 4: "self-motion"}.get(

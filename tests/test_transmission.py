@@ -20,7 +20,7 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.several_inputs import RowType, coefficients
 from spherekit.singularities.stationarity import output_of
 from spherekit.status import Status
-from spherekit.velocities.transmission import SINGULAR, Transmission
+from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
 DISTANCES = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]
@@ -82,7 +82,7 @@ def test_all_analyses_judge_a_configuration_alike(name):
     found = coefficients(motion, output_of(made))
     assert np.max(np.abs(found.type_two - expected)) < 1e-12
     second = np.isin(found.type, (RowType.II, RowType.III))
-    assert np.array_equal(second, expected < SINGULAR)
+    assert np.array_equal(second, expected < SINGULAR_TRANSMISSION)
     kinematics = closed_kinematics(made)
     bounds = bounds_of(kinematics, Constraints(near=np.radians(8.0)))
     numbers = {label: k for k, label in enumerate(solver.labels)}
@@ -124,7 +124,7 @@ def test_loops_that_lose_their_rank_are_seen_by_all(paper, distance):
     motion = make_motion(PositionSolver(made, plan_assembly(made)), values)
     found = coefficients(motion, output_of(made))
     assert found.type_two[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
-    singular = expected < SINGULAR
+    singular = expected < SINGULAR_TRANSMISSION
     assert (found.type[0] == RowType.II) == singular
     assert (at.status[0] == Status.AT_SINGULARITY) == singular
     assert (rows.status[0] == Status.AT_SINGULARITY) == singular
@@ -144,9 +144,11 @@ def test_what_the_inputs_do_not_hold_has_no_transmission():
     """A five-bar with one crank locked: its pointer still moves."""
     made = sk.load("five_bar")
     motion = sk.trace(made, samples=3)
-    measure = Transmission.of(made.with_inputs("21"), made.outputs[0])
+    measure = Transmission.from_mechanism(made.with_inputs("21"), made.outputs[0])
     closure = PositionAnalysis(made, samples=3).solver.closure
-    assert np.all(measure.of_values(closure, motion.values[~motion.failed]) == 0.0)
+    assert np.all(
+        measure.measure_configurations(closure, motion.values[~motion.failed]) == 0.0
+    )
 
 
 @pytest.mark.parametrize("name", ["bevel_differential", "three_rrr", "two_dof_spm"])
@@ -155,22 +157,29 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     motion = PositionAnalysis(made, samples=3, assembly_mode=0).motion()
     values = motion.values[~motion.failed][:2]
     closure = PositionSolver(made, plan_assembly(made, by_rank=True)).closure
-    at, own = closure.at(values), Transmission.of(made, made.outputs[0])
-    vectors, pointed = at.vectors, own.pointed(at.placed)
+    at, own = closure.at(values), Transmission.from_mechanism(made, made.outputs[0])
+    vectors, pointed = at.vectors, own.output_directions(at.placed)
     turn = Rotation.random(random_state=1).as_matrix()
-    again = own.at(3.0 * vectors @ turn.T, None if pointed is None else pointed @ turn.T)
-    moved = Transmission.of(replace(made, ground=made.links[-1]), made.outputs[0])
-    for other in (again, moved.at(vectors, pointed)):
-        assert np.max(np.abs(own.at(vectors, pointed) - other)) < 1e-13
+    again = own.measure(
+        3.0 * vectors @ turn.T, None if pointed is None else pointed @ turn.T
+    )
+    moved = Transmission.from_mechanism(
+        replace(made, ground=made.links[-1]), made.outputs[0]
+    )
+    for other in (again, moved.measure(vectors, pointed)):
+        assert np.max(np.abs(own.measure(vectors, pointed) - other)) < 1e-13
 
 
 def test_a_link_that_is_free_to_turn_about_what_it_points_at_counts_as_held():
     """Crank and coupler in line: the dyad of a five-bar is stretched."""
     made = sk.load("five_bar")
-    transmission, axes = Transmission.of(made, made.outputs[0]), np.zeros((2, 5, 3))
+    transmission, axes = (
+        Transmission.from_mechanism(made, made.outputs[0]),
+        np.zeros((2, 5, 3)),
+    )
     angles = np.radians([0.0, 75.0, 150.0])
     axes[:, 1:4, 0], axes[:, 1:4, 1] = np.cos(angles), np.sin(angles)
     axes[:, 0], axes[:, 4], axes[1, 2, 2] = [0.0, 0.0, 1.0], [0.6, 0.0, 0.8], 1e-6
     axes = axes @ Rotation.random(random_state=1).as_matrix()
-    stretched, beside = transmission.at(axes, axes[:, 1])
+    stretched, beside = transmission.measure(axes, axes[:, 1])
     assert 0.1 < stretched == pytest.approx(beside, abs=1e-5)

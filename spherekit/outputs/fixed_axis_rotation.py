@@ -36,7 +36,7 @@ from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.linear_equations import condition_numbers
 from spherekit.status import Status
 from spherekit.tolerances import EPS, SINGULAR_RATIO, USABLE_DIRECTION
-from spherekit.velocities.transmission import SINGULAR, Transmission
+from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
 
 LEAP_NEIGHBOURHOOD_RAD = 0.08
 """Distance (rad of theta) from a leap within which rates are interpolated.
@@ -200,7 +200,9 @@ class FollowedRotation(RotationPath):
         """Return the transmission measure (n,) at angles (n,) rad up to `reached`."""
         guess, _ = self.nodes.interpolate(theta)
         deviation, _ = self.find_nearest(theta, guess)
-        return self.transmission.of_values(self.output_link.closure, deviation.values)
+        return self.transmission.measure_configurations(
+            self.output_link.closure, deviation.values
+        )
 
     def at(self, theta: ArrayLike) -> RotationSamples:
         """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
@@ -226,14 +228,16 @@ class FollowedRotation(RotationPath):
         allowed_correction = allowed_correction + MODE_CHANGE_RAD
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         is_on_profiles = np.all(deviation.linearisation.states.inside, axis=1)
-        type_2 = self.transmission.of_values(self.output_link.closure, deviation.values)
+        type_2 = self.transmission.measure_configurations(
+            self.output_link.closure, deviation.values
+        )
         # The first reason that applies to a row is reported.
         reasons = (
             (is_undetermined, Status.AT_SINGULARITY),
             (~is_nearest, Status.NOT_CONVERGED),
             (~(correction <= allowed_correction), Status.MODE_LOST),
             (~is_on_profiles, Status.OFF_PROFILE),
-            (~(type_2 > SINGULAR), Status.AT_SINGULARITY),
+            (~(type_2 > SINGULAR_TRANSMISSION), Status.AT_SINGULARITY),
         )
         for applies, reason in reasons:
             status[(status == Status.OK) & applies] = reason
@@ -437,7 +441,7 @@ def follow_rotation(
         start=rotation_about_axis(unit_axis, [lead])[0] @ deviation.orientations[0],
         exact=bool(deviation.rates(unit_axis).follows[0]),
     )
-    transmission = Transmission.of(
+    transmission = Transmission.from_mechanism(
         replace(mechanism, ground=declared_output.relative_to), declared_output
     )
     first_node = path.make_nodes(np.array([0.0 - lead]), deviation)

@@ -386,7 +386,7 @@ class InverseKinematics:
 
         def measure_type_2(mode: WorkingMode) -> Floats:
             """Return the measure of type II (n,) of a mode."""
-            return self._transmission.at(mode.axes(len(self.own.pairs)), directions)
+            return self._transmission.measure(mode.axes(len(self.own.pairs)), directions)
 
         shared_results: dict[Any, Any] = {}
         for signs in modes:
@@ -413,7 +413,7 @@ class InverseKinematics:
     @cached_property
     def _transmission(self) -> Transmission:
         """The measure of type II of the output."""
-        return Transmission.of(self.own, self.wrist.output)
+        return Transmission.from_mechanism(self.own, self.wrist.output)
 
     @checked(SolveError)
     def posed(self, poses: ArrayLike, signs: Signs) -> WorkingMode:

@@ -194,14 +194,14 @@ class MidPlaneArchitecture:
 
     @cached_property
     def _transmission(self) -> Transmission:
-        return Transmission.of(self.mechanism, self.output)
+        return Transmission.from_mechanism(self.mechanism, self.output)
 
     def transmission(self, normals: Floats, elbows: Floats) -> Floats:
         """Return the measure (n,) of type II at mid-planes (n, 3) with elbows."""
         directions = None
         if self.output.direction is not None:
             directions = reflections(normals) @ self.home
-        return self._transmission.at(self.axes(normals, elbows), directions)
+        return self._transmission.measure(self.axes(normals, elbows), directions)
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
         """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""

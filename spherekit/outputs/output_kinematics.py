@@ -220,8 +220,8 @@ class OutputKinematics:
 
     def type_2(self, values: Floats) -> Floats:
         """Return the measure (n,) of type II at configurations (n, variables)."""
-        transmission = Transmission.of(self.mechanism, self.output)
-        return transmission.of_values(self._closure, values)
+        transmission = Transmission.from_mechanism(self.mechanism, self.output)
+        return transmission.measure_configurations(self._closure, values)
 
     def residual(self, values: Floats) -> Floats:
         """Return the closure residuals (n,) in rad at values (n, variables)."""

@@ -34,7 +34,7 @@ from spherekit.outputs.virtual_output import COORDINATES, with_wrist
 from spherekit.positions.assembly_enumeration import assemblies
 from spherekit.positions.assembly_mode import label_of
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.velocities.transmission import SINGULAR, Transmission
+from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
 from spherekit.wording import listing
 
 SAME_POSE = 1e-7
@@ -204,8 +204,11 @@ class PoseFinder:
             np.minimum(near.output_singular_value, near.loop_conditioning)
             > UNDETERMINED_CONDITION
         )
-        transmission = Transmission.of(self.mechanism, self.output)
-        free &= transmission.of_values(self.solver.closure, values) > SINGULAR
+        transmission = Transmission.from_mechanism(self.mechanism, self.output)
+        free &= (
+            transmission.measure_configurations(self.solver.closure, values)
+            > SINGULAR_TRANSMISSION
+        )
         candidates = PoseCandidates(
             values,
             self.solver.reduce_inputs(values[:, self.solver.driven]),

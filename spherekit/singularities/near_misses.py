@@ -17,7 +17,7 @@ from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.sampled_singularities import SampledSingularities
 from spherekit.status import Status
-from spherekit.velocities.transmission import SINGULAR
+from spherekit.velocities.transmission import SINGULAR_TRANSMISSION
 
 EQUAL_EXTREMUM_INPUT_RAD = 1e-7
 """Inputs of an extremum that differ by less are the same: rounding leaves half the digits
@@ -115,7 +115,7 @@ def _near_misses_on_curve(
         scale = sampled.largest_arc_sine
     positions, sines = local_minima(sampled, number, angle, limit * scale)
     misses: list[NearMiss] = []
-    for s in positions[sines > SINGULAR * scale]:
+    for s in positions[sines > SINGULAR_TRANSMISSION * scale]:
         values = curve.at(s).values
         if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
             continue
@@ -167,7 +167,7 @@ def least_transmission(
         minima = list(zip(positions, curve.at(positions).values, strict=True))
         for s, values in [*minima, *sampled.crossing_ends(number)]:
             (angle,) = sampled.transmission_angles(values[None])[output]
-            size = 0.0 if angle <= SINGULAR else float(angle)
+            size = 0.0 if angle <= SINGULAR_TRANSMISSION else float(angle)
             for q, modes in _inputs_and_modes(sampled, number, float(s), values):
                 candidates.append((size, q, modes))
     if not candidates:

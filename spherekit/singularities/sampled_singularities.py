@@ -27,7 +27,11 @@ from spherekit.singularities.input_output_relation import Form, Type
 from spherekit.singularities.placing_part import find_placing_part
 from spherekit.singularities.single_freedom import SingleFreedomSingularities
 from spherekit.status import Status
-from spherekit.velocities.transmission import STILL, Transmission, hold
+from spherekit.velocities.transmission import (
+    MIN_OUTPUT_MOTION,
+    Transmission,
+    input_authority,
+)
 
 NEAR_CROSSING_RAD = 1e-4
 """A configuration on no curve that is as near to a crossing has status AT_SINGULARITY.
@@ -309,11 +313,11 @@ class SampledSingularities:
         if kind is Type.I:
             output_speed, _ = links.speeds(output_links)
             input_speed, _ = links.speeds(self.report.input)
-            is_moving = np.hypot(output_speed, input_speed) > STILL
+            is_moving = np.hypot(output_speed, input_speed) > MIN_OUTPUT_MOTION
             return np.where(is_moving, np.arctan2(output_speed, input_speed), np.nan)
         tree = curve_motion.curve.closure.tree
-        measure = Transmission(tree, (self._driven,), *output_links)
-        return np.arcsin(measure.at(links.motion.vectors))
+        transmission = Transmission(tree, (self._driven,), *output_links)
+        return np.arcsin(transmission.measure(links.motion.vectors))
 
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return the columns (n,) of each output, by its position, in each form; or NaN.
@@ -438,12 +442,12 @@ class SampledSingularities:
     def singular_values(self) -> Floats:
         """Return (2, n) how firmly the locked input holds all links, absolute and relative.
 
-        See `spherekit.velocities.transmission.hold`. Rows on no curve are NaN.
+        See `spherekit.velocities.transmission.input_authority`. Rows on no curve are NaN.
         """
         solver = self.whole.solver
         values = np.where(self.curve[:, None] >= 0, self._values, np.nan)
         vectors = solver.closure.at(values).vectors
-        return hold(solver.closure.tree, [solver.input_variable], vectors)
+        return input_authority(solver.closure.tree, [solver.input_variable], vectors)
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
         """Return the angle (rad) of an output along a curve.

@@ -26,12 +26,18 @@ from spherekit.singularities.stationarity import OutputStationary
 from spherekit.singularities.tangent_space import TangentSpace, decompose, tangent_space
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
-from spherekit.velocities.transmission import SINGULAR, Transmission
-from spherekit.velocities.transmission import hold as input_authority
+from spherekit.velocities.transmission import (
+    SINGULAR_TRANSMISSION,
+    Transmission,
+    input_authority,
+)
 
 ALONE_SINGULAR_FACTOR = 10.0
 """The mechanism in which one input moves alone counts as singular if one of its unit rates
-is below this factor times `SINGULAR`. Larger: more singularities are in group 1."""
+is below this factor times `SINGULAR_TRANSMISSION`.
+
+Larger: more singularities are in group 1.
+"""
 VANISHING_SIZE = 1e-8
 """Coefficients, sines and triple products below this are reported as zero. Larger: more
 conditions are reported as fulfilled; smaller: rounding hides those that are."""
@@ -113,7 +119,8 @@ class OutputCoefficients:
         (n,) transmission measure, see `spherekit.velocities.transmission`: 0 if the output
         can move with the inputs at rest, also where the loops lose rank.
     hold
-        (n,) smallest singular value of the closure with locked inputs, see `hold` there.
+        (n,) smallest singular value of the closure with locked inputs, see
+        `input_authority` there.
     type_one
         (n,) sine of the angle between all motions, as rates of the inputs and of the
         output, and those in which the output rests; 0 if inputs can move while the output
@@ -312,7 +319,7 @@ def _pole_axis(
     else:
         relative = angular_velocities[:, pole[0]] - angular_velocities[:, pole[1]]
     size = np.linalg.norm(relative, axis=1, keepdims=True)
-    axis = relative / np.where(size > SINGULAR, size, np.nan)
+    axis = relative / np.where(size > SINGULAR_TRANSMISSION, size, np.nan)
     return np.where(np.isfinite(planned_axes[pole]), planned_axes[pole], axis)
 
 
@@ -344,8 +351,8 @@ def classify_rows(
     transmission = Transmission(
         tree, tuple(input_variables), output.link, output.relative_to, output.pointing
     )
-    pointed = transmission.pointed(space.linearisation.placed)
-    type_two = transmission.at(vectors, pointed)
+    pointed = transmission.output_directions(space.linearisation.placed)
+    type_two = transmission.measure(vectors, pointed)
     determinant = np.linalg.det(input_rates)
     if not space.has_fixed_sense:
         # The sign of the basis is arbitrary, so the sign of the determinant has no meaning.
@@ -354,24 +361,28 @@ def classify_rows(
     # Column i is the motion in which input i moves alone, times det N_a.
     alone = adjugate(input_rates)
     alone_size = np.linalg.norm(alone, axis=1)
-    is_unique = alone_size > SINGULAR * np.max(alone_size, axis=1, keepdims=True)
+    is_unique = alone_size > SINGULAR_TRANSMISSION * np.max(
+        alone_size, axis=1, keepdims=True
+    )
     angular_velocity = output.angular_velocity(space, space.basis @ alone)
     speed = np.linalg.norm(angular_velocity, axis=2, keepdims=True)
-    is_turning = speed > SINGULAR * alone_size[..., None]
+    is_turning = speed > SINGULAR_TRANSMISSION * alone_size[..., None]
     alone_size = np.where(is_unique, alone_size, np.nan)
     input_rate = determinant[:, None] / alone_size
     output_rate = np.linalg.norm(output_rates @ alone, axis=1) / alone_size
 
     type_one, has_self_motion = _measure_type_one(input_rates, output_rates)
     reciprocal_condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
-    loses_rank = reciprocal_condition < SINGULAR
+    loses_rank = reciprocal_condition < SINGULAR_TRANSMISSION
     # The values of RowType: I is 1, II is 2, III is their sum.
-    row_type = ((type_one < SINGULAR) & ~loses_rank) + 2 * (type_two < SINGULAR)
+    row_type = ((type_one < SINGULAR_TRANSMISSION) & ~loses_rank) + 2 * (
+        type_two < SINGULAR_TRANSMISSION
+    )
     is_self_motion = (row_type == RowType.REGULAR) & (loses_rank | has_self_motion)
     row_type[is_self_motion] = RowType.SELF_MOTION
     row_type[~np.isfinite(type_two)] = RowType.UNKNOWN
 
-    alone_tolerance = ALONE_SINGULAR_FACTOR * SINGULAR
+    alone_tolerance = ALONE_SINGULAR_FACTOR * SINGULAR_TRANSMISSION
     alone_rates = np.array([input_rate, output_rate])
     is_singular_alone = np.any(~(np.abs(alone_rates) > alone_tolerance), axis=(0, 2))
     is_of_type = np.isin(row_type, (RowType.I, RowType.II, RowType.III))
@@ -407,7 +418,7 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     """
     rates = np.concatenate([input_rates, output_rates], axis=1)
     svd = decompose(rates)
-    is_moving = svd.values > SINGULAR
+    is_moving = svd.values > SINGULAR_TRANSMISSION
     # Left singular vectors are an orthonormal basis of the rates of inputs and output that
     # occur together. Directions that move neither are set to zero.
     inputs, outputs, motions = input_rates.shape[1], output_rates.shape[1], rates.shape[2]

@@ -1,20 +1,26 @@
-"""How surely the locked inputs of a mechanism hold an output: the measure of type II.
+"""The transmission measure: how certainly locked inputs hold an output.
 
-Let the rates of all pairs misfit: the rates of the two links of pair e differ by what the
-pair allows and by a misfit m_e besides. With the inputs locked, the misfits needed at least
-to turn the output at unit rate are its transmission, the root of the sum of their squares,
-in parts of that which is needed with every pair locked:
+Suppose that the pairs have play: the angular velocities of the two links of pair e differ
+by an allowed rate and by an additional misfit m_e. With locked inputs, some misfits are
+needed to move the output. The measure compares the smallest ones with those that are needed
+if all pairs are locked:
 
-    transmission^2 = rho min (sum |m_e|^2)   over all rates that turn the output by 1,
+    transmission^2 = rho min (sum of |m_e|^2)   over all rates that turn the output by 1.
 
-where rho is the resistance between the output and the link it is seen from in the graph
-whose edges are the pairs. It is 0 exactly where the output can turn with the inputs at
-rest, whatever the reason: a singular Jacobian of the output, or loops that lose their rank.
-It is 1 if every pair is locked, and 1 / transmission is by how much the output gives way
-more than that if pairs have play. Misfits that go around no loop turn the output alone; the
-others, J x on an orthonormal basis of the cycles of the graph for rates x of the passive
-pairs, give transmission^-2 = 1 + |A J^+|^2 / rho with A x the part of x on the way to the
-output. No choice of loops, ground, frame or unit of a variable changes it.
+rho is the resistance between the output link and the link it is seen from, in the graph
+whose edges are the pairs with unit resistances.
+
+- The transmission is 0 exactly at singularities of type II: the output can move while the
+  inputs rest, because its Jacobian is singular or because loops lose their rank.
+- It is 1 if every pair is locked. 1 / transmission is the factor by which play moves the
+  output more than in this case.
+- It does not depend on the choice of loops, ground, frame, or units of the variables.
+
+It is computed as follows. Misfits that go around no loop move the output alone. The others
+are J x, for the rates x of the passive pairs and the loop equations J on an orthonormal
+basis of the cycles of the graph. With A x the part of x on the path to the output,
+
+    transmission^-2 = 1 + |A J^+|^2 / rho.
 """
 
 from collections.abc import Sequence
@@ -32,20 +38,35 @@ from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import LoopTree
 
-SINGULAR = 1e-6
-"""A configuration whose transmission is less is at a singularity of type II: the output is
-known to less than half the digits of the inputs."""
-LOOSE = 1e10
-"""Motions whose singular value is less than its reciprocal are held by rounding alone."""
-STILL = 1e-8
-"""A motion that turns the output by less than this part of its size leaves it at rest."""
-ROWS = 4096
-"""Rows computed at once."""
+SINGULAR_TRANSMISSION = 1e-6
+"""Transmission below which a configuration is a singularity of type II.
+
+There the output is known to less than half of the digits of the inputs. Larger: more
+configurations near singularities have the status AT_SINGULARITY.
+"""
+
+MAX_INVERSE_ENTRY = 1e10
+"""Largest entry of the inverse of the loop equations that is trusted.
+
+If an entry is larger, a motion of the passive pairs is opposed by rounding alone, and
+singular values decide whether it moves the output. Larger: rounding errors are taken for
+equations. Smaller: the slower computation by singular values is used more often.
+"""
+
+MIN_OUTPUT_MOTION = 1e-8
+"""Smallest motion of the output, relative to the motion of the passive pairs.
+
+A smaller one counts as rest. Larger: outputs that a self-motion of other links moves a
+little count as held. Smaller: rounding errors count as motions.
+"""
+
+TRANSMISSION_BATCH_ROWS = 4096
+"""Number of rows that are computed at once. Larger: fewer calls, more memory."""
 
 
 @dataclass(frozen=True)
 class Transmission:
-    """The measure of one output of a mechanism.
+    """The transmission measure of one output of a mechanism.
 
     Attributes
     ----------
@@ -54,10 +75,10 @@ class Transmission:
     driven
         Numbers of the variables that the inputs lock.
     link, relative_to
-        Numbers of the bodies that the output joins.
+        Numbers of the output link, and of the link from which it is seen.
     direction
-        What the output points at, in the axes of its link, so that turning about it does
-        not count; None where its whole orientation does.
+        (3,) the direction in which the output points, in the axes of its link. A rotation
+        about it does not count as motion of the output. None for the whole orientation.
     """
 
     tree: LoopTree
@@ -67,76 +88,102 @@ class Transmission:
     direction: tuple[float, float, float] | None = None
 
     @staticmethod
-    def of(mechanism: Mechanism, output: Output) -> "Transmission":
-        """Return the measure of an output with the mechanism's inputs locked.
+    def from_mechanism(mechanism: Mechanism, output: Output) -> "Transmission":
+        """Return the measure of an output while all inputs of a mechanism are locked.
 
-        With two inputs an output that declares a direction points.
+        If there are two inputs and the output declares a direction, only the motion of this
+        direction counts.
         """
-        held = [mechanism.variables_of(pair)[0] for pair in driven_pairs(mechanism)]
-        number = mechanism.link_number
+        driven = [mechanism.variables_of(pair)[0] for pair in driven_pairs(mechanism)]
         return Transmission(
-            LoopTree.of(mechanism),
-            tuple(held),
-            number[output.link],
-            number[output.relative_to],
-            output.direction if len(held) == 2 else None,
+            tree=LoopTree.of(mechanism),
+            driven=tuple(driven),
+            link=mechanism.link_number[output.link],
+            relative_to=mechanism.link_number[output.relative_to],
+            direction=output.direction if len(driven) == 2 else None,
         )
 
-    def of_values(self, closure: Closure, values: Floats) -> Floats:
-        """Return the transmission (n,) of configurations (n, variables); NaN for NaN."""
-        there = closure.at(values)
-        return self.at(there.vectors, self.pointed(there.placed))
+    def measure_configurations(self, closure: Closure, values: Floats) -> Floats:
+        """Return the transmission (n,) of configurations; NaN if a configuration is NaN.
 
-    def pointed(self, placed: Floats) -> Floats | None:
-        """Return the directions (n, 3) of a pointing output of bodies (n, bodies, 3, 3)."""
+        Parameters
+        ----------
+        closure
+            The loops of the mechanism.
+        values
+            (n, variables) closed configurations (rad).
+        """
+        linearisation = closure.at(values)
+        directions = self.output_directions(linearisation.placed)
+        return self.measure(linearisation.vectors, directions)
+
+    def output_directions(self, rotations: Floats) -> Floats | None:
+        """Return the directions (n, 3) of an output that points, otherwise None.
+
+        Parameters
+        ----------
+        rotations
+            (n, links, 3, 3) rotations from link axes to a common frame.
+        """
         if self.direction is None:
             return None
-        return placed[:, self.link] @ np.array(self.direction)
+        return rotations[:, self.link] @ np.array(self.direction)
 
     @np.errstate(over="ignore")
-    def at(self, vectors: Floats, directions: Floats | None = None) -> Floats:
+    def measure(self, vectors: Floats, directions: Floats | None = None) -> Floats:
         """Return the transmission (n,), from 0 at a singularity of type II to 1.
 
         Parameters
         ----------
         vectors
-            (n, variables, 3) angular velocities of the pairs' second links relative to
-            the first per unit rate of each variable, or along them, in any one frame.
+            (n, variables, 3) vectors of the variables in a common frame: the angular
+            velocity of the second link of a pair relative to the first, per unit rate of
+            the variable. Their lengths do not matter.
         directions
-            (n, 3) what a pointing output points at, in the same frame: turning about it
-            does not count.
+            (n, 3) unit vectors of an output that points, in the same frame.
         """
         transmission = nans(len(vectors))
-        finite = all_finite(vectors, (1, 2))
+        is_finite = all_finite(vectors, (1, 2))
         if directions is not None:
-            finite &= all_finite(directions, 1)
-        rows = np.flatnonzero(finite)
-        owners = [self.tree.owners[v] for v in passive(self.tree, self.driven)]
-        for start in range(0, len(rows), ROWS):
-            some = rows[start : start + ROWS]
-            columns, loops = passive_equations(self.tree, self.driven, vectors[some])
-            lacking = max(0, len(owners) - loops.shape[1])
-            loops = np.pad(loops, ((0, 0), (0, lacking), (0, 0)))
-            way = self._way[owners] * columns
+            is_finite &= all_finite(directions, 1)
+        all_rows = np.flatnonzero(is_finite)
+        passive_pairs = [
+            self.tree.owners[v] for v in passive_variables(self.tree, self.driven)
+        ]
+        path = self._path_currents
+        for start in range(0, len(all_rows), TRANSMISSION_BATCH_ROWS):
+            rows = all_rows[start : start + TRANSMISSION_BATCH_ROWS]
+            columns, loops = passive_equations(self.tree, self.driven, vectors[rows])
+            # Rows of zeros make the equations square if there are fewer than unknowns.
+            missing = max(0, len(passive_pairs) - loops.shape[1])
+            loops = np.pad(loops, ((0, 0), (0, missing), (0, 0)))
+            # A: the motion of the output per unit rate of each passive variable.
+            output_motion = path[passive_pairs] * columns
             if directions is not None:
-                axes = directions[some][:, :, None]
-                way -= axes * np.sum(axes * way, axis=1, keepdims=True)
+                axes = directions[rows][:, :, None]
+                output_motion -= axes * np.sum(axes * output_motion, axis=1, keepdims=True)
             inverse = left_inverse(loops)
-            gives = way @ inverse
-            weak = ~(max_abs(inverse, (1, 2)) < LOOSE)
-            gives[weak] = _by_singular_values(way[weak], loops[weak])
-            size = np.linalg.norm(gives, 2, axis=(1, 2))
-            transmission[some] = 1.0 / np.sqrt(1.0 + size**2 / (self._way @ self._way))
+            motion_per_misfit = output_motion @ inverse
+            is_weak = ~(max_abs(inverse, (1, 2)) < MAX_INVERSE_ENTRY)
+            motion_per_misfit[is_weak] = _motion_by_singular_values(
+                output_motion[is_weak], loops[is_weak]
+            )
+            size = np.linalg.norm(motion_per_misfit, 2, axis=(1, 2))
+            transmission[rows] = 1.0 / np.sqrt(1.0 + size**2 / (path @ path))
         return transmission
 
     @cached_property
-    def _way(self) -> Floats:
-        """(pairs,) of a current of 1 from the link the output is seen from to its own."""
-        ways = np.linalg.pinv(self.tree.incidence.T, rcond=1e-9)
-        return ways[:, self.link] - ways[:, self.relative_to]
+    def _path_currents(self) -> Floats:
+        """(pairs,) the currents in all pairs if 1 flows to the output link.
+
+        The current enters at the link from which the output is seen. The sum of the squares
+        of the currents is the resistance rho.
+        """
+        potentials = np.linalg.pinv(self.tree.incidence.T, rcond=1e-9)
+        return potentials[:, self.link] - potentials[:, self.relative_to]
 
 
-def passive(tree: LoopTree, driven: Sequence[int]) -> list[int]:
+def passive_variables(tree: LoopTree, driven: Sequence[int]) -> list[int]:
     """Return the numbers of the variables that no input locks."""
     return [v for v in range(len(tree.owners)) if v not in driven]
 
@@ -144,61 +191,101 @@ def passive(tree: LoopTree, driven: Sequence[int]) -> list[int]:
 def passive_equations(
     tree: LoopTree, driven: Sequence[int], vectors: Floats
 ) -> tuple[Floats, Floats]:
-    """Return orthonormal vectors (n, 3, passive) and the loops (n, 3 loops, passive).
+    """Return the loop equations of the passive variables, on orthonormal bases.
 
-    The loops are those of an orthonormal basis of the cycles, so that their singular
-    values are the sines of the angles between the rates that the passive pairs allow and
-    those that bodies can have.
+    Cycles of the graph and vectors of the variables are orthonormal. The singular values of
+    the equations are therefore sines of the angles between two spaces: that of the rates
+    which the passive pairs allow, and that of the rates which bodies can have.
+
+    Parameters
+    ----------
+    tree, driven
+        The loops, and the variables that inputs lock.
+    vectors
+        (n, variables, 3) vectors of the variables.
+
+    Returns
+    -------
+    columns
+        (n, 3, passive) orthonormal vectors of the variables of each pair.
+    loops
+        (n, 3 loops, passive) coefficients of the rates along these vectors.
     """
-    free = passive(tree, driven)
-    columns = np.swapaxes(_units(tree, vectors)[:, free], 1, 2)
-    through = tree.cycles[:, [tree.owners[v] for v in free]]
-    loops = through[:, None] * columns[:, None]
-    return columns, loops.reshape(len(vectors), 3 * len(through), len(free))
+    passive = passive_variables(tree, driven)
+    columns = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)
+    cycles = tree.cycles[:, [tree.owners[v] for v in passive]]
+    loops = cycles[:, None] * columns[:, None]
+    return columns, loops.reshape(len(vectors), 3 * len(cycles), len(passive))
 
 
-def hold(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
-    """Return (2, n) how locked inputs hold all links, and the part of the greatest hold.
+def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
+    """Return how certainly locked inputs hold all links.
 
-    That is the least singular value of `passive_equations`, and its ratio to the
-    greatest; 0 where any link can move with the inputs at rest, 1 without passive pairs,
-    NaN where the vectors are.
+    Parameters
+    ----------
+    tree, driven
+        The loops, and the variables that inputs lock.
+    vectors
+        (n, variables, 3) vectors of the variables.
+
+    Returns
+    -------
+    (2, n) the smallest singular value of the `passive_equations`, and its ratio to the
+    largest one. They are 0 if a link can move while the inputs rest, 1 without passive
+    pairs, and NaN if the vectors are NaN.
     """
-    made = nans((2, len(vectors)))
-    finite = all_finite(vectors, (1, 2))
-    _, loops = passive_equations(tree, driven, vectors[finite])
-    equations, free = loops.shape[1:]
-    if not free:
-        made[:, finite] = 1.0
-    elif equations < free:
-        made[:, finite] = 0.0
+    authority = nans((2, len(vectors)))
+    is_finite = all_finite(vectors, (1, 2))
+    _, loops = passive_equations(tree, driven, vectors[is_finite])
+    equation_count, passive_count = loops.shape[1:]
+    if not passive_count:
+        authority[:, is_finite] = 1.0
+    elif equation_count < passive_count:
+        authority[:, is_finite] = 0.0
     else:
         sizes = np.linalg.svd(loops, compute_uv=False)
-        made[:, finite] = sizes[:, -1], sizes[:, -1] / sizes[:, 0]
-    return made
+        authority[0, is_finite] = sizes[:, -1]
+        authority[1, is_finite] = sizes[:, -1] / sizes[:, 0]
+    return authority
 
 
-def _units(tree: LoopTree, vectors: Floats) -> Floats:
-    """Return orthonormal vectors (n, variables, 3) for the variables of each pair."""
-    sizes = np.linalg.norm(vectors, axis=2, keepdims=True)
-    units = vectors / np.where(sizes > 0.0, sizes, 1.0)
+def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
+    """Return orthonormal vectors (n, variables, 3) for the variables of each pair.
+
+    Zero vectors stay zero. A pair has at most two variables.
+    """
+    lengths = np.linalg.norm(vectors, axis=2, keepdims=True)
+    units = vectors / np.where(lengths > 0.0, lengths, 1.0)
     for v, owner in enumerate(tree.owners):
         if v and tree.owners[v - 1] == owner:
-            one, other = units[:, v - 1], units[:, v]
-            other -= one * np.sum(one * other, axis=1, keepdims=True)
-            size = np.linalg.norm(other, axis=1, keepdims=True)
-            other /= np.where(size > 0.0, size, 1.0)
+            first, second = units[:, v - 1], units[:, v]
+            second -= first * np.sum(first * second, axis=1, keepdims=True)
+            length = np.linalg.norm(second, axis=1, keepdims=True)
+            second /= np.where(length > 0.0, length, 1.0)
     return units
 
 
-def _by_singular_values(way: Floats, loops: Floats) -> Floats:
-    """Return `way` times the pseudo-inverse of `loops`, (n, 3, equations).
+def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
+    """Return the motion of the output per unit misfit if equations are nearly singular.
 
-    Motions that rounding alone holds, or nothing, are as good as infinite where the output
-    moves in them, and do not count where it rests.
+    A motion of the passive pairs that rounding alone opposes makes the result practically
+    infinite if it moves the output. Otherwise it does not count.
+
+    Parameters
+    ----------
+    output_motion
+        (n, 3, passive) motion of the output per unit rate of each passive variable.
+    loops
+        (n, equations, passive) the loop equations.
+
+    Returns
+    -------
+    (n, 3, equations) `output_motion` times the pseudo-inverse of `loops`.
     """
     left, sizes, right = np.linalg.svd(loops, full_matrices=False)
-    moved = way @ np.swapaxes(right, 1, 2)
-    still = (sizes < 1.0 / LOOSE) & (np.linalg.norm(moved, axis=1) < STILL)
-    by = np.where(still, 0.0, 1.0 / np.maximum(sizes, 1e-300))
-    return (moved * by[:, None]) @ np.swapaxes(left, 1, 2)
+    moved = output_motion @ np.swapaxes(right, 1, 2)
+    is_resting = np.linalg.norm(moved, axis=1) < MIN_OUTPUT_MOTION
+    is_self_motion = (sizes < 1.0 / MAX_INVERSE_ENTRY) & is_resting
+    # The smallest divisor prevents a division by zero.
+    inverse_sizes = np.where(is_self_motion, 0.0, 1.0 / np.maximum(sizes, 1e-300))
+    return (moved * inverse_sizes[:, None]) @ np.swapaxes(left, 1, 2)
