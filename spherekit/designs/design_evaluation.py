@@ -52,7 +52,7 @@ from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.singularities.grashof import class_of, four_bar_links
 from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.design_expressions import DesignExpressions
-from spherekit.velocities.equivalent_linkage import hinged
+from spherekit.velocities.equivalent_linkage import find_equivalent_linkage
 from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.wording import listing
 
@@ -246,7 +246,7 @@ class Evaluator:
         self.figures = KernelFigures(mechanism, merits, samples)
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.figures.columns):
             need_tabulated(mechanism, samples.rows[:, -1])
-        contacts = hinged(mechanism, self.inputs)
+        contacts = find_equivalent_linkage(mechanism, self.inputs)
         self.varied = VariedMechanism(
             document, mechanism, self.variables, self.inputs, contacts, self._masses_follow
         )
@@ -509,7 +509,7 @@ class Evaluator:
         mechanism = designed(self.document, self.variables, design)
         if self.varied.contacts is None:
             return mechanism
-        contacts = hinged(mechanism, self.inputs)
+        contacts = find_equivalent_linkage(mechanism, self.inputs)
         assert contacts is not None
         return contacts.mechanism
 

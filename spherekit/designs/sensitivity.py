@@ -36,7 +36,10 @@ from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.progress import ProgressReporter
 from spherekit.velocities.design_expressions import DesignExpressions
-from spherekit.velocities.equivalent_linkage import EquivalentLinkage, hinged
+from spherekit.velocities.equivalent_linkage import (
+    EquivalentLinkage,
+    find_equivalent_linkage,
+)
 from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.velocities.row_quantities import row_quantities, sample_names
 from spherekit.wording import choices, listing, nearest
@@ -150,7 +153,7 @@ class Sensitivity:
 
     @cached_property
     def _hinged(self) -> EquivalentLinkage | None:
-        return hinged(self.mechanism, self.inputs)
+        return find_equivalent_linkage(self.mechanism, self.inputs)
 
     @cached_property
     def _terms(self) -> DesignExpressions:

@@ -37,7 +37,10 @@ from spherekit.symbolic.frame_expressions import direction_from_angles
 from spherekit.symbolic.vector_algebra import Exprs
 from spherekit.velocities.axis_rotations import pair_rotations
 from spherekit.velocities.design_expressions import DesignExpressions
-from spherekit.velocities.equivalent_linkage import EquivalentLinkage, hinged
+from spherekit.velocities.equivalent_linkage import (
+    EquivalentLinkage,
+    find_equivalent_linkage,
+)
 from spherekit.velocities.load_numbers import (
     list_numbers,
     masses_and_loads,
@@ -313,7 +316,7 @@ class VariedMechanism:
             made = replace_actions(self.mechanism, with_numbers(self.document, acting))
         actions = masses_and_loads(made)
         if self.contacts is not None:
-            with_contacts = hinged(made, self.inputs, self.apart)
+            with_contacts = find_equivalent_linkage(made, self.inputs, self.apart)
             if with_contacts is None or with_contacts.form != self.contacts.form:
                 raise DesignError(UNLIKE)
             contacts = with_contacts.numbers

@@ -55,7 +55,7 @@ from spherekit.symbolic.expression_graph import (
 )
 from spherekit.velocities.axis_rotations import ProfileSide
 from spherekit.velocities.design_expressions import DesignExpressions
-from spherekit.velocities.equivalent_linkage import hinged
+from spherekit.velocities.equivalent_linkage import find_equivalent_linkage
 from spherekit.velocities.load_numbers import list_numbers, masses_and_loads
 from spherekit.velocities.row_quantities import row_quantities
 from spherekit.wording import listing
@@ -109,7 +109,7 @@ def formulas(
     check_variables(document, variables)
     inputs = tuple(made.names_of(driven_pairs(made)))
     wanted = _wanted(made, inputs, quantities)
-    contacts = hinged(made, inputs)
+    contacts = find_equivalent_linkage(made, inputs)
     follows = bool(vary) and any(name.startswith(INERTIAL) for name in wanted)
     varied = VariedMechanism(document, made, variables, inputs, contacts, follows)
     check_numbers_are_followed(varied)

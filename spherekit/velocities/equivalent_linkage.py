@@ -1,10 +1,10 @@
-"""Contacts of circles as links between their centres, and as ratios of wheels.
+"""Replaces contacts of circles by links and constant ratios, so that only R pairs remain.
 
-Where two circles slide on each other, their centres keep their distance: the contact moves
-its links as a link that is hinged at both centres does (two circles on a plane are a
-four-bar; the same holds on the sphere). Circles that roll on a common carrier turn pairs by
-a constant ratio. Positions and modes are then those of R pairs, and what rotations lie
-between the turns of all pairs are numbers, three angles of Euler each.
+If two circles slide on each other, their centres keep their distance. The contact then
+moves its links in the same way as an additional link that is hinged at both centres. (In
+the plane, two circular cams move like a four-bar.) Circles that roll on a common carrier
+turn their pairs at a constant ratio. Positions and assembly modes are therefore those of a
+mechanism of R pairs. Its constant rotations are given by three Euler angles each.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,161 +38,245 @@ from spherekit.velocities.axis_rotations import (
 
 @dataclass(frozen=True)
 class EquivalentLinkage:
-    """A mechanism of R pairs instead of contacts, and the rotations between its turns.
+    """A mechanism of R pairs that moves like a mechanism with contacts of circles.
 
     Attributes
     ----------
-    given
+    contact_mechanism
         The mechanism with contacts.
-    kept, contacts
-        The numbers of its pairs without the contacts that roll; the places of those that
-        slide among them.
-    constants
-        Of the pairs kept (`pair_rotations`): two of an R pair, three of a contact.
-    turns
-        How the variables follow from those of the given mechanism.
+    pairs_without_rolling
+        Numbers of its pairs, without the rolling contacts.
+    sliding
+        Indices, in `pairs_without_rolling`, of the sliding contacts.
+    constant_rotations
+        For each of these pairs the constant rotations (3, 3) of `pair_rotations`: two of an
+        R pair, three of a contact.
+    variable_rotations
+        For each variable of the linkage, its angle as a linear function of a variable of
+        the mechanism with contacts.
     train
-        How pairs follow the inputs through wheels.
+        The ratios of pairs that follow the inputs through wheels, by the numbers of the
+        pairs of the linkage. None without rolling contacts.
     """
 
-    given: Mechanism
-    kept: tuple[int, ...]
-    contacts: tuple[int, ...]
-    constants: tuple[tuple[Floats, ...], ...]
-    turns: tuple[AxisRotation, ...]
+    contact_mechanism: Mechanism
+    pairs_without_rolling: tuple[int, ...]
+    sliding: tuple[int, ...]
+    constant_rotations: tuple[tuple[Floats, ...], ...]
+    variable_rotations: tuple[AxisRotation, ...]
     train: GearTrain | None
 
     @cached_property
     def mechanism(self) -> Mechanism:
         """The mechanism of R pairs."""
-        return _without_contacts(self.given, self.kept, self.contacts, self.constants)
+        return _replace_contacts(
+            self.contact_mechanism,
+            self.pairs_without_rolling,
+            self.sliding,
+            self.constant_rotations,
+        )
 
     @property
     def numbers(self) -> list[float]:
-        """The angles of all rotations (rad) in order, then the numbers of the train."""
-        every = euler_zyz(np.concatenate(self.constants)).ravel().tolist()
-        return every + (self.train.numbers if self.train else [])
+        """The Euler angles (rad) of all constant rotations, then the numbers of the train.
+
+        They determine the linkage among those with the same `form`.
+        """
+        rotations = np.concatenate(self.constant_rotations)
+        euler_angles = euler_zyz(rotations).ravel().tolist()
+        return euler_angles + (self.train.numbers if self.train else [])
 
     @property
     def form(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """What mechanisms of which the same kernel holds have in common."""
-        return self.contacts, self.train.followers if self.train else ()
+        """A key that is equal for linkages to which the same expressions apply."""
+        return self.sliding, self.train.followers if self.train else ()
 
-    def values(self, given: Floats) -> Floats:
-        """Return its variables (n, v) from those of the given mechanism (n, w)."""
+    def values(self, contact_values: Floats) -> Floats:
+        """Return the variables of the linkage from those of the mechanism with contacts.
+
+        Parameters
+        ----------
+        contact_values
+            (n, w) variables of the mechanism with contacts (rad, arc lengths).
+
+        Returns
+        -------
+        (n, v) variables of the linkage (rad).
+        """
         return np.column_stack(
-            [turn.scale * given[:, turn.variable] + turn.offset for turn in self.turns]
+            [
+                rotation.scale * contact_values[:, rotation.variable] + rotation.offset
+                for rotation in self.variable_rotations
+            ]
         )
 
-    def pairs(self, given: Mapping[int, Expr]) -> PairRotations:
-        """Return the pairs of the mechanism with terms for some of the `numbers`."""
+    def pairs(self, symbol_by_index: Mapping[int, Expr]) -> PairRotations:
+        """Return the rotations of the pairs of the linkage, with symbols for some numbers.
+
+        Parameters
+        ----------
+        symbol_by_index
+            Symbols that replace some of the `numbers`, by their index there.
+        """
+        numbers = iter(symbol_by_index.get(k, x) for k, x in enumerate(self.numbers))
         chains: list[JointTransform] = []
-        angles = iter(given.get(k, x) for k, x in enumerate(self.numbers))
-        for number, rotations in enumerate(self.constants):
-            turned = [[next(angles) for _ in range(3)] for _ in rotations]
-            made = [about_z(a) @ _about_y(b) @ about_z(c) for a, b, c in turned]
-            parts: list[tuple[Entries, Entries]] = [(made[0], made[-1])]
-            if number in self.contacts:
-                parts = [(made[0], np.eye(3)), (made[1], made[2])]
-            for first, second in parts:
-                chains.append(JointTransform((first, second), (AxisRotation(len(chains)),)))
-        followers = {}
+        for index, constant_rotations in enumerate(self.constant_rotations):
+            rotations: list[Exprs] = []
+            for _ in constant_rotations:
+                first_angle = next(numbers)
+                second_angle = next(numbers)
+                third_angle = next(numbers)
+                rotations.append(
+                    about_z(first_angle) @ _about_y(second_angle) @ about_z(third_angle)
+                )
+            ends: list[tuple[Entries, Entries]] = [(rotations[0], rotations[-1])]
+            if index in self.sliding:
+                # The link between the centres has two R pairs. Its axes are those of the
+                # second constant rotation.
+                ends = [(rotations[0], np.eye(3)), (rotations[1], rotations[2])]
+            for first, second in ends:
+                variable = len(chains)
+                chains.append(JointTransform((first, second), (AxisRotation(variable),)))
+        followers: dict[int, list[Expr]] = {}
         if self.train is not None:
-            rows = np.array([*angles], dtype=object).reshape(len(self.train.followers), -1)
+            # The remaining numbers: ratios to all inputs and an offset for each follower.
+            rows = np.array([*numbers], dtype=object)
+            rows = rows.reshape(len(self.train.followers), -1)
             followers = dict(zip(self.train.followers, rows.tolist(), strict=True))
         return PairRotations(tuple(chains), {}, followers)
 
 
-def hinged(
-    mechanism: Mechanism, driven: Sequence[str], apart: float = SAME_AXIS_RAD
+def find_equivalent_linkage(
+    mechanism: Mechanism, input_pairs: Sequence[str], max_gap_rad: float = SAME_AXIS_RAD
 ) -> EquivalentLinkage | None:
-    """Return a mechanism driven at pairs without contacts; None if some are of other kinds.
+    """Return the linkage that moves like a mechanism with contacts of circles.
 
-    None too where contacts rub, which pairs between centres do not. Wheels that miss each
-    other by less than `apart` (rad) roll as gears do.
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    input_pairs
+        Names of its input pairs.
+    max_gap_rad
+        Largest gap (rad) between two wheels that count as touching.
+
+    Returns
+    -------
+    EquivalentLinkage or None
+        None if there are no contacts, if a contact is of another kind or has friction
+        (which pairs at the centres do not have), or if wheels are not on a common carrier.
 
     Raises
     ------
     EngineError
-        If profiles of a contact curve into each other.
+        If the profiles of a contact curve into each other.
     """
     joints = make_joints(mechanism)
     contacts = [n for n, joint in enumerate(joints) if joint.contact_profiles]
-    if not contacts or any(isinstance(x, ContactFriction) for x in mechanism.loads):
+    has_friction = any(isinstance(load, ContactFriction) for load in mechanism.loads)
+    if not contacts or has_friction:
         return None
     try:
         pairs = pair_rotations(mechanism)
     except EngineError:
+        # Profiles that are no circles have no rotation about a fixed axis.
         return None
     rolling = [n for n in contacts if mechanism.pairs[n].rolls]
-    contacts = [n for n in contacts if n not in rolling]
-    for n in contacts:
-        one, other = (
-            track.curve.evaluate(np.zeros(1)).curvature
-            for track in joints[n].contact_profiles
+    sliding = [n for n in contacts if n not in rolling]
+    for n in sliding:
+        first_curvature, second_curvature = (
+            profile.curve.evaluate(np.zeros(1)).curvature[0]
+            for profile in joints[n].contact_profiles
         )
-        if one[0] - other[0] < EQUAL_CURVATURE:
+        if first_curvature - second_curvature < EQUAL_CURVATURE:
             raise EngineError(
                 f"{mechanism.name}: pairs.{mechanism.pairs[n].name}: the profiles curve "
                 "into each other, or alike"
             )
     train = None
     if rolling:
-        inputs = [mechanism.pair_number[name] for name in driven]
-        train = wheel_train(mechanism, inputs, apart)
+        inputs = [mechanism.pair_number[name] for name in input_pairs]
+        train = wheel_train(mechanism, inputs, max_gap_rad)
         if train is None:
             return None
-    kept = [n for n in range(len(mechanism.pairs)) if n not in rolling]
-    constants = tuple(
+    remaining = [n for n in range(len(mechanism.pairs)) if n not in rolling]
+    constant_rotations = tuple(
         tuple(np.array(rotation, dtype=float) for rotation in pairs.chains[n].constants)
-        for n in kept
+        for n in remaining
     )
-    turns = [turn for n in kept for turn in pairs.chains[n].rotations]
-    round_ones = tuple(turn for turn in turns if isinstance(turn, AxisRotation))
+    variable_rotations = tuple(
+        rotation
+        for n in remaining
+        for rotation in pairs.chains[n].rotations
+        if isinstance(rotation, AxisRotation)
+    )
     if train is not None:
-        # A contact that slides has two pairs in place of one.
-        places = (kept.index(n) + sum(m < n for m in contacts) for n in train.followers)
-        train = train._replace(followers=tuple(places))
-    slide = tuple(kept.index(n) for n in contacts)
-    return EquivalentLinkage(mechanism, tuple(kept), slide, constants, round_ones, train)
+        # A sliding contact has two pairs in the linkage, so later pairs are shifted by one.
+        followers = tuple(
+            remaining.index(n) + sum(contact < n for contact in sliding)
+            for n in train.followers
+        )
+        train = train._replace(followers=followers)
+    return EquivalentLinkage(
+        contact_mechanism=mechanism,
+        pairs_without_rolling=tuple(remaining),
+        sliding=tuple(remaining.index(n) for n in sliding),
+        constant_rotations=constant_rotations,
+        variable_rotations=variable_rotations,
+        train=train,
+    )
 
 
-def _without_contacts(
+def _replace_contacts(
     mechanism: Mechanism,
-    kept: Sequence[int],
-    contacts: Sequence[int],
-    constants: Sequence[tuple[Floats, ...]],
+    pairs_without_rolling: Sequence[int],
+    sliding: Sequence[int],
+    constant_rotations: Sequence[tuple[Floats, ...]],
 ) -> Mechanism:
-    """Return a mechanism with the pairs that are `kept`, its contacts links."""
-    links, pairs = list(mechanism.links), list[Pair]()
-    frames: tuple[dict[str, Floats], dict[str, Floats]] = {}, {}
+    """Return a mechanism in which sliding contacts are links between the centres.
 
-    def put(pair: Pair, first: Floats, second: Floats) -> None:
+    The parameters are attributes of `EquivalentLinkage`. Joint limits and named modes are
+    left out.
+    """
+    links = list(mechanism.links)
+    pairs: list[Pair] = []
+    # Frames (3, 3) of the pairs in their first and in their second links.
+    first_frames: dict[str, Floats] = {}
+    second_frames: dict[str, Floats] = {}
+
+    def add_pair(pair: Pair, first_frame: Floats, second_frame: Floats) -> None:
         pairs.append(pair)
-        frames[0][pair.name], frames[1][pair.name] = first, second
+        first_frames[pair.name] = first_frame
+        second_frames[pair.name] = second_frame
 
-    for place, (n, rotations) in enumerate(zip(kept, constants, strict=True)):
+    for index, (n, rotations) in enumerate(
+        zip(pairs_without_rolling, constant_rotations, strict=True)
+    ):
         pair = mechanism.pairs[n]
-        if place not in contacts:
-            put(pair, rotations[0], rotations[1].T)
+        if index not in sliding:
+            add_pair(pair, rotations[0], rotations[1].T)
             continue
-        one, other = pair.links
-        bar = f"centres_{pair.name}"
-        while bar in links:
-            bar += "_"
-        links.append(bar)
-        put(Pair(f"{bar}_{one}", "R", (one, bar)), rotations[0], np.eye(3))
-        put(Pair(f"{bar}_{other}", "R", (bar, other)), rotations[1], rotations[2].T)
+        first_link, second_link = pair.links
+        centre_link = f"centres_{pair.name}"
+        while centre_link in links:
+            centre_link += "_"
+        links.append(centre_link)
+        first_pair = Pair(f"{centre_link}_{first_link}", "R", (first_link, centre_link))
+        second_pair = Pair(f"{centre_link}_{second_link}", "R", (centre_link, second_link))
+        add_pair(first_pair, rotations[0], np.eye(3))
+        add_pair(second_pair, rotations[1], rotations[2].T)
     return replace(
         mechanism,
         links=tuple(links),
         pairs=tuple(pairs),
-        geometry=sizes_by_frames(pairs, frames),
+        geometry=sizes_by_frames(pairs, (first_frames, second_frames)),
         joint_limits=(),
         modes={},
     )
 
 
 def _about_y(angle: Expr) -> Exprs:
-    c, s = cosine(angle), sine(angle)
+    """Return the rotation (3, 3) about y by an angle (rad)."""
+    c = cosine(angle)
+    s = sine(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-1.0 * s, 0.0, c]], dtype=object)
