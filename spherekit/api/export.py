@@ -24,8 +24,8 @@ from spherekit.exchange.formula_maker import (
 from spherekit.exchange.latex import latex
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.size_arguments import check_arguments
+from spherekit.exchange.source_head import OTHER_CROSSINGS
 from spherekit.exchange.source_languages import source
-from spherekit.exchange.source_printer import OTHER_CROSSINGS
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.mechanism_writer import dump
 from spherekit.files.study import Crossings

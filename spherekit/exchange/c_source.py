@@ -5,18 +5,16 @@ from collections.abc import Iterator
 from spherekit.arrays import Floats
 from spherekit.escaping import c_comment
 from spherekit.exchange import identifiers
-from spherekit.exchange.source_printer import (
-    CALLS,
-    Function,
+from spherekit.exchange.source_head import head_comment
+from spherekit.exchange.source_language import (
+    UNARY_FUNCTIONS,
     Language,
-    Source,
-    calls,
-    nested,
-    nested_special,
-    wrapped,
+    operation_formats,
 )
+from spherekit.exchange.source_printer import Source, SourceFunction
+from spherekit.exchange.source_text import nested, nested_with_nan, wrap_lines
 
-HELPERS = {
+C_HELPER_BY_OPERATION = {
     "sign": """static inline double sign_of(double x)
 {
     return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x;
@@ -28,58 +26,74 @@ HELPERS = {
 }
 """,
 }
-_TEMPLATE = "template <class Scalar>\n"
-CPP_HELPERS = {
-    "sign": f"""{_TEMPLATE}Scalar sign_of(const Scalar &x)
+"""Functions that C does not have, by the operation of expressions that needs them."""
+
+TEMPLATE_HEAD = "template <class Scalar>\n"
+"""Beginning of a function of any number type."""
+
+CPP_HELPER_BY_OPERATION = {
+    "sign": f"""{TEMPLATE_HEAD}Scalar sign_of(const Scalar &x)
 {{
     return x > Scalar(0) ? Scalar(1) : x < Scalar(0) ? Scalar(-1) : x;
 }}
 """,
-    "maximum": f"""{_TEMPLATE}Scalar larger_of(const Scalar &a, const Scalar &b)
+    "maximum": f"""{TEMPLATE_HEAD}Scalar larger_of(const Scalar &a, const Scalar &b)
 {{
     return a >= b || a != a ? a : b;
 }}
 """,
 }
-# A literal in double would make every operation on a float one in double. Numbers that
-# differentiate themselves are better multiplied by a double than by one of their own.
+"""The same in C++, for any number type."""
+
 CONSTANT_OF = """template <class Scalar>
 struct constant_of {
     typedef typename std::conditional<
         std::is_floating_point<Scalar>::value, Scalar, double>::type type;
 };
 """
-_REAL = "    typedef typename constant_of<Scalar>::type Real;\n"
+"""The type of constants in C++.
 
-_TABLE = """\
+Constants of type double would make every operation on a float one on doubles. Numbers that
+differentiate themselves are better multiplied by a double than by one of their own.
+"""
+
+REAL_TYPE_LINE = "    typedef typename constant_of<Scalar>::type Real;\n"
+"""Line of a C++ function that defines the type of its constants."""
+
+TABLE_FORMAT = """\
     {scalar} table_{{k}}[{{columns}}];
     {{name}}_table_{{k}}({{place}}, table_{{k}});"""
+"""Lines that evaluate a stored series."""
 
 C = Language(
-    "C",
-    calls("", {"sign": "sign_of({0})", "maximum": "larger_of({0}, {1})"}),
-    "    const double {0} = {1};",
-    _TABLE.format(scalar="double"),
-    " * ",
-    c_comment,
-    identifiers.C,
-    HELPERS,
-    "NAN",
+    name="C",
+    operation_formats=operation_formats(
+        "", {"sign": "sign_of({0})", "maximum": "larger_of({0}, {1})"}
+    ),
+    assignment_format="    const double {0} = {1};",
+    table_format=TABLE_FORMAT.format(scalar="double"),
+    comment_prefix=" * ",
+    escape_comment=c_comment,
+    name_rules=identifiers.C,
+    helper_by_operation=C_HELPER_BY_OPERATION,
+    nan_literal="NAN",
 )
 CPP = Language(
-    "C++",
-    calls("", {"sign": "sign_of<Scalar>({0})", "maximum": "larger_of<Scalar>({0}, {1})"}),
-    "    const Scalar {0} = {1};",
-    _TABLE.format(scalar="Scalar"),
-    "// ",
-    c_comment,
-    identifiers.CPP,
-    CPP_HELPERS,
-    "Scalar(NAN)",
-    literal="Real({0})",
+    name="C++",
+    operation_formats=operation_formats(
+        "", {"sign": "sign_of<Scalar>({0})", "maximum": "larger_of<Scalar>({0}, {1})"}
+    ),
+    assignment_format="    const Scalar {0} = {1};",
+    table_format=TABLE_FORMAT.format(scalar="Scalar"),
+    comment_prefix="// ",
+    escape_comment=c_comment,
+    name_rules=identifiers.CPP,
+    helper_by_operation=CPP_HELPER_BY_OPERATION,
+    nan_literal="Scalar(NAN)",
+    literal_format="Real({0})",
 )
 
-SERIES = """\
+SERIES_TEMPLATE = """\
 static void {name}_table_{k}({scalar} s, {scalar} column[{columns}])
 {{
 {alias}    static const {constant} edges[{cells} + 1] = {{
@@ -107,17 +121,21 @@ static void {name}_table_{k}({scalar} s, {scalar} column[{columns}])
     }}
 }}
 """
-CLOSED = "    s = s - floor((s - {low}) / {length}) * {length};\n"
-OPEN = """\
+"""Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
+
+CLOSED_SERIES_TEMPLATE = "    s = s - floor((s - {low}) / {length}) * {length};\n"
+"""Line that moves the variable of a closed curve into its period."""
+
+OPEN_SERIES_TEMPLATE = """\
     if (!(s >= {low} && s <= {high})) {{
         for (int k = 0; k < {columns}; ++k)
             column[k] = NAN;
         return;
     }}
 """
+"""Lines that return NaN outside of an open curve."""
 
-
-SMOOTH = """\
+SMOOTH_MODE_TEMPLATE = """\
 {head}
 {{
     static const double starts[{intervals}] = {{
@@ -131,135 +149,228 @@ SMOOTH = """\
         {mode}[n] = {written};
 {returned}}}
 """
-MOVED = """\
+"""Template of the function that returns the places of a mode on its smooth curve."""
+
+MOVED_INPUT_TEMPLATE = """\
     if (!(q >= {low} && q <= {high})) {{
         const double above = q - floor((q - {low}) / {period}) * {period};
         q = above - {high} > {low} - above + {period} ? above - {period} : above;
     }}
 """
-SMOOTH_INPUTS = """\
+"""Template of the lines that move an input outside of the range by whole periods."""
+
+KNOWN_INPUTS_TEMPLATE = """\
     static const double inputs[{intervals}][{modes}] = {{
     {inputs}}};
 """
+"""Template of the array of known inputs in that function."""
 
 
-def _smooth_head(source: Source, scalar: str) -> str:
-    """Return the head of the function that gives the places of a mode at an input."""
-    returned = "double" if source.of.step else "void"
-    return f"{returned} {source.smooth_name}(int k, double q, {scalar} {source.mode}[])"
-
-
-def _smooth_modes(source: Source, scalar: str) -> Iterator[str]:
-    """Yield the function that gives the places of a mode on its smooth curve."""
-    if source.smooth is None:
-        return
-
-    def array(values: Floats) -> str:
-        return nested_special(values, "{}", "NAN", "INFINITY")[1:-1]
-
-    numbers = source.smooth_numbers
-    inputs = returned = ""
-    if source.of.step:
-        inputs = SMOOTH_INPUTS.format(**{**numbers, "inputs": array(numbers["inputs"])})
-        returned = "    return q == q ? inputs[interval][k] : NAN;\n"
-    value = "q == q ? places[interval][k][n] : NAN"
-    arrays = {key: array(numbers[key]) for key in ("starts", "places")}
-    yield SMOOTH.format(
-        **{**numbers, **arrays, "inputs": inputs},
-        head=_smooth_head(source, scalar),
-        moved=MOVED.format(**numbers) if source.returns else "",
-        written=value if scalar == "double" else f"{scalar}({value})",
-        returned=returned,
-    )
-
-
-def _tables(source: Source, scalar: str, constant: str, alias: str) -> Iterator[str]:
-    literal = source.language.literal
-    for table in source.series:
-        yield SERIES.format(
-            **table,
-            scalar=scalar,
-            constant=constant,
-            alias=alias,
-            zero=literal.format("0.0"),
-            two=literal.format("2.0"),
-            edge_values=wrapped(nested(table["edges"], "{}", literal)[1:-1]),
-            values=wrapped(nested(table["coefficients"], "{}", literal)[1:-1]),
-            around=(CLOSED if table["closed"] else OPEN).format(**table),
-        )
-
-
-def _head(source: Source, function: Function, scalar: str) -> str:
-    mode = f"{scalar} {source.mode}[]"
-    if function.opening:
-        given = f"const {scalar} motion[], {mode}, const {scalar} size[]"
-        return f"{scalar} {function.name}({given})"
-    given = f"const {scalar} motion[], const {mode}, const {scalar} size[]"
-    return f"void {function.name}({given}, {scalar} result[])"
-
-
-def _function(source: Source, function: Function, scalar: str) -> str:
-    unused = [x for x in source.given if x not in function.used]
-    lines = [f"    (void){word};" for word in unused] + function.lines
-    if function.opening:
-        lines += [f"    {source.mode}[{k}] = {x};" for k, x in enumerate(function.results)]
-        lines.append(f"    return {function.opening};")
-    else:
-        named = zip(source.results, function.results, strict=True)
-        lines += [f"    result[{source.name}_{name}] = {x};" for name, x in named]
-    body = "\n".join(lines)
-    alias = _REAL if "Real(" in body else ""
-    return f"{_head(source, function, scalar)}\n{{\n{alias}{body}\n}}\n"
-
-
-def _data(source: Source, storage: str) -> Iterator[str]:
-    """Yield the places of results, the sizes of the file and the assembly modes."""
-    name, of = source.name, source.of
-    names = ",\n".join(f"    {name}_{x} = {k}" for k, x in enumerate(source.results))
-    yield f"enum {{\n{names}\n}};\n"
-    if of.sizes:
-        values = nested([x.value for x in of.sizes], "{}")
-        yield f"{storage}const double {name}_sizes[{len(of.sizes)}] = {values};\n"
-    if of.modes and of.places:
-        shape = f"[{len(of.modes)}][{len(of.places)}]"
-        rows = ",\n    ".join(nested(mode.values, "{}") for mode in of.modes)
-        yield f"{storage}const double {name}_modes{shape} = {{\n    {rows}\n}};\n"
-
-
-def c(source: Source) -> str:
-    """Return C99, to be compiled on its own or included."""
-    declared = [f"{_head(source, x, 'double')};" for x in source.functions]
-    if source.smooth is not None:
-        declared.append(f"{_smooth_head(source, 'double')};")
+def write_c(source: Source) -> str:
+    """Return formulas as C99, to be compiled on its own or included."""
+    declarations = [
+        f"{_function_head(source, function, 'double')};" for function in source.functions
+    ]
+    if source.smooth_modes is not None:
+        declarations.append(f"{_smooth_mode_head(source, 'double')};")
     parts = [
-        f"/*\n{source.comment} */\n#include <math.h>\n",
+        f"/*\n{head_comment(source)} */\n#include <math.h>\n",
         "/* To be declared where they are called. */",
-        *declared,
+        *declarations,
         "",
-        *_data(source, ""),
+        *_write_constants(source, storage=""),
         *source.helpers,
-        *_tables(source, "double", "double", ""),
-        *(_function(source, function, "double") for function in source.functions),
-        *_smooth_modes(source, "double"),
+        *_write_series(source, "double", "double", type_line=""),
+        *(_write_function(source, function, "double") for function in source.functions),
+        *_write_smooth_modes(source, "double"),
     ]
     return "\n".join(parts)
 
 
-def cpp(source: Source) -> str:
-    """Return a header of templates, for numbers that differentiate themselves too."""
+def write_cpp(source: Source) -> str:
+    """Return formulas as a C++ header of templates.
+
+    The number type may be one that differentiates itself.
+    """
     guard = f"{source.name}_HPP"
-    calls_of = "\n".join(f"using std::{x};" for x in ("atan2", "floor", "pow", *CALLS))
-    tables = _tables(source, "Scalar", "Real", _REAL)
+    used_functions = "\n".join(
+        f"using std::{name};" for name in ("atan2", "floor", "pow", *UNARY_FUNCTIONS)
+    )
     includes = "#include <cmath>\n#include <type_traits>\n"
+    series = _write_series(source, "Scalar", "Real", REAL_TYPE_LINE)
     parts = [
-        f"{source.comment}#ifndef {guard}\n#define {guard}\n\n{includes}",
-        f"namespace {source.name}_formulas {{\n\n{calls_of}\n",
+        f"{head_comment(source)}#ifndef {guard}\n#define {guard}\n\n{includes}",
+        f"namespace {source.name}_formulas {{\n\n{used_functions}\n",
         CONSTANT_OF,
-        *_data(source, "static "),
+        *_write_constants(source, storage="static "),
         *source.helpers,
-        *(_TEMPLATE + text.removeprefix("static ") for text in tables),
-        *(_TEMPLATE + _function(source, x, "Scalar") for x in source.functions),
-        *(_TEMPLATE + text for text in _smooth_modes(source, "Scalar")),
+        # A template in a header needs no static.
+        *(TEMPLATE_HEAD + text.removeprefix("static ") for text in series),
+        *(
+            TEMPLATE_HEAD + _write_function(source, function, "Scalar")
+            for function in source.functions
+        ),
+        *(TEMPLATE_HEAD + text for text in _write_smooth_modes(source, "Scalar")),
         "}\n\n#endif\n",
     ]
     return "\n".join(parts)
+
+
+def _write_constants(source: Source, storage: str) -> Iterator[str]:
+    """Yield the indices of results, the sizes of the file and the assembly modes.
+
+    Parameters
+    ----------
+    source
+        The source.
+    storage
+        Storage class of the arrays, with a space, or nothing.
+    """
+    name = source.name
+    formulas = source.formulas
+    enumerators = ",\n".join(
+        f"    {name}_{result} = {index}" for index, result in enumerate(source.result_names)
+    )
+    yield f"enum {{\n{enumerators}\n}};\n"
+    if formulas.sizes:
+        values = nested([size.value for size in formulas.sizes], "{}")
+        count = len(formulas.sizes)
+        yield f"{storage}const double {name}_sizes[{count}] = {values};\n"
+    if formulas.modes and formulas.places:
+        shape = f"[{len(formulas.modes)}][{len(formulas.places)}]"
+        rows = ",\n    ".join(nested(mode.values, "{}") for mode in formulas.modes)
+        yield f"{storage}const double {name}_modes{shape} = {{\n    {rows}\n}};\n"
+
+
+def _write_series(
+    source: Source, scalar: str, constant: str, type_line: str
+) -> Iterator[str]:
+    """Yield the functions that evaluate the stored series.
+
+    Parameters
+    ----------
+    source
+        The source.
+    scalar, constant
+        Types of variables and of constants.
+    type_line
+        Line that defines the type of constants, or nothing.
+    """
+    literal_format = source.language.literal_format
+    for fields in source.series_fields:
+        around_template = (
+            CLOSED_SERIES_TEMPLATE if fields["closed"] else OPEN_SERIES_TEMPLATE
+        )
+        edges = nested(fields["edges"], "{}", literal_format)
+        coefficients = nested(fields["coefficients"], "{}", literal_format)
+        # The template has the outer braces.
+        yield SERIES_TEMPLATE.format(
+            **fields,
+            scalar=scalar,
+            constant=constant,
+            alias=type_line,
+            zero=literal_format.format("0.0"),
+            two=literal_format.format("2.0"),
+            edge_values=wrap_lines(edges[1:-1]),
+            values=wrap_lines(coefficients[1:-1]),
+            around=around_template.format(**fields),
+        )
+
+
+def _function_head(source: Source, function: SourceFunction, scalar: str) -> str:
+    """Return the head of a function of arrays.
+
+    A step of Newton's method changes the variables and returns the closure residual.
+
+    Parameters
+    ----------
+    source, function
+        The source and one of its functions.
+    scalar
+        Number type of its arguments.
+    """
+    mode_parameter = f"{scalar} {source.mode_argument}[]"
+    if function.closure_residual:
+        return (
+            f"{scalar} {function.name}"
+            f"(const {scalar} motion[], {mode_parameter}, const {scalar} size[])"
+        )
+    return (
+        f"void {function.name}(const {scalar} motion[], const {mode_parameter}, "
+        f"const {scalar} size[], {scalar} result[])"
+    )
+
+
+def _write_function(source: Source, function: SourceFunction, scalar: str) -> str:
+    """Return a function of arrays with its body; parameters as of `_function_head`."""
+    # Unused arguments are named, so that compilers do not warn.
+    lines = [
+        f"    (void){argument};"
+        for argument in source.arguments
+        if argument not in function.used_arguments
+    ]
+    lines += function.lines
+    if function.closure_residual:
+        for index, result in enumerate(function.results):
+            lines.append(f"    {source.mode_argument}[{index}] = {result};")
+        lines.append(f"    return {function.closure_residual};")
+    else:
+        for name, result in zip(source.result_names, function.results, strict=True):
+            lines.append(f"    result[{source.name}_{name}] = {result};")
+    body = "\n".join(lines)
+    type_line = REAL_TYPE_LINE if "Real(" in body else ""
+    head = _function_head(source, function, scalar)
+    return f"{head}\n{{\n{type_line}{body}\n}}\n"
+
+
+def _smooth_mode_head(source: Source, scalar: str) -> str:
+    """Return the head of the function of places on smooth curves.
+
+    If positions are not in closed form, it returns a known input.
+    """
+    returned_type = "double" if source.formulas.step else "void"
+    return (
+        f"{returned_type} {source.smooth_function}"
+        f"(int k, double q, {scalar} {source.mode_argument}[])"
+    )
+
+
+def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
+    """Yield the function of the places of a mode on its smooth curve, if there is one.
+
+    Parameters
+    ----------
+    source
+        The source.
+    scalar
+        Number type of the places.
+    """
+    if source.smooth_modes is None:
+        return
+
+    def array_text(values: Floats) -> str:
+        """Return an array without its outer braces, which the template has."""
+        return nested_with_nan(values, "{}", "NAN", "INFINITY")[1:-1]
+
+    fields = source.smooth_mode_fields
+    moved = MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
+    input_lines = ""
+    return_line = ""
+    if source.formulas.step:
+        input_text = array_text(fields["inputs"])
+        input_lines = KNOWN_INPUTS_TEMPLATE.format(**{**fields, "inputs": input_text})
+        return_line = "    return q == q ? inputs[interval][k] : NAN;\n"
+    # NaN is the only number that differs from itself.
+    value = "q == q ? places[interval][k][n] : NAN"
+    texts = {
+        "starts": array_text(fields["starts"]),
+        "places": array_text(fields["places"]),
+        "inputs": input_lines,
+    }
+    yield SMOOTH_MODE_TEMPLATE.format(
+        **{**fields, **texts},
+        head=_smooth_mode_head(source, scalar),
+        moved=moved,
+        written=value if scalar == "double" else f"{scalar}({value})",
+        returned=return_line,
+    )

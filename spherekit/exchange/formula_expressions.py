@@ -1,7 +1,7 @@
 """Data classes for the explicit formulas of a mechanism.
 
-`spherekit.exchange.formula_maker` creates them. `source_printer`, `c_source` and
-`script_source` print them as source code in a programming language.
+`spherekit.exchange.formula_maker` creates them. `spherekit.exchange.source_languages`
+prints them as source code in a programming language.
 
 A *term* is a symbol or an operation in an expression graph. The formulas have three groups
 of arguments:

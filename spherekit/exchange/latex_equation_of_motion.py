@@ -100,9 +100,9 @@ class EquationOfMotion:
         has_several_inputs = formula_list.has_several_inputs
         rates = self._positions.input_rates
         input_count = formula_list.input_count
-        inertia: dict[tuple[int, int], Expr] = dict.fromkeys(
-            product(range(input_count), repeat=2), 0.0
-        )
+        inertia: dict[tuple[int, int], Expr] = {
+            (k, i): 0.0 for k in self._input_indices for i in self._input_indices
+        }
         inertia_forces: list[Expr] = [0.0] * input_count
         inertia_derivative: Expr = 0.0
         for mass in self._mechanism.masses:

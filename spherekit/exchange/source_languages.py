@@ -1,29 +1,45 @@
-"""Formulas as source in a language."""
+"""Formulas as source code in one of the programming languages."""
 
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
-from spherekit.exchange import c_source, script_source, source_printer
+from spherekit.exchange.c_source import CPP, C, write_c, write_cpp
+from spherekit.exchange.casadi_source import CASADI, write_casadi
 from spherekit.exchange.formula_expressions import Formulas
+from spherekit.exchange.javascript_source import JAVASCRIPT, write_javascript
+from spherekit.exchange.julia_source import JULIA, write_julia
+from spherekit.exchange.python_source import PYTHON, write_python
+from spherekit.exchange.source_language import Language
+from spherekit.exchange.source_printer import Source
 
-LANGUAGES: Mapping[
-    str, tuple[source_printer.Language, Callable[[source_printer.Source], str]]
-] = {
-    "c": (c_source.C, c_source.c),
-    "cpp": (c_source.CPP, c_source.cpp),
-    "js": (script_source.JS, script_source.javascript),
-    "python": (script_source.PYTHON, script_source.python),
-    "julia": (script_source.JULIA, script_source.julia),
-    "casadi": (script_source.CASADI, script_source.casadi),
+
+class SourceWriter(NamedTuple):
+    """A language, and the function that writes formulas in it."""
+
+    language: Language
+    write: Callable[[Source], str]
+
+
+WRITERS: Mapping[str, SourceWriter] = {
+    "c": SourceWriter(C, write_c),
+    "cpp": SourceWriter(CPP, write_cpp),
+    "js": SourceWriter(JAVASCRIPT, write_javascript),
+    "python": SourceWriter(PYTHON, write_python),
+    "julia": SourceWriter(JULIA, write_julia),
+    "casadi": SourceWriter(CASADI, write_casadi),
 }
+"""Languages by the names that `spherekit.export` has for them."""
 
 
 def source(formulas: Formulas, language: str) -> str:
-    """Return formulas as source in one of `LANGUAGES`.
+    """Return formulas as source code.
 
-    Raises
-    ------
-    OutputError
-        If names of results are the same in it.
+    Parameters
+    ----------
+    formulas
+        The formulas.
+    language
+        One of the names in `WRITERS`.
     """
-    form, write = LANGUAGES[language]
-    return write(source_printer.Source(formulas, form))
+    writer = WRITERS[language]
+    return writer.write(Source(formulas, writer.language))

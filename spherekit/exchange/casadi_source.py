@@ -1,0 +1,156 @@
+"""Formulas as Python that makes functions of CasADi, of its symbols `SX`.
+
+CasADi differentiates the functions and generates code from them.
+"""
+
+from collections.abc import Iterator
+
+from spherekit.escaping import json_text, python_comment
+from spherekit.exchange import identifiers
+from spherekit.exchange.python_constants import KNOWN_INPUTS_TEXT, write_constants
+from spherekit.exchange.script_parts import (
+    join_items,
+    join_parts,
+    smooth_mode_texts,
+    write_series,
+)
+from spherekit.exchange.source_language import Language, operation_formats
+from spherekit.exchange.source_printer import Source, SourceFunction
+
+CASADI = Language(
+    name="Python",
+    operation_formats=operation_formats(
+        "ca.",
+        {
+            "sign": "ca.sign({0})",
+            "maximum": "ca.fmax({0}, {1})",
+            "**": "{0} ** {1}",
+        },
+    ),
+    assignment_format="    {0} = {1}",
+    table_format="    table_{k} = _table_{k}({place})",
+    comment_prefix="# ",
+    escape_comment=python_comment,
+    name_rules=identifiers.CASADI,
+    helper_by_operation={},
+    nan_literal='float("nan")',
+)
+
+SERIES_TEMPLATE = """
+_EDGES_{k} = {edges}
+_COEFFICIENTS_{k} = {coefficients}
+
+
+def _table_{k}(s):
+{around}    inner = _EDGES_{k}[1:-1]
+    low, high = (ca.pw_const(s, inner, ends) for ends in (_EDGES_{k}[:-1], _EDGES_{k}[1:]))
+    x = ((s - low) + (s - high)) / (high - low)
+    columns = []
+    for column in zip(*_COEFFICIENTS_{k}, strict=True):
+        orders = zip(*column, strict=True)
+        first, *others = (ca.pw_const(s, inner, ca.DM(order)) for order in orders)
+        total, before = 0.0, 0.0
+        for series in reversed(others):
+            total, before = series + 2.0 * x * total - before, total
+        columns.append(first + x * total - before)
+    return columns
+
+"""
+"""Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
+
+CLOSED_SERIES_TEMPLATE = "    s = s - ca.floor((s - {low}) / {length}) * {length}\n"
+"""Line that moves the variable of a closed curve into its period."""
+
+OPEN_SERIES_TEMPLATE = '    s = ca.if_else((s >= {low}) * (s <= {high}), s, float("nan"))\n'
+"""Line that makes the variable NaN outside of an open curve."""
+
+SMOOTH_MODE_TEMPLATE = """
+def {name}(number, q):
+    \"\"\"Return the {mode} of an assembly mode at an input q (rad){more}.\"\"\"
+    mode = list(MODES).index(number)
+    starts = {starts}
+    places = {places}
+{inputs}{moved}    {mode}_there = ca.DM(places[0][mode])
+    {first_input}for interval in range(1, {intervals}):
+        is_beyond = q >= starts[interval]
+        {mode}_there = ca.if_else(
+            is_beyond, ca.DM(places[interval][mode]), {mode}_there
+        )
+{next_input}    return {returned}
+"""
+"""Template of the function that returns the places of a mode on its smooth curve."""
+
+MOVED_INPUT_TEMPLATE = """\
+    above = q - ca.floor((q - {low}) / {period}) * {period}
+    is_nearer_below = above - {high} > {low} - above + {period}
+    above = ca.if_else(is_nearer_below, above - {period}, above)
+    q = ca.if_else((q >= {low}) * (q <= {high}), q, above)
+"""
+"""Template of the lines that move an input outside of the range by whole periods."""
+
+
+def write_casadi(source: Source) -> str:
+    """Return Python functions, each of which returns a function of CasADi."""
+    parts = [
+        write_constants(source, "casadi as ca"),
+        *write_series(
+            source, SERIES_TEMPLATE, CLOSED_SERIES_TEMPLATE, OPEN_SERIES_TEMPLATE
+        ),
+        *(_write_function(source, function) for function in source.functions),
+        *_write_smooth_modes(source),
+    ]
+    return join_parts(source, parts)
+
+
+def _write_function(source: Source, function: SourceFunction) -> str:
+    """Return a Python function that makes a function of CasADi."""
+    formulas = source.formulas
+    lengths = (len(formulas.motion), len(formulas.places), len(formulas.sizes))
+    symbol_lines = [
+        f'    {argument} = ca.SX.sym("{argument}", {length})'
+        for argument, length in zip(source.arguments, lengths, strict=True)
+    ]
+    argument_names = json_text([*source.arguments])
+    residual = f", {function.closure_residual}" if function.closure_residual else ""
+    result_names = '["after", "open"]' if residual else '["result"]'
+    results = join_items(function.results, 8)
+    lines = [
+        *symbol_lines,
+        *function.lines,
+        f"    values = ca.vertcat(\n        {results}\n    )",
+        f"    given = [{', '.join(source.arguments)}]",
+        f'    return ca.Function("{function.name}", given, [values{residual}], '
+        f"{argument_names}, {result_names})",
+    ]
+    body = "\n".join(lines)
+    docstring = f'    """Return the function of {", ".join(source.arguments)}."""'
+    return f"\ndef {function.name}():\n{docstring}\n{body}\n"
+
+
+def _write_smooth_modes(source: Source) -> Iterator[str]:
+    """Yield the function of the places of a mode on its smooth curve, if there is one."""
+    if source.smooth_modes is None:
+        return
+    texts = smooth_mode_texts(source, 'float("nan")', 'float("inf")', MOVED_INPUT_TEMPLATE)
+    input_lines = ""
+    docstring_end = ""
+    first_input = ""
+    next_input = ""
+    returned = f"{source.mode_argument}_there"
+    if source.formulas.step:
+        input_lines = f"    inputs = {texts.inputs}\n"
+        docstring_end = KNOWN_INPUTS_TEXT.replace("inputs", "the input")
+        first_input = "known_input = ca.DM(inputs[0][mode])\n    "
+        next_input = (
+            "        known_input = ca.if_else(\n"
+            "            is_beyond, inputs[interval][mode], known_input\n        )\n"
+        )
+        returned += ", known_input"
+    yield SMOOTH_MODE_TEMPLATE.format(
+        **{**texts.fields, "inputs": input_lines},
+        moved=texts.moved,
+        returned=returned,
+        more=docstring_end,
+        first_input=first_input,
+        next_input=next_input,
+    )

@@ -1,0 +1,133 @@
+"""Formulas as an ES module of JavaScript."""
+
+from collections.abc import Iterator
+
+from spherekit.escaping import javascript_comment, json_text
+from spherekit.exchange import identifiers
+from spherekit.exchange.script_parts import join_parts, smooth_mode_texts, write_series
+from spherekit.exchange.source_language import Language, operation_formats
+from spherekit.exchange.source_printer import Source, SourceFunction
+
+JAVASCRIPT = Language(
+    name="JavaScript",
+    operation_formats=operation_formats(
+        "Math.", {"sign": "Math.sign({0})", "maximum": "Math.max({0}, {1})"}
+    ),
+    assignment_format="  const {0} = {1};",
+    table_format="  const table_{k} = {name}_table_{k}({place});",
+    comment_prefix="// ",
+    escape_comment=javascript_comment,
+    name_rules=identifiers.JAVASCRIPT,
+    helper_by_operation={},
+    nan_literal="NaN",
+)
+
+SERIES_TEMPLATE = """\
+const {name}_edges_{k} = {edges};
+const {name}_coefficients_{k} = {coefficients};
+
+function {name}_table_{k}(s) {{
+  const edges = {name}_edges_{k};
+{around}  let cell = 0, beyond = {cells};
+  while (beyond - cell > 1) {{
+    const middle = (cell + beyond) >> 1;
+    if (s >= edges[middle]) cell = middle;
+    else beyond = middle;
+  }}
+  const low = s - edges[cell], high = s - edges[cell + 1];
+  const x = (low + high) / (edges[cell + 1] - edges[cell]);
+  return {name}_coefficients_{k}[cell].map((series) => {{
+    let sum = 0, before = 0;
+    for (let n = {order} - 1; n > 0; --n)
+      [sum, before] = [series[n] + 2 * x * sum - before, sum];
+    return series[0] + x * sum - before;
+  }});
+}}
+"""
+"""Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
+
+CLOSED_SERIES_TEMPLATE = "  s -= Math.floor((s - {low}) / {length}) * {length};\n"
+"""Line that moves the variable of a closed curve into its period."""
+
+OPEN_SERIES_TEMPLATE = (
+    "  if (!(s >= {low} && s <= {high}))\n    return new Array({columns}).fill(NaN);\n"
+)
+"""Lines that return NaN outside of an open curve."""
+
+SMOOTH_MODE_TEMPLATE = """\
+export function {name}(k, q, {mode} = new Float64Array({count})) {{
+  const starts = {starts};
+  const places = {places};
+{inputs}{moved}  let interval = 0;
+  while (interval + 1 < {intervals} && q >= starts[interval + 1]) ++interval;
+  for (let n = 0; n < {count}; ++n)
+    {mode}[n] = Number.isNaN(q) ? NaN : places[interval][k][n];
+  return {returned};
+}}
+"""
+"""Template of the function that returns the places of a mode on its smooth curve."""
+
+MOVED_INPUT_TEMPLATE = """\
+  if (!(q >= {low} && q <= {high})) {{
+    const above = q - Math.floor((q - {low}) / {period}) * {period};
+    q = above - {high} > {low} - above + {period} ? above - {period} : above;
+  }}
+"""
+"""Template of the lines that move an input outside of the range by whole periods."""
+
+
+def write_javascript(source: Source) -> str:
+    """Return formulas as an ES module: a description of them, and their functions."""
+    formulas = source.formulas
+    description = {
+        "mechanism": formulas.mechanism.name,
+        "motion": [argument.name for argument in formulas.motion],
+        "modes": [mode._asdict() for mode in formulas.modes],
+        "sizes": [size._asdict() for size in formulas.sizes],
+        "results": [
+            {"name": name, "unit": unit} for name, unit in formulas.results.items()
+        ],
+        "closed_form": not formulas.step,
+    }
+    parts = [
+        f"export const {source.name}_about = {json_text(description, indent=1)};\n",
+        *write_series(
+            source, SERIES_TEMPLATE, CLOSED_SERIES_TEMPLATE, OPEN_SERIES_TEMPLATE
+        ),
+        *(_write_function(source, function) for function in source.functions),
+        *_write_smooth_modes(source),
+    ]
+    return join_parts(source, parts)
+
+
+def _write_function(source: Source, function: SourceFunction) -> str:
+    """Return a function that writes its results to an array.
+
+    A step of Newton's method overwrites the variables and returns the closure residual.
+    """
+    parameters = ", ".join(source.arguments)
+    target = source.mode_argument
+    if not function.closure_residual:
+        target = "result"
+        parameters += f", result = new Float64Array({len(function.results)})"
+    lines = [*function.lines]
+    for index, result in enumerate(function.results):
+        lines.append(f"  {target}[{index}] = {result};")
+    lines.append(f"  return {function.closure_residual or target};")
+    body = "\n".join(lines)
+    return f"export function {function.name}({parameters}) {{\n{body}\n}}\n"
+
+
+def _write_smooth_modes(source: Source) -> Iterator[str]:
+    """Yield the function of the places of a mode on its smooth curve, if there is one."""
+    if source.smooth_modes is None:
+        return
+    texts = smooth_mode_texts(source, "NaN", "Infinity", MOVED_INPUT_TEMPLATE)
+    input_lines = ""
+    returned = source.mode_argument
+    if source.formulas.step:
+        input_lines = f"  const inputs = {texts.inputs};\n"
+        returned = "Number.isNaN(q) ? NaN : inputs[interval][k]"
+    yield SMOOTH_MODE_TEMPLATE.format(
+        **{**texts.fields, "inputs": input_lines}, moved=texts.moved, returned=returned
+    )

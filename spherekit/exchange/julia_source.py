@@ -1,0 +1,139 @@
+"""Formulas as functions of vectors in Julia."""
+
+from collections.abc import Iterator
+
+from spherekit.escaping import julia_comment, julia_string
+from spherekit.exchange import identifiers
+from spherekit.exchange.script_parts import (
+    join_items,
+    join_parts,
+    smooth_mode_texts,
+    write_series,
+)
+from spherekit.exchange.source_language import Language, operation_formats
+from spherekit.exchange.source_printer import Source, SourceFunction
+from spherekit.exchange.source_text import nested
+
+ERROR_CONDITIONS = {
+    "sqrt": "x < 0",
+    "asin": "abs(x) > 1",
+    "acos": "abs(x) > 1",
+    "log": "x < 0",
+}
+"""Conditions in which functions of Julia raise an error, instead of returning NaN."""
+
+JULIA = Language(
+    name="Julia",
+    operation_formats=operation_formats(
+        "",
+        {name: f"{name}_or_nan({{0}})" for name in ERROR_CONDITIONS}
+        | {
+            "atan2": "atan({0}, {1})",
+            "sign": "sign({0})",
+            "maximum": "max({0}, {1})",
+            "**": "{0} ^ {1}",
+        },
+    ),
+    assignment_format="    {0} = {1}",
+    table_format="    table_{k} = {name}_table_{k}({place})",
+    comment_prefix="# ",
+    escape_comment=julia_comment,
+    name_rules=identifiers.JULIA,
+    helper_by_operation={
+        name: f"{name}_or_nan(x) = {condition} ? oftype(float(x), NaN) : {name}(x)\n"
+        for name, condition in ERROR_CONDITIONS.items()
+    },
+    nan_literal="NaN",
+    first_index=1,
+)
+
+SERIES_TEMPLATE = """\
+const {name}_edges_{k} = {edges}
+const {name}_coefficients_{k} = {coefficients}
+
+function {name}_table_{k}(s)
+    edges = {name}_edges_{k}
+{around}    cell = clamp(searchsortedlast(edges, s), 1, {cells})
+    x = ((s - edges[cell]) + (s - edges[cell + 1])) / (edges[cell + 1] - edges[cell])
+    map({name}_coefficients_{k}[cell]) do series
+        sum, before = zero(x), zero(x)
+        for n in {order}:-1:2
+            sum, before = series[n] + 2x * sum - before, sum
+        end
+        series[1] + x * sum - before
+    end
+end
+"""
+"""Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
+
+CLOSED_SERIES_TEMPLATE = "    s -= floor((s - {low}) / {length}) * {length}\n"
+"""Line that moves the variable of a closed curve into its period."""
+
+OPEN_SERIES_TEMPLATE = (
+    "    {low} <= s <= {high} || return fill(oftype(float(s), NaN), {columns})\n"
+)
+"""Line that returns NaN outside of an open curve."""
+
+SMOOTH_MODE_TEMPLATE = """\
+function {name}(k, q)
+    starts = {starts}
+    places = {places}
+{inputs}{moved}    interval = max(1, searchsortedlast(starts, q))
+    {mode} = isnan(q) ? fill(NaN, {count}) : Float64.(places[interval][k])
+    return {returned}
+end
+"""
+"""Template of the function that returns the places of a mode on its smooth curve."""
+
+MOVED_INPUT_TEMPLATE = """\
+    if !({low} <= q <= {high})
+        above = q - floor((q - {low}) / {period}) * {period}
+        q = above - {high} > {low} - above + {period} ? above - {period} : above
+    end
+"""
+"""Template of the lines that move an input outside of the range by whole periods."""
+
+
+def write_julia(source: Source) -> str:
+    """Return formulas as functions of vectors, with constants of sizes and modes."""
+    formulas = source.formulas
+    name = source.name
+    modes = ", ".join(f"Float64{nested(mode.values)}" for mode in formulas.modes)
+    result_names = join_items(map(julia_string, formulas.results))
+    sizes = nested([size.value for size in formulas.sizes])
+    parts = [
+        f"const {name}_results = [\n    {result_names}\n]",
+        f"const {name}_sizes = Float64{sizes}",
+        f"const {name}_modes = [{modes}]\n",
+        *write_series(
+            source, SERIES_TEMPLATE, CLOSED_SERIES_TEMPLATE, OPEN_SERIES_TEMPLATE
+        ),
+        *(_write_function(source, function) for function in source.functions),
+        *_write_smooth_modes(source),
+    ]
+    return join_parts(source, parts)
+
+
+def _write_function(source: Source, function: SourceFunction) -> str:
+    """Return a function of its results, and of the closure residual after a step."""
+    residual = f", {function.closure_residual}" if function.closure_residual else ""
+    results = join_items(function.results, 8)
+    lines = [*function.lines, f"    return [\n        {results}\n    ]{residual}"]
+    body = "\n".join(lines)
+    parameters = f"motion, {source.mode_argument}, size={source.name}_sizes"
+    return f"function {function.name}({parameters})\n{body}\nend\n"
+
+
+def _write_smooth_modes(source: Source) -> Iterator[str]:
+    """Yield the function of the places of a mode on its smooth curve, if there is one."""
+    if source.smooth_modes is None:
+        return
+    texts = smooth_mode_texts(source, "NaN", "Inf", MOVED_INPUT_TEMPLATE)
+    input_lines = ""
+    returned = source.mode_argument
+    if source.formulas.step:
+        input_lines = f"    inputs = {texts.inputs}\n"
+        returned += ", isnan(q) ? NaN : inputs[interval][k]"
+    yield SMOOTH_MODE_TEMPLATE.format(
+        **{**texts.fields, "inputs": input_lines}, moved=texts.moved, returned=returned
+    )

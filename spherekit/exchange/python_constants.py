@@ -1,0 +1,42 @@
+"""Constants at the beginning of sources in Python: arguments, results and modes."""
+
+from pprint import pformat
+
+from spherekit.exchange.source_printer import Source
+from spherekit.exchange.source_text import LINE_WIDTH
+
+CONSTANTS_TEMPLATE = """\
+import {library}
+
+MOTION = {motion}
+SIZES = {sizes}
+RESULTS = {results}
+MODES = {modes}
+"""
+
+KNOWN_INPUTS_TEXT = ", and inputs at which it has them"
+"""Part of the docstring of a function that returns known inputs too."""
+
+
+def write_constants(source: Source, library: str) -> str:
+    """Return the import of a library and the constants of a source.
+
+    Parameters
+    ----------
+    source
+        The source.
+    library
+        What follows ``import``.
+    """
+    formulas = source.formulas
+    value_by_field = {
+        "motion": [argument.name for argument in formulas.motion],
+        "sizes": {size.name: size.value for size in formulas.sizes},
+        "results": formulas.results,
+        "modes": {mode.number: mode.values for mode in formulas.modes},
+    }
+    text_by_field = {
+        field: pformat(value, width=LINE_WIDTH, sort_dicts=False)
+        for field, value in value_by_field.items()
+    }
+    return CONSTANTS_TEMPLATE.format(library=library, **text_by_field)

@@ -1,0 +1,140 @@
+"""Formulas as functions of NumPy arrays."""
+
+from collections.abc import Iterator
+
+from spherekit.escaping import python_comment
+from spherekit.exchange import identifiers
+from spherekit.exchange.python_constants import KNOWN_INPUTS_TEXT, write_constants
+from spherekit.exchange.script_parts import (
+    join_items,
+    join_parts,
+    smooth_mode_texts,
+    write_series,
+)
+from spherekit.exchange.source_language import Language, operation_formats
+from spherekit.exchange.source_printer import Source, SourceFunction
+
+PYTHON = Language(
+    name="Python",
+    operation_formats=operation_formats(
+        "np.",
+        {name: f"np.arc{name[1:]}({{0}})" for name in ("asin", "acos", "atan")}
+        | {
+            "atan2": "np.arctan2({0}, {1})",
+            "sign": "np.sign({0})",
+            "maximum": "np.maximum({0}, {1})",
+            "**": "np.power({0}, {1})",
+        },
+    ),
+    assignment_format="        {0} = {1}",
+    table_format="        table_{k} = _table_{k}({place})",
+    comment_prefix="# ",
+    escape_comment=python_comment,
+    name_rules=identifiers.PYTHON,
+    helper_by_operation={},
+    nan_literal="np.nan",
+)
+
+SERIES_TEMPLATE = """
+_EDGES_{k} = np.array(
+    {edges}
+)
+_COEFFICIENTS_{k} = np.array(
+    {coefficients}
+)
+
+
+def _table_{k}(s):
+    s = np.asarray(s, dtype=float)
+{around}    cell = np.searchsorted(_EDGES_{k}[1:-1], s, side="right")
+    low, high = s - _EDGES_{k}[cell], s - _EDGES_{k}[cell + 1]
+    x = (low + high) / (_EDGES_{k}[cell + 1] - _EDGES_{k}[cell])
+    series = np.moveaxis(_COEFFICIENTS_{k}[cell], (-2, -1), (0, 1))
+    total, before = 0.0, 0.0
+    for n in range({order} - 1, 0, -1):
+        total, before = series[:, n] + 2.0 * x * total - before, total
+    return series[:, 0] + x * total - before
+
+"""
+"""Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
+
+CLOSED_SERIES_TEMPLATE = "    s = s - np.floor((s - {low}) / {length}) * {length}\n"
+"""Line that moves the variable of a closed curve into its period."""
+
+OPEN_SERIES_TEMPLATE = "    s = np.where((s >= {low}) & (s <= {high}), s, np.nan)\n"
+"""Line that makes the variable NaN outside of an open curve."""
+
+SMOOTH_MODE_TEMPLATE = """
+def {name}(number, q):
+    \"\"\"Return the {mode} (..., as q) of an assembly mode at inputs q (rad){more}.\"\"\"
+    starts = np.array(
+        {starts}
+    )
+    places = np.array(
+        {places}
+    )
+{inputs}    q = np.asarray(q, dtype=float)
+{moved}    interval = np.searchsorted(starts[1:], q, side="right")
+    mode = list(MODES).index(number)
+    {mode}_there = np.moveaxis(places[interval, mode], -1, 0)
+    return {returned}
+"""
+"""Template of the function that returns the places of a mode on its smooth curve."""
+
+MOVED_INPUT_TEMPLATE = """\
+    above = q - np.floor((q - {low}) / {period}) * {period}
+    above = np.where(above - {high} > {low} - above + {period}, above - {period}, above)
+    q = np.where((q >= {low}) & (q <= {high}), q, above)
+"""
+"""Template of the lines that move an input outside of the range by whole periods."""
+
+
+def write_python(source: Source) -> str:
+    """Return formulas as functions of NumPy arrays."""
+    parts = [
+        write_constants(source, "numpy as np"),
+        *write_series(
+            source, SERIES_TEMPLATE, CLOSED_SERIES_TEMPLATE, OPEN_SERIES_TEMPLATE
+        ),
+        *(_write_function(source, function) for function in source.functions),
+        *_write_smooth_modes(source),
+    ]
+    return join_parts(source, parts)
+
+
+def _write_function(source: Source, function: SourceFunction) -> str:
+    """Return a function of its results, and of the closure residual after a step."""
+    returned = "the RESULTS (results, ...)"
+    residual = ""
+    if function.closure_residual:
+        returned = "variables after a step of Newton's method, and how far loops were open"
+        residual = f", {function.closure_residual}"
+    results = join_items(function.results, 12)
+    arrays = f"np.broadcast_arrays(\n            {results}\n        )"
+    lines = [*function.lines, f"        return np.array({arrays}){residual}"]
+    body = "\n".join(lines)
+    parameters = f"motion, {source.mode_argument}, size=tuple(SIZES.values())"
+    return (
+        f'\ndef {function.name}({parameters}):\n    """Return {returned}."""\n'
+        f'    with np.errstate(all="ignore"):\n{body}\n'
+    )
+
+
+def _write_smooth_modes(source: Source) -> Iterator[str]:
+    """Yield the function of the places of a mode on its smooth curve, if there is one."""
+    if source.smooth_modes is None:
+        return
+    texts = smooth_mode_texts(source, "np.nan", "np.inf", MOVED_INPUT_TEMPLATE)
+    input_lines = ""
+    docstring_end = ""
+    returned = f"np.where(np.isnan(q), np.nan, {source.mode_argument}_there)"
+    if source.formulas.step:
+        input_lines = f"    inputs = np.array(\n        {texts.inputs}\n    )\n"
+        docstring_end = KNOWN_INPUTS_TEXT
+        returned += ", np.where(np.isnan(q), np.nan, inputs[interval, mode])"
+    yield SMOOTH_MODE_TEMPLATE.format(
+        **{**texts.fields, "inputs": input_lines},
+        moved=texts.moved,
+        returned=returned,
+        more=docstring_end,
+    )

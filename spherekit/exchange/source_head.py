@@ -1,0 +1,186 @@
+"""The comment at the head of a source: what it computes, its arguments and its modes."""
+
+from collections.abc import Iterator
+from textwrap import wrap
+
+import numpy as np
+
+from spherekit.escaping import one_line
+from spherekit.exchange.formula_expressions import Mode
+from spherekit.exchange.source_printer import Source
+from spherekit.exchange.source_text import LINE_WIDTH
+from spherekit.version import __version__
+from spherekit.wording import counted, listing
+
+OTHER_CROSSINGS = (
+    "Curves may also cross at inputs that are not known: crossings are found with dyads, "
+    "triads and trains of wheels only"
+)
+"""Sentence on mechanisms of which not all crossings may be known."""
+
+
+def head_comment(source: Source) -> str:
+    """Return the head of a source as a comment of its language."""
+    language = source.language
+    comment = ""
+    for line in _head_lines(source):
+        comment_line = language.comment_prefix + language.escape_comment(line)
+        comment += comment_line.rstrip() + "\n"
+    return comment
+
+
+def _head_lines(source: Source) -> Iterator[str]:
+    """Yield the lines of the head, without the marks of a comment."""
+    formulas = source.formulas
+    mechanism = formulas.mechanism
+    title = f"{mechanism.name}: {formulas.title}, made by spherekit {__version__}."
+    yield from wrap(title, LINE_WIDTH)
+    if mechanism.source:
+        yield from wrap(one_line(mechanism.source.citation), LINE_WIDTH)
+    for sentence in _renaming_sentences(source):
+        yield from wrap(sentence, LINE_WIDTH)
+    yield ""
+    yield from wrap(_method_sentences(source), LINE_WIDTH)
+    if source.smooth_modes is not None:
+        yield from wrap(_smooth_mode_sentences(source), LINE_WIDTH)
+    yield from _argument_lines(source)
+    yield ""
+    yield "assembly modes, each with inputs (rad) at which it is known:"
+    for position, mode in enumerate(formulas.modes):
+        yield from _mode_lines(source, position, mode)
+    for reason in formulas.mode_table.left_out:
+        yield from wrap(f"  not written: {reason}", LINE_WIDTH, subsequent_indent="    ")
+    if formulas.mode_table.compared:
+        yield from wrap(_comparison_sentences(source), LINE_WIDTH)
+
+
+def _argument_lines(source: Source) -> Iterator[str]:
+    """Yield a list of the elements of each argument and of the result, with units."""
+    formulas = source.formulas
+    place_note = "rad" if formulas.step else "+1 or -1: the side of a dyad"
+    notes_by_array = {
+        "motion": [(argument.name, argument.unit) for argument in formulas.motion],
+        source.mode_argument: [(name, place_note) for name in formulas.places],
+        "size": [
+            (size.name, f"{size.unit}; {size.key} = {size.value:.12g}")
+            for size in formulas.sizes
+        ],
+        "result": [*formulas.results.items()],
+    }
+    for array_name, elements in notes_by_array.items():
+        yield ""
+        yield f"{array_name}:" if elements else f"{array_name}: none"
+        for index, (name, note) in enumerate(elements, source.language.first_index):
+            yield f"  [{index}] {name} ({note})" if note else f"  [{index}] {name}"
+
+
+def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
+    """Yield the lines on an assembly mode, and on its changes along a smooth curve.
+
+    Parameters
+    ----------
+    source
+        The source.
+    position
+        Position of the mode in the table of modes.
+    mode
+        The mode.
+    """
+    place_text = ", ".join(f"{value:.9g}" for value in mode.values) or "none"
+    input_text = ", ".join(f"{q:.6g}" for q in mode.at)
+    yield (
+        f"  {mode.number} ({mode.name}): {source.mode_argument} {place_text}; inputs "
+        f"{input_text}"
+    )
+    if source.smooth_modes is None:
+        return
+    pieces = source.smooth_modes.pieces(position)
+    if len(pieces) < 2:  # The mode has the same places everywhere.
+        return
+    for start, known_input, places in pieces:
+        place_text = ", ".join(f"{value:.9g}" for value in places)
+        yield (
+            f"    from {start:.6g} rad on: {source.mode_argument} {place_text}; "
+            f"input {known_input:.6g}"
+        )
+
+
+def _method_sentences(source: Source) -> str:
+    """Return the sentences on how positions are computed."""
+    if source.formulas.step:
+        return (
+            f"Loops are closed by steps of Newton's method, {source.name}_step, from the "
+            "variables of a mode below or of the sample before: repeat until what it "
+            "returns, by how much loops were open (rad), is small."
+        )
+    method = "Nothing is iterated; results are NaN where the mode does not close."
+    if source.formulas.mode_table.smooth is not None:
+        return method
+    return method + (
+        " A mode is one side of each dyad: where a dyad is in line at an input, at a "
+        "change point, a motion without a jump may continue on the other side."
+    )
+
+
+def _smooth_mode_sentences(source: Source) -> str:
+    """Return the sentences on modes that follow smooth curves through crossings."""
+    smooth_modes = source.smooth_modes
+    assert smooth_modes is not None
+    range_text = f"between {smooth_modes.low:.6g} and {smooth_modes.high:.6g} rad"
+    unknown = "" if smooth_modes.are_all_known else f" {OTHER_CROSSINGS}."
+    if not smooth_modes.crossings and smooth_modes.are_all_known:
+        return f"A mode is a smooth curve. No curves cross {range_text}."
+    if not smooth_modes.crossings:
+        return f"A mode is a smooth curve as far as crossings are known.{unknown}"
+    # Adding zero turns -0.0 into 0.0.
+    crossings = listing(f"{q + 0.0:.6g}" for q in np.round(smooth_modes.crossings, 12))
+    if source.formulas.step:
+        use = (
+            f"{source.smooth_function} gives variables of a mode, and the input at which "
+            "it has them, on the same side of all crossings as an input: steps from there "
+            "pass no crossing, where Newton's method may go on along either curve."
+        )
+    else:
+        use = (
+            f"{source.smooth_function} gives the sides of the dyads of a mode at an input. "
+            "They change at crossings, and are NaN within 1e-6 rad of these."
+        )
+    if np.isfinite(smooth_modes.period):
+        use += (
+            " An input outside of the range is moved by whole periods into it, or as "
+            "near as they lead."
+        )
+    return (
+        f"A mode is a smooth curve. Curves cross {range_text} at {crossings} rad. "
+        f"{use}{unknown}"
+    )
+
+
+def _comparison_sentences(source: Source) -> str:
+    """Return the sentences on the comparison of modes before the source was written."""
+    table = source.formulas.mode_table
+    difference = f"to {table.largest_difference:.1e} rad"
+    if source.formulas.step:
+        result = f"Steps from variables beside a configuration return to it {difference}."
+    else:
+        result = f"All pair variables agree {difference}."
+    return (
+        "Before this file was written, each mode was compared with the mechanism at "
+        f"{counted(table.compared, 'input')} or more. {result}"
+    )
+
+
+def _renaming_sentences(source: Source) -> Iterator[str]:
+    """Yield the sentences on names that the language does not allow."""
+    name = source.formulas.mechanism.name
+    if source.name != name:
+        yield (
+            f"The mechanism {name} is called {source.name} here, as names in "
+            f"{source.language.name} "
+            "cannot begin with a digit or be words that it or its libraries use."
+        )
+    for result, result_name in zip(
+        source.formulas.results, source.result_names, strict=True
+    ):
+        if result_name != result:
+            yield f"The result {result} is called {result_name} here."
