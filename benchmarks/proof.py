@@ -17,8 +17,8 @@ from spherekit.completeness import Guarantee
 from spherekit.mechanism.elements import Input, PoseGeometry
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_enumeration import assemblies
-from spherekit.positions.input_turning_points import input_turning_points
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
+from spherekit.positions.input_turning_points import find_input_turning_points
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.proof.certified_modes import certified_modes
 from spherekit.proof.configuration_curves import certified_curves
@@ -95,7 +95,7 @@ def certified_at_inputs(
         written = Written.of(made)
         start = process_time()
         solver = PositionSolver(made, plan_assembly(made))
-        found = assemblies(solver, np.zeros(1))
+        found = enumerate_assemblies(solver, np.zeros(1))
         middle = process_time()
         modes = certified_modes(written, ("0",))
         ratios.append((process_time() - middle) / (middle - start))
@@ -135,14 +135,14 @@ def _over_turns(
             parts = curves.intervals
             middle = process_time()
             solver = PositionSolver(made, plan_assembly(made))
-            input_turning_points(solver, 0.0, 2.0 * math.pi)
+            find_input_turning_points(solver, 0.0, 2.0 * math.pi)
             ratios.append((middle - start) / (process_time() - middle))
             times.append(middle - start)
             if curves.claim.guarantee is not Guarantee.CERTIFIED:
                 continue
             certified += 1
             found = [
-                len(assemblies(solver, np.array([0.5 * (low + high)])).values)
+                len(enumerate_assemblies(solver, np.array([0.5 * (low + high)])).values)
                 for low, high, _ in parts
             ]
             other += found != [modes for _, _, modes in parts]

@@ -11,7 +11,7 @@ from independent import multi_start
 
 import spherekit as sk
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.elimination import solve_by_elimination
 from spherekit.positions.elimination_order import find_elimination_orders
 from spherekit.positions.group_assembly import group_closure
@@ -31,10 +31,10 @@ def made_of(chain, driven, axes):
 
 
 def solved(made, q=None):
-    """Return the solver, its group closure and all assemblies at inputs q, 0 by default."""
+    """Return the solver, and all configurations at inputs q, 0 by default."""
     solver = PositionSolver(made, plan_assembly(made))
     q = np.zeros(len(solver.driven)) if q is None else np.asarray(q, dtype=float)
-    return solver, assemblies(solver, q)
+    return solver, enumerate_assemblies(solver, q)
 
 
 def alone(made):
@@ -45,13 +45,13 @@ def alone(made):
 
 
 def poses(solver, found):
-    """Return orientations (modes, links, 3, 3) and closure gaps of assemblies."""
+    """Return orientations (modes, links, 3, 3) and closure gaps of configurations."""
     at = solver.closure.at(found.values)
     return at.placed, at.residual
 
 
 def check_complete(chain, driven, axes, random, starts, roots):
-    """Compare the assemblies with a search; return how many modes both have."""
+    """Compare the configurations with a search; return how many modes both have."""
     made = made_of(chain, driven, axes)
     solver, found = solved(made)
     assert found.methods[0].description == f"elimination: all {roots} complex roots"
@@ -154,7 +154,7 @@ def test_a_platform_that_can_move_is_searched_and_said_to_be(monkeypatch):
     result = solve_by_elimination(group, closure)
     assert "infinitely many" in result.problem and not len(result.angles)
     monkeypatch.setattr(
-        "spherekit.positions.group_solutions.search", lambda *a: SearchStatistics(9)
+        "spherekit.positions.group_solutions.search_group", lambda *a: SearchStatistics(9)
     )
     _, method = find_group_configurations(group, closure)
     said = "search (there are infinitely many complex solutions): 0 random starts"

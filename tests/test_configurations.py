@@ -9,11 +9,11 @@ import spherekit as sk
 from spherekit.completeness import Guarantee
 from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.driving_pair import choose_driving_pair
 from spherekit.positions.input_turning_points import (
     InputTurningPoints,
-    input_turning_points,
+    find_input_turning_points,
 )
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
@@ -91,12 +91,14 @@ def test_components_between_five_equally_spaced_inputs_are_found():
     )
     assert len(tracer.assembly_modes) == 10
     probed = TURN * (np.arange(5) + 0.5) / 5.0
-    met = np.concatenate([assemblies(solver, np.array([q])).values for q in probed])
+    met = np.concatenate(
+        [enumerate_assemblies(solver, np.array([q])).values for q in probed]
+    )
     hidden = [c.curve for c in found.curves if np.all(np.isnan(c.curve.find(met)))]
     spans = sorted(np.degrees(turning_inputs(solver, c)).tolist() for c in hidden)
     assert np.allclose(spans[0], [4.040, 352.884], atol=2e-3)
     assert np.allclose(spans[1:], [[118.793, 140.852], [324.223, 346.282]], atol=2e-3)
-    met = input_turning_points(solver, 0.0, TURN).places
+    met = find_input_turning_points(solver, 0.0, TURN).places
     turned = np.sort([q for c in found.curves for q in turning_inputs(solver, c.curve)])
     assert np.allclose(turned, met, rtol=0, atol=1e-5)
 

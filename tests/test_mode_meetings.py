@@ -25,7 +25,7 @@ from spherekit.numerics.angles import wrap
 from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.positions.angle_unwrapping import continue_angles
 from spherekit.positions.curve_continuation import follow_arc
-from spherekit.positions.input_turning_points import input_turning_points
+from spherekit.positions.input_turning_points import find_input_turning_points
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.configuration_curves import certified_curves
 
@@ -41,7 +41,7 @@ def loaded(text):
 def contradictions(text, low, high):
     """Return in what the claim of a run and its inputs contradict what is proven."""
     position_analysis = PositionAnalysis(loaded(text), samples=10)
-    found = input_turning_points(position_analysis.solver, *position_analysis.range)
+    found = find_input_turning_points(position_analysis.solver, *position_analysis.range)
     proven = certified_curves(written_of(text), (str(low), str(high)))
     named = [meeting.input for meeting in position_analysis.mode_meetings]
     crossed = [

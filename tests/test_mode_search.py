@@ -10,12 +10,12 @@ import spherekit as sk
 from spherekit import progress
 from spherekit.cli.main import main
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_enumeration import assemblies, random_starts
+from spherekit.positions.assembly_enumeration import enumerate_assemblies, random_starts
 from spherekit.positions.group_assembly import group_closure
 from spherekit.positions.group_solutions import find_group_configurations, mode_sort_key
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.positions.random_search import STARTS, SearchStatistics
+from spherekit.positions.random_search import STARTS_PER_ROUND, SearchStatistics
 
 
 def solver_of(made):
@@ -38,14 +38,16 @@ def chain(links):
 def test_modes_are_those_of_an_independent_search(made, least):
     turns, links = multi_start(made, np.random.default_rng(0), 400)
     solver = solver_of(made)
-    placed = solver.closure.at(assemblies(solver, np.zeros(1)).values).placed
+    placed = solver.closure.at(enumerate_assemblies(solver, np.zeros(1)).values).placed
     assert len(turns) >= least and lacking(turns, placed[:, links], 1e-5) == 0
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_reference_pose_is_found_whatever_the_starts(seed, monkeypatch):
-    monkeypatch.setattr("spherekit.positions.random_search.SearchStatistics.goes_on", False)
-    found = assemblies(solver_of(ten_bar(seed)), np.zeros(1)).values
+    monkeypatch.setattr(
+        "spherekit.positions.random_search.SearchStatistics.needs_more_starts", False
+    )
+    found = enumerate_assemblies(solver_of(ten_bar(seed)), np.zeros(1)).values
     assert min(np.max(np.abs(values)) for values in found) < 1e-9
 
 
@@ -62,8 +64,10 @@ def test_curves_that_are_short_along_the_input_are_met():
     swing = values[:, solver.input_variable]
     assert np.all(np.abs(swing) <= np.pi)
     assert np.ptp(swing[np.abs(swing) < 0.1]) < np.radians(1.5)
-    assert np.sum(np.abs(swing) < 0.1) > 0.2 * STARTS
-    assert np.sum(np.abs(swing) > 0.1) > 0.2 * STARTS  # the mirror image of the dyad
+    assert np.sum(np.abs(swing) < 0.1) > 0.2 * STARTS_PER_ROUND
+    assert (
+        np.sum(np.abs(swing) > 0.1) > 0.2 * STARTS_PER_ROUND
+    )  # the mirror image of the dyad
 
 
 def test_the_share_that_is_stated_is_missed_so_rarely():
@@ -73,11 +77,11 @@ def test_the_share_that_is_stated_is_missed_so_rarely():
     for _ in range(150):
         shares = random.dirichlet(np.full(12, 0.5))
         census, numbers = SearchStatistics(12), {}
-        while census.goes_on:
-            drawn = random.choice(12, STARTS, p=shares)
+        while census.needs_more_starts:
+            drawn = random.choice(12, STARTS_PER_ROUND, p=shares)
             met = [numbers.setdefault(int(each), len(numbers)) for each in drawn]
-            census.add(STARTS, np.array(met), len(numbers))
-        likely = {k for k, share in enumerate(shares) if share >= census.share}
+            census.add(STARTS_PER_ROUND, np.array(met), len(numbers))
+        likely = {k for k, share in enumerate(shares) if share >= census.missed_share}
         judged += len(likely)
         missed += len(likely - set(numbers))
     assert judged > 1000 and missed < 0.01 * judged
@@ -85,20 +89,22 @@ def test_the_share_that_is_stated_is_missed_so_rarely():
 
 def test_a_search_goes_on_while_it_finds_little():
     census = SearchStatistics(12)
-    census.add(STARTS, np.repeat([0, 1], [100, 2]), 2)
-    census.add(STARTS, np.repeat([0, 1], [100, 2]), 2)
-    assert census.goes_on
-    census.add(STARTS, np.repeat([0, 1], [100, 4]), 2)
-    assert not census.goes_on
+    census.add(STARTS_PER_ROUND, np.repeat([0, 1], [100, 2]), 2)
+    census.add(STARTS_PER_ROUND, np.repeat([0, 1], [100, 2]), 2)
+    assert census.needs_more_starts
+    census.add(STARTS_PER_ROUND, np.repeat([0, 1], [100, 4]), 2)
+    assert not census.needs_more_starts
     said = "576 random starts, 308 closed on 2 modes, on each at least 8 times"
-    assert said in census.words("modes")
+    assert said in census.describe("modes")
     rare = SearchStatistics(12)
-    rare.add(STARTS, np.array([0, 0, 1]), 2)
-    assert "on 1 of them at most once, so that about 33.3%" in rare.words("modes")
+    rare.add(STARTS_PER_ROUND, np.array([0, 0, 1]), 2)
+    assert "on 1 of them at most once, so that about 33.3%" in rare.describe("modes")
     nothing = SearchStatistics(12)
-    while nothing.goes_on:
-        nothing.add(STARTS, np.zeros(0, dtype=np.intp), 0)
-    assert nothing.starts == 4 * STARTS and "none closed" in nothing.words("modes")
+    while nothing.needs_more_starts:
+        nothing.add(STARTS_PER_ROUND, np.zeros(0, dtype=np.intp), 0)
+    assert nothing.starts == 4 * STARTS_PER_ROUND and "none closed" in nothing.describe(
+        "modes"
+    )
 
 
 def test_a_long_search_says_what_it_does_unless_it_is_to_be_quiet(capsys, monkeypatch):

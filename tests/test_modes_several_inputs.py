@@ -20,7 +20,7 @@ from spherekit.files.mechanism_reader import loads
 from spherekit.mechanism.joint import revolute
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.positions import configuration_graph
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.configuration_graph import ConfigurationGraph
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
@@ -100,7 +100,9 @@ def independent_counts(tracer):
 
 def count_one_by_one(tracer):
     """Return how many configurations elimination finds at each sample on its own."""
-    return np.array([len(assemblies(tracer.solver, q).values) for q in tracer.input_grid.q])
+    return np.array(
+        [len(enumerate_assemblies(tracer.solver, q).values) for q in tracer.input_grid.q]
+    )
 
 
 def run_in(folder, *arguments):
@@ -267,7 +269,9 @@ def test_modes_of_dyads_at_all_samples_of_a_grid(size):
         tracer = PositionAnalysis(made, samples=(size, size))
         motion = tracer.motion()
         chosen = np.random.default_rng(seed).choice(size**2, size, replace=False)
-        alone = [len(assemblies(solver, tracer.input_grid.q[k]).values) for k in chosen]
+        alone = [
+            len(enumerate_assemblies(solver, tracer.input_grid.q[k]).values) for k in chosen
+        ]
         assert count_rows(motion, size**2)[chosen].tolist() == alone
         found += 1
     assert found >= 3
@@ -397,7 +401,7 @@ def test_a_limit_of_modes_is_said():
     """A chain of dyads with more modes than are kept, on the screen and from Python."""
     made = chain_of_dyads(2, 16)
     solver = PositionSolver(made, plan_assembly(made))
-    everything = assemblies(solver, np.zeros(1))
+    everything = enumerate_assemblies(solver, np.zeros(1))
     assert len(everything.signs) > 64 and everything.is_complete
     assert len(set(everything.signs)) == len(everything.signs)
     words = "the first 64 modes are kept, and there are more"
@@ -414,7 +418,7 @@ def test_a_limit_of_modes_is_said():
 def test_a_chain_of_26_links_has_608_modes():
     made = chain_of_dyads(1, 26)
     solver = PositionSolver(made, plan_assembly(made))
-    found = assemblies(solver, np.zeros(1))
+    found = enumerate_assemblies(solver, np.zeros(1))
     assert len(found.values) == 608 and found.is_complete
     at = solver.closure.at(found.values)
     assert np.max(at.gap) < 1e-12
@@ -426,12 +430,12 @@ def test_a_chain_of_26_links_has_608_modes():
 def test_a_limit_of_configurations_at_an_input_is_said(monkeypatch):
     made = chain_of_dyads(2, 16)
     solver = PositionSolver(made, plan_assembly(made))
-    count = len(assemblies(solver, np.zeros(1)).signs)
+    count = len(enumerate_assemblies(solver, np.zeros(1)).signs)
     for most, complete in ((count, True), (count - 1, False), (5, False)):
         monkeypatch.setattr(
-            "spherekit.positions.assembly_enumeration.MOST_CONFIGURATIONS", most
+            "spherekit.positions.assembly_enumeration.MAX_CONFIGURATIONS", most
         )
-        found = assemblies(solver, np.zeros(1))
+        found = enumerate_assemblies(solver, np.zeros(1))
         assert len(found.values) == min(most, count)
         assert found.is_complete == complete == (not found.is_truncated)
         told = any("kept, there are more" in method.description for method in found.methods)
@@ -440,7 +444,7 @@ def test_a_limit_of_configurations_at_an_input_is_said(monkeypatch):
 
 def test_a_limit_of_modes_over_samples_is_said(monkeypatch):
     monkeypatch.setattr("spherekit.positions.modes_over_samples.MOST_MODE_ROWS", 0)
-    monkeypatch.setattr("spherekit.positions.modes_over_samples.MOST_ASSEMBLY_MODES", 5)
+    monkeypatch.setattr("spherekit.positions.modes_over_samples.MAX_ASSEMBLY_MODES", 5)
     tracer = PositionAnalysis(wide("three_rrr"), samples=30)
     assert len(tracer.assembly_modes) == 5
     assert "the 5 assembly modes with most samples are kept of" in tracer.search
@@ -496,7 +500,10 @@ def test_random_chains_with_several_inputs(seed):
     motion = tracer.motion()
     assert count_repeats(motion) == 0
     chosen = random.choice(len(tracer.input_grid), 16, replace=False)
-    alone = [len(assemblies(tracer.solver, tracer.input_grid.q[k]).values) for k in chosen]
+    alone = [
+        len(enumerate_assemblies(tracer.solver, tracer.input_grid.q[k]).values)
+        for k in chosen
+    ]
     if "all configurations at each" in tracer.search:
         assert count_rows(motion, len(tracer.input_grid))[chosen].tolist() == alone
     pose = sk.trace(made, path=np.zeros((1, len(inputs))))

@@ -15,7 +15,7 @@ from spherekit.cli.main import main
 from spherekit.completeness import Guarantee
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.proof.balls import floats, middles, upper
 from spherekit.proof.certificate import modes_certificate
@@ -50,7 +50,7 @@ def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     assert modes.claim.guarantee is Guarantee.CERTIFIED
     mechanism = modes.written.mechanism
     solver = PositionSolver(mechanism, plan_assembly(mechanism))
-    found = assemblies(solver, np.radians([float(value) for value in inputs]))
+    found = enumerate_assemblies(solver, np.radians([float(value) for value in inputs]))
     assert len(found.values) == len(modes.real)
     balls = np.array(modes.angles())
     assert max(map(upper, (balls - middles(balls)).flat)) < 1e-15

@@ -6,7 +6,7 @@ from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
 from exact_rest import exact_rest
 
 from spherekit.completeness import Guarantee
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.single_freedom import SingleFreedomSingularities
@@ -80,7 +80,7 @@ def check_counts(tracer, found, analysis, points):
         [analysis.curve_motions[p.curve].curve.at(p.s).bends[0, single] for p in dead]
     )
     inputs = np.sort(np.random.default_rng(1).uniform(-np.pi, np.pi, INPUTS))
-    modes = [assemblies(tracer.solver, np.array([q])) for q in inputs]
+    modes = [enumerate_assemblies(tracer.solver, np.array([q])) for q in inputs]
     assert all(each.is_complete for each in modes)
     counts = [*(len(each.values) for each in modes), *found.counts.tolist()]
     for q, count in zip([*inputs, *found.inputs], counts, strict=True):

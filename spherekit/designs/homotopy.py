@@ -19,7 +19,7 @@ from spherekit.designs.path_kernel import NewtonStep, PathKernel
 from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.positions.elimination_order import find_elimination_orders, has_elimination
-from spherekit.positions.input_turning_points import ModeCoalescence
+from spherekit.positions.mode_coalescence import ModeCoalescence
 from spherekit.positions.position_solver import PositionSolver
 
 SOON = 2.0**-8

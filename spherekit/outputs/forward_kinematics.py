@@ -23,7 +23,7 @@ from spherekit.mechanism.mechanism import Mechanism, chosen_output
 from spherekit.numerics.angles import wrap
 from spherekit.outputs.wheel_revolutions import find_assembled_configuration
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
 from spherekit.positions.input_grid import make_path
 from spherekit.positions.motion import Motion
@@ -120,7 +120,7 @@ def find_configurations(
     for number, q in enumerate(inputs):
         if not all_finite(q):
             continue
-        solutions = assemblies(solver, q)
+        solutions = enumerate_assemblies(solver, q)
         complete[number] = solutions.is_complete
         for mode, closed_values in zip(solutions.signs, solutions.values, strict=True):
             if released is None:

@@ -31,7 +31,7 @@ from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture, named
 from spherekit.outputs.rotation_path import UNDETERMINED_CONDITION
 from spherekit.outputs.target_deviation import OutputLink
 from spherekit.outputs.virtual_output import COORDINATES, with_wrist
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.assembly_mode import label_of
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
@@ -186,7 +186,7 @@ class PoseFinder:
                 )
 
     def _assembled(self, inputs: Floats) -> PoseCandidates:
-        here = assemblies(self.solver, inputs)
+        here = enumerate_assemblies(self.solver, inputs)
         if not here.signs:
             degrees = zip(self.mechanism.input_pairs, np.degrees(inputs), strict=True)
             raise SolveError(

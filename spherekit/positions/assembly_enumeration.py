@@ -1,7 +1,8 @@
-"""The closed configurations of a mechanism at given inputs, or over their ranges.
+"""Finds the closed configurations of a mechanism at given inputs, or over their ranges.
 
-All at one choice of the inputs are found group after group in the order of planning: both
-modes of a dyad, and of an irreducible group all that elimination or a search finds.
+At one choice of the inputs, the groups are placed one after another in solving order. A
+dyad has two modes, in closed form; an irreducible group has all modes that elimination or a
+search finds. Each mode of a group is combined with all modes of the groups after it.
 """
 
 from collections.abc import Iterator
@@ -38,41 +39,47 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import (
     POLISHING_STEPS,
     SEED,
-    STARTS,
-    Distinct,
-    damped,
-    search,
+    STARTS_PER_ROUND,
+    DistinctConfigurations,
+    descend_to_closure,
+    search_group,
     starting_range,
 )
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
-FLAT_SIGN = 1e-8
-"""Groups of a smaller reciprocal condition have no sign."""
+SIGN_RECIPROCAL_CONDITION = 1e-8
+"""Groups of a smaller reciprocal condition number have no sign.
 
-
-MOST_ASSEMBLY_MODES = 64
-"""Assembly modes of one run; a mechanism of many dyads has 2 to their number."""
-
-
-MOST_CONFIGURATIONS = 4096
-"""Configurations of a mechanism at one choice of its inputs."""
-
-
+Larger: more configurations near dead centres have no sign. Smaller: signs can be rounding.
+"""
+MAX_ASSEMBLY_MODES = 64
+"""Assembly modes of one run. A mechanism of n dyads has up to 2^n."""
+MAX_CONFIGURATIONS = 4096
+"""Configurations of a mechanism at one choice of its inputs. Larger: more memory."""
 RANGE_ROUNDS = 4
-"""Rounds of a search over a range at least."""
+"""Least number of rounds of random starts over a range of inputs."""
+START_RECIPROCAL_CONDITION = 1e-5
+"""Configurations of smaller reciprocal condition are left out of a search over a range.
+
+Two modes near a dead centre are not distinguished. Larger: more modes are missed. Smaller:
+one mode may be found as two.
+"""
 
 
-FLAT = 1e-5
-"""Configurations nearer to a dead centre (relative singular value) are not told apart."""
+class ConfigurationsAtInput(NamedTuple):
+    """The k closed configurations of a mechanism that were found at one choice of inputs.
 
-
-class Assemblies(NamedTuple):
-    """The k modes at one choice of the inputs.
-
-    `signs` are those of dyads, `values` (k, variables) rad; `methods[g]` says how the modes
-    of group g were found: the least complete way, None if none of the groups before closes.
-    `is_truncated` says that there are more than `MOST_CONFIGURATIONS`, of which the first
-    are here.
+    Attributes
+    ----------
+    signs
+        For each configuration the sign of each group: +1 or -1 for dyads, 0 for others.
+    values
+        (k, variables) pair variables (rad).
+    methods
+        How the modes of each group were found. If they were found for several modes of the
+        groups before, it is the least complete method. None if no group before closes.
+    is_truncated
+        Whether there are more configurations than `MAX_CONFIGURATIONS`.
     """
 
     signs: tuple[tuple[int, ...], ...]
@@ -82,123 +89,187 @@ class Assemblies(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether no real mode can be missing."""
+        """Whether no real configuration can be missing."""
         return all_complete(self.methods) and not self.is_truncated
 
 
-def assemblies(solver: PositionSolver, q: Floats) -> Assemblies:
-    """Return every mode found at inputs q (inputs,), and how."""
-    methods: list[SolutionMethod | None] = [None] * len(solver.assembly.groups)
-    searched = any(
-        not group.revolute and number not in solver.wheel_trains
-        for number, group in enumerate(solver.assembly.groups)
+def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtInput:
+    """Return all configurations that are found at inputs q (inputs,) in rad."""
+    groups = solver.assembly.groups
+    gear_phases = solver.gear_phases
+    has_general_contacts = any(
+        not group.revolute and position not in solver.wheel_trains
+        for position, group in enumerate(groups)
     )
-    if searched and solver.gear_phases is not None and solver.gear_phases.all_known:
-        there = _modes_in_mesh(solver, solver.gear_phases, q)
-        signs = tuple(signs_at(solver, values) for values in there)
-        return Assemblies(signs, there, (SEARCH,) * len(methods))
-    every = chains(solver, q[None], MOST_CONFIGURATIONS + 1, methods)
-    is_truncated = len(every) > MOST_CONFIGURATIONS
-    every = every[:MOST_CONFIGURATIONS]
+    if has_general_contacts and gear_phases is not None and gear_phases.all_known:
+        values = _search_in_gear_phase(solver, gear_phases, q)
+        signs = tuple(signs_at(solver, row) for row in values)
+        return ConfigurationsAtInput(signs, values, (SEARCH,) * len(groups))
+    methods: list[SolutionMethod | None] = [None] * len(groups)
+    # One more than the limit shows whether there are more.
+    modes = enumerate_modes(solver, q[None], MAX_CONFIGURATIONS + 1, methods)
+    is_truncated = len(modes) > MAX_CONFIGURATIONS
+    modes = modes[:MAX_CONFIGURATIONS]
     if is_truncated:
-        words = f"the first {MOST_CONFIGURATIONS} configurations are kept, there are more"
-        methods[-1] = SolutionMethod(words, 1.0)
-    values = np.reshape(
-        [state.values[0] for _, state in every], (-1, len(solver.mechanism.variable_owners))
-    )
-    signs = tuple(signs for signs, _ in every)
-    return Assemblies(signs, values, tuple(methods), is_truncated)
+        description = (
+            f"the first {MAX_CONFIGURATIONS} configurations are kept, there are more"
+        )
+        methods[-1] = SolutionMethod(description, 1.0)
+    variable_count = len(solver.mechanism.variable_owners)
+    values = np.reshape([state.values[0] for _, state in modes], (-1, variable_count))
+    signs = tuple(signs for signs, _ in modes)
+    return ConfigurationsAtInput(signs, values, tuple(methods), is_truncated)
 
 
-def _modes_in_mesh(solver: PositionSolver, meshes: GearPhases, q: Floats) -> Floats:
-    """Return the closed configurations (n, variables) found with wheels in mesh."""
-    near = q - whole_laps(q - meshes.anchor, meshes.periods)
-    held = np.append(near, meshes.rolled_lengths(near[None]))[None]
-    locked = solver.closure.locked([*solver.driven, *meshes.variables], held)
-    distinct = Distinct(locked)
-    search(locked, distinct)
+def _search_in_gear_phase(
+    solver: PositionSolver, gear_phases: GearPhases, q: Floats
+) -> Floats:
+    """Search configurations (n, variables) of a mechanism with wheels, by random starts.
+
+    The wheels have the rolled lengths that follow from the inputs q (inputs,) in rad.
+    """
+    # Whole periods are removed, since start values are near the anchor, and added again.
+    near_anchor = q - whole_laps(q - gear_phases.anchor, gear_phases.periods)
+    rolled_lengths = gear_phases.rolled_lengths(near_anchor[None])
+    locked_values = np.append(near_anchor, rolled_lengths)[None]
+    locked_variables = [*solver.driven, *gear_phases.variables]
+    closure = solver.closure.locked(locked_variables, locked_values)
+    distinct = DistinctConfigurations(closure)
+    search_group(closure, distinct)
     values = np.reshape(distinct.values, (-1, len(solver.closure.tree.owners)))
     return solver.shift_inputs(values, q[None])
 
 
-def chains(
+def enumerate_modes(
     solver: PositionSolver,
     q: Floats,
-    most: int,
+    max_modes: int,
     methods: list[SolutionMethod | None] | None = None,
 ) -> list[tuple[tuple[int, ...], AssemblyState]]:
-    """Return dyad signs and states of the modes that close at any of inputs q (n, inputs).
+    """Return the modes of a mechanism that close at any of some inputs.
 
-    At most so many. The `methods` of groups are noted; those other than dyads and trains of
-    wheels are placed at a single input.
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    q
+        (n, inputs) values of the inputs (rad). Only one row if there are groups other than
+        dyads and trains of wheels.
+    max_modes
+        Largest number of modes that are returned.
+    methods
+        The least complete method of each group is stored in this list.
+
+    Returns
+    -------
+    The signs of the groups in each mode, and the placed bodies at all n inputs.
     """
+    group_count = len(solver.assembly.groups)
 
-    def extend(
+    def place_next_groups(
         state: AssemblyState, signs: tuple[int, ...]
     ) -> Iterator[tuple[tuple[int, ...], AssemblyState]]:
-        number = len(signs)
-        if number == len(solver.assembly.groups):
+        """Yield all modes in which the first groups have these signs and this state."""
+        position = len(signs)
+        if position == group_count:
             yield signs, state
             return
-        grown, method = _grown(solver, state, number, q)
+        states_by_mode, method = _place_group_modes(solver, state, position, q)
         if methods is not None:
-            methods[number] = least_complete(methods[number], method)
-        for sign, further in grown:
-            yield from extend(further, (*signs, sign))
+            methods[position] = least_complete(methods[position], method)
+        for sign, next_state in states_by_mode:
+            yield from place_next_groups(next_state, (*signs, sign))
 
     with np.errstate(invalid="ignore", divide="ignore"):
-        return list(islice(extend(solver.start(q), ()), most))
+        return list(islice(place_next_groups(solver.start(q), ()), max_modes))
 
 
-def _grown(
-    solver: PositionSolver, state: AssemblyState, number: int, q: Floats
+def _place_group_modes(
+    solver: PositionSolver, state: AssemblyState, position: int, q: Floats
 ) -> tuple[list[tuple[int, AssemblyState]], SolutionMethod]:
-    """Return the states in which a group is placed, with dyad signs, and the method.
+    """Place a group in each of its modes.
 
-    It is the group of that number; q (n, inputs) are the inputs.
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    state
+        The bodies placed so far, which are not changed.
+    position
+        Position of the group in solving order.
+    q
+        (n, inputs) values of the inputs (rad).
+
+    Returns
+    -------
+    states_by_mode
+        For each mode that closes at some input: the sign of the group, which is 0 unless it
+        is a dyad, and the new state.
+    method
+        How the modes were found.
     """
-    group, grown = solver.assembly.groups[number], []
-    if group.is_dyad or number in solver.wheel_trains:
+    group = solver.assembly.groups[position]
+    states_by_mode: list[tuple[int, AssemblyState]] = []
+    if group.is_dyad or position in solver.wheel_trains:
         for sign in (1, -1) if group.is_dyad else (0,):
-            further = state.copy()
-            if sign:
-                place_dyad(further, group, sign)
+            next_state = state.copy()
+            if group.is_dyad:
+                place_dyad(next_state, group, sign)
             else:
-                further.is_open |= ~(
-                    solver.place_wheel_train(further, number, q).gap < CLOSURE_TOLERANCE
-                )
-            if not np.all(further.is_open):
-                grown.append((sign, further))
-        return grown, CLOSED_FORM
-    reference = solver.reference
+                closure = solver.place_wheel_train(next_state, position, q)
+                next_state.is_open |= ~(closure.gap < CLOSURE_TOLERANCE)
+            if not np.all(next_state.is_open):
+                states_by_mode.append((sign, next_state))
+        return states_by_mode, CLOSED_FORM
     variables = group_variables(state, group)
-    given = None if reference is None else reference[None, variables]
-    closure = group_closure(state, group)
-    configurations, method = find_group_configurations(group, closure, given)
+    start_values = None
+    if solver.reference is not None:
+        start_values = solver.reference[None, variables]
+    group_loops = group_closure(state, group)
+    configurations, method = find_group_configurations(group, group_loops, start_values)
     if configurations:
-        at = closure.solve(np.array(configurations))
+        at = group_loops.solve(np.array(configurations))
         for row, values in enumerate(at.values):
-            further = state.copy()
-            further.merge(group, at.placed[row : row + 1])
-            further.values[:, variables] = values
-            grown.append((0, further))
-    return grown, method
+            next_state = state.copy()
+            next_state.merge(group, at.placed[row : row + 1])
+            next_state.values[:, variables] = values
+            states_by_mode.append((0, next_state))
+    return states_by_mode, method
 
 
 def signs_at(solver: PositionSolver, values: Floats) -> tuple[int, ...]:
-    """Return the dyad signs of a closed configuration (variables,), 0 for other groups."""
-    signs = zip(
-        solver.assembly.groups, group_signs(solver, values[None], 0.0)[0], strict=True
-    )
-    return tuple((1 if sign >= 0 else -1) if g.is_dyad else 0 for g, sign in signs)
+    """Return the sign of each group in a closed configuration (variables,).
 
-
-def group_matrices(solver: PositionSolver, at: Linearisation, number: int) -> Floats:
-    """Return matrices (n, k, m) of a group, whose determinants tell its modes apart.
-
-    A dyad's axes, the velocity equations of another group.
+    It is 1 or -1 for dyads, and 0 for other groups.
     """
-    group = solver.assembly.groups[number]
+    determinant_signs = group_signs(solver, values[None], 0.0)[0]
+    signs = []
+    for group, sign in zip(solver.assembly.groups, determinant_signs, strict=True):
+        if group.is_dyad:
+            signs.append(1 if sign >= 0 else -1)
+        else:
+            signs.append(0)
+    return tuple(signs)
+
+
+def group_matrices(solver: PositionSolver, at: Linearisation, position: int) -> Floats:
+    """Return the matrices of a group whose determinants distinguish its modes.
+
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    at
+        Its closure at n configurations.
+    position
+        Position of the group in solving order.
+
+    Returns
+    -------
+    (n, 3, 3) axes of the three pairs of a dyad in rows, or (n, 3 loops, variables) matrices
+    of the velocity equations of another group.
+    """
+    group = solver.assembly.groups[position]
     if group.is_dyad:
         return at.axes[:, list(group.pairs)]
     variables = [v for pair in group.pairs for v in solver.mechanism.variables_of(pair)]
@@ -206,24 +277,36 @@ def group_matrices(solver: PositionSolver, at: Linearisation, number: int) -> Fl
 
 
 def group_signs(
-    solver: PositionSolver, values: Floats, least: float = FLAT_SIGN
+    solver: PositionSolver, values: Floats, least: float = SIGN_RECIPROCAL_CONDITION
 ) -> SmallIntegers:
-    """Return the signs (n, groups) that tell modes of closed configurations apart.
+    """Return the signs that distinguish the modes of each group.
 
-    Of the triple product of a dyad's axes and of the determinant of another group's
-    velocity equations: 0 where their reciprocal condition is below the `least`, and of
-    groups that have none, but 1 of these where the `least` is 0.
+    They are the signs of the determinants of the `group_matrices`: for a dyad, of the
+    triple product of its axes.
+
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    values
+        (n, variables) closed configurations (rad).
+    least
+        Least reciprocal condition number of a matrix with a sign.
+
+    Returns
+    -------
+    (n, groups) signs. 0 if the matrix is worse conditioned than `least`. Matrices that are
+    not square have the sign 0; if `least` is 0 they have the sign 1.
     """
     at = solver.closure.at(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
-    for number in range(signs.shape[1]):
-        matrices = group_matrices(solver, at, number)
+    for position in range(signs.shape[1]):
+        matrices = group_matrices(solver, at, position)
         _, rows, columns = matrices.shape
-        signs[:, number] = np.nan_to_num(determinant_sign(matrices))
+        signs[:, position] = np.nan_to_num(determinant_sign(matrices))
         if least:
-            signs[:, number] *= (rows == columns) & (
-                condition_numbers(matrices) < 1.0 / least
-            )
+            is_regular = condition_numbers(matrices) < 1.0 / least
+            signs[:, position] *= (rows == columns) & is_regular
     return signs
 
 
@@ -234,47 +317,67 @@ def random_starts(
     samples: Floats | None = None,
     seed: int = SEED,
 ) -> Iterator[tuple[int, Floats, Indices]]:
-    """Yield what rounds of random starts over a range lead to, the same ones every time.
+    """Yield closed configurations that random starts over a range of inputs lead to.
 
-    `RANGE_ROUNDS` rounds first, then one after another: how many starts, configurations
-    (k, variables) that close, and the sample (k,) of each where the inputs are kept. Those
-    whose contacts do not exist, or that lie at a dead centre, are left out.
+    The first `RANGE_ROUNDS` rounds are yielded together, then one round after another. They
+    are the same in every run. Configurations whose contacts do not exist, or that are near
+    a dead centre, are left out.
 
     Parameters
     ----------
+    solver
+        The mechanism.
     low, high
-        (inputs,) rad, the range.
+        (inputs,) ranges of the inputs (rad).
     samples
-        (n, inputs) the inputs to start at if they are to be kept.
+        (n, inputs) inputs (rad) at which the starts have to close. If they are not given,
+        the inputs are drawn from the range, and change with the passive variables until
+        the loops close.
+    seed
+        Seed of the random numbers.
+
+    Yields
+    ------
+    starts
+        Number of starts of the round.
+    values
+        (k, variables) closed configurations (rad).
+    rows
+        (k,) sample of each configuration, 0 if there are no samples.
     """
-    random, closure, meshes = (
-        np.random.default_rng(seed),
-        solver.closure,
-        solver.gear_phases,
-    )
+    random = np.random.default_rng(seed)
+    closure = solver.closure
+    gear_phases = solver.gear_phases
     driven = list(solver.driven)
     first, last = starting_range(closure)
-    first[driven], last[driven] = low, high
-    rolled = [] if meshes is None else list(meshes.variables)
-    held = driven + rolled if meshes is not None or samples is not None else []
+    first[driven] = low
+    last[driven] = high
+    # Rolled lengths follow from the inputs. So both are kept if there are wheels.
+    rolled = [] if gear_phases is None else list(gear_phases.variables)
+    keeps_inputs = gear_phases is not None or samples is not None
+    held = driven + rolled if keeps_inputs else []
     is_input = np.isin(np.arange(len(first)), driven)
-    least, most = np.where(is_input, first, -np.inf), np.where(is_input, last, np.inf)
-    turning = [v for v in solver.angles if v not in driven]
-    for count in chain([RANGE_ROUNDS], repeat(1)):
-        values = random.uniform(first, last, (count * STARTS, len(first)))
-        rows = np.zeros(len(values), dtype=np.intp)
+    lower_limits = np.where(is_input, first, -np.inf)
+    upper_limits = np.where(is_input, last, np.inf)
+    passive_angles = [v for v in solver.angles if v not in driven]
+    for rounds in chain([RANGE_ROUNDS], repeat(1)):
+        starts = random.uniform(first, last, (rounds * STARTS_PER_ROUND, len(first)))
+        rows = np.zeros(len(starts), dtype=np.intp)
         if samples is not None:
-            rows = random.integers(0, len(samples), len(values))
-            values[:, driven] = samples[rows]
-        with np.errstate(all="ignore"):
-            if meshes is not None:
-                values[:, rolled] = meshes.rolled_lengths(values[:, driven])
-            values, near = damped(closure, values, held, least, most)
-            at = closure.solve(values[near], driven + rolled, iterations=POLISHING_STEPS)
-            reciprocal_condition = group_reciprocal_condition(at.jacobian[:, :, ~is_input])
-            good = (at.gap < CLOSURE_TOLERANCE) & np.all(at.states.inside, axis=1)
-            good &= (reciprocal_condition > FLAT) & ~has_penetration(
-                closure.joints, at.states
+            rows = random.integers(0, len(samples), len(starts))
+            starts[:, driven] = samples[rows]
+        with np.errstate(all="ignore"):  # Starts that fail can become infinite.
+            if gear_phases is not None:
+                starts[:, rolled] = gear_phases.rolled_lengths(starts[:, driven])
+            values, is_near_closed = descend_to_closure(
+                closure, starts, held, lower_limits, upper_limits
             )
-        at.values[:, turning] = wrap(at.values[:, turning])
-        yield len(near), at.values[good], rows[near][good]
+            at = closure.solve(
+                values[is_near_closed], driven + rolled, iterations=POLISHING_STEPS
+            )
+            reciprocal_condition = group_reciprocal_condition(at.jacobian[:, :, ~is_input])
+            is_good = (at.gap < CLOSURE_TOLERANCE) & np.all(at.states.inside, axis=1)
+            is_good &= reciprocal_condition > START_RECIPROCAL_CONDITION
+            is_good &= ~has_penetration(closure.joints, at.states)
+        at.values[:, passive_angles] = wrap(at.values[:, passive_angles])
+        yield len(starts), at.values[is_good], rows[is_near_closed][is_good]

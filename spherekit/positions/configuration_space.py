@@ -1,11 +1,11 @@
 """All configuration curves of a mechanism, and the assembly modes that lie on each.
 
-An assembly mode is followed over the range of an input; it ends where the input has a
-dead centre, and there another one begins. Followed in arc length they are one curve.
+An assembly mode is followed over the range of an input. It ends where the input has a dead
+centre, and another mode begins there. In its own arc length both are one curve.
 
-The curves do not depend on which pair is called the input. So they are looked for with
-the pair whose modes, and the inputs at which these meet, are known with the least work;
-what the given input says is an independent check.
+The curves do not depend on which pair is the input. They are therefore searched with the
+pair for which the modes, and the inputs at which these meet, take the least work. The modes
+of the given input are an independent check.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,7 +20,11 @@ from spherekit.conventions import Names
 from spherekit.errors import SolveError
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
-from spherekit.positions.assembly_enumeration import RANGE_ROUNDS, assemblies, random_starts
+from spherekit.positions.assembly_enumeration import (
+    RANGE_ROUNDS,
+    enumerate_assemblies,
+    random_starts,
+)
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import follow_arc
@@ -29,7 +33,7 @@ from spherekit.positions.driving_pair import choose_driving_pair
 from spherekit.positions.input_revolutions import in_range, turns_in_range
 from spherekit.positions.input_turning_points import (
     InputTurningPoints,
-    input_turning_points,
+    find_input_turning_points,
 )
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.positions.random_search import SEED, SearchStatistics
@@ -37,39 +41,66 @@ from spherekit.progress import ProgressReporter
 from spherekit.status import Status
 from spherekit.wording import counted
 
-PROBED = 181
-"""Inputs over the range from which curves are followed where none is known yet."""
-SAME_CONFIGURATION = 1e-6
-"""An assembly mode and a curve whose variables differ by less (rad) agree."""
-LONGEST = 200.0
-"""Length (rad) after which a curve that does not close is ended in each sense. Where wheels
-count turns of the input, and return within twice as much, it gets the length to close."""
-LAP = 8.0
+START_INPUTS = 181
+"""Inputs over the range at which modes are the starts of curves.
+
+Larger: more time. Smaller: curves of short modes can be missed.
+"""
+SAME_MIDDLE_RAD = 1e-6
+"""A piece belongs to the assembly mode whose variables at its middle differ by less.
+
+Larger: a neighbouring mode near a crossing may be taken. Smaller: rounding errors leave
+pieces without a mode.
+"""
+LONGEST_CURVE_RAD = 200.0
+"""Length after which a curve that does not close is ended in each sense.
+
+A curve gets at least `LAP_PERIODS` times the period of the input, which exceeds one
+revolution if wheels count them, unless the period is more than twice this length.
+"""
+LAP_PERIODS = 8.0
 """A lap of a curve is shorter than so many periods of the input."""
-STEP = np.radians(2.0)
-"""Distance (rad) of inputs with all modes where those at which they meet are not known."""
-SHORTEST = 1e-6
-"""Cuts of a curve (rad) nearer to each other than this are one."""
-CHECKED = 12
-"""Inputs over the range at which modes are counted besides those they were sought at."""
-MOST_CURVES = 64
-"""Curves that are followed; a chain of many dyads can have more."""
-NEAR_DEAD = 1e-6
-"""Inputs (rad) nearer to a dead point than this are not counted at."""
-NEAR_CROSSING = 1e-3
-"""Configurations (rad) nearer to a crossing of curves than this are not start of one."""
+PROBE_STEP_RAD = np.radians(2.0)
+"""Distance of the inputs at which modes are computed where their meetings are unknown.
+
+Larger: short components of curves are missed. Smaller: more time.
+"""
+SAME_CUT_RAD = 1e-6
+"""Cuts of a curve (in arc length) that are nearer to each other are one cut."""
+CHECKED_INPUTS = 12
+"""Inputs over the range at which modes are counted, only to check the curves."""
+MAX_CURVES = 64
+"""Curves up to which a random search continues. A chain of many dyads can have more."""
+NEAR_TURN_RAD = 1e-6
+"""Inputs nearer to the end of a piece are not checked, because of rounding errors."""
+NEAR_CROSSING_RAD = 1e-3
+"""Distance from a crossing of curves at which nothing is checked.
+
+Inputs nearer to that of a crossing are not checked, and failures of curves that start
+nearer to a crossing are no problem.
+"""
 
 
 class Piece(NamedTuple):
-    """The part of a curve from `start` to `stop` (s in rad) that is one assembly mode.
+    """A part of a configuration curve that is one assembly mode.
 
-    The input only rises or only falls in it, from `lowest` to `highest`, and lies in its
-    range. `assembly_mode` is None for what the curve reaches and none of the assembly modes
-    given holds: a mode that the search for them missed, or wheels in mesh a turn later.
-    `stop` may be beyond the length of a closed curve: the piece holds the point s = 0.
-    `shift` (rad) is by how much the input is greater than on the curve: in a range of
-    several turns the same part of a curve is as many pieces. `middle` (variables,) is its
-    middle point, the input in the range.
+    Along it the input only rises or only falls, and is in its range.
+
+    Attributes
+    ----------
+    assembly_mode
+        Number of the mode; None if the curve reaches configurations that no given mode has.
+        The search for modes has then missed one, or wheels are in mesh a revolution later.
+    middle
+        (variables,) configuration at the middle of the piece (rad), the input in the range.
+    start, stop
+        Arc lengths (rad) of its ends. `stop` exceeds the length of a closed curve if the
+        piece contains the point s = 0.
+    shift
+        By how much the input is greater than on the curve (rad). In a range of several
+        revolutions the same part of a curve is several pieces.
+    lowest, highest
+        The range of the input in the piece (rad).
     """
 
     assembly_mode: int | None
@@ -84,13 +115,25 @@ class Piece(NamedTuple):
 def monotone_pieces(
     curve: ArcCurve, driven: int, low: float, high: float, period: float
 ) -> list[Piece]:
-    """Return the parts of a curve on which an input only rises or falls, in order.
+    """Divide a curve into parts on which the input only rises or only falls.
 
-    Those of a range of the variable `driven`, from `low` to `high` (rad), their assembly
-    modes unknown. Where the range is longer than what the curve returns with, the same part
-    is there again for each time that the input passes it. A curve on which the input stands
-    still is one part. `period` is the growth of the variable with which the same
-    configurations return, infinite where only the curve itself can say so.
+    Parameters
+    ----------
+    curve
+        The curve. If the input is constant on it, it is one part.
+    driven
+        Number of the variable of the input.
+    low, high
+        Range of the input (rad).
+    period
+        Growth of the input (rad) after which the same configurations return; infinite or
+        NaN as in `ArcCurve.returns_after`.
+
+    Returns
+    -------
+    The pieces within the range in order of arc length, without their assembly modes. If the
+    range is longer than the period, the same part of the curve is a piece each time that
+    the input passes it.
     """
     period = curve.returns_after(driven, period)
     zeros = (
@@ -100,49 +143,64 @@ def monotone_pieces(
     )
     cuts = np.unique(np.concatenate([zero.places for zero in zeros]))
     if curve.closed:
+        # The last part ends where the first one begins, one lap later.
         cuts = cuts if len(cuts) else np.zeros(1)
         cuts = np.append(cuts, cuts[0] + curve.length)
     else:
         cuts = np.concatenate([[0.0], cuts, [curve.length]])
-    cuts = cuts[np.append(True, np.diff(cuts) > SHORTEST)]
-    middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
-    turned, which = turns_in_range(middles[:, driven], low, high, period)
-    inside = in_range(turned, low, high)
-    which = which[inside]
-    ends = cuts[[which, which + 1]]
-    middles = middles[which]
-    shifts = turned[inside] - middles[:, driven]
-    middles[:, driven] = turned[inside]
-    inputs = [curve.at(end).values[:, driven] + shifts for end in ends]
-    numbers = [*ends, shifts, np.minimum(*inputs), np.maximum(*inputs)]
-    return list(map(Piece, [None] * len(which), middles, *np.array(numbers).tolist()))
+    cuts = cuts[np.append(True, np.diff(cuts) > SAME_CUT_RAD)]
+    part_middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
+    shifted_inputs, parts = turns_in_range(part_middles[:, driven], low, high, period)
+    is_inside = in_range(shifted_inputs, low, high)
+    parts = parts[is_inside]
+    shifted_inputs = shifted_inputs[is_inside]
+    starts = cuts[parts]
+    stops = cuts[parts + 1]
+    middles = part_middles[parts]
+    shifts = shifted_inputs - middles[:, driven]
+    middles[:, driven] = shifted_inputs
+    start_inputs = curve.at(starts).values[:, driven] + shifts
+    stop_inputs = curve.at(stops).values[:, driven] + shifts
+    lowest = np.minimum(start_inputs, stop_inputs)
+    highest = np.maximum(start_inputs, stop_inputs)
+    return [
+        Piece(
+            assembly_mode=None,
+            middle=middles[k],
+            start=float(starts[k]),
+            stop=float(stops[k]),
+            shift=float(shifts[k]),
+            lowest=float(lowest[k]),
+            highest=float(highest[k]),
+        )
+        for k in range(len(parts))
+    ]
 
 
 class ConfigurationCurve(NamedTuple):
-    """A curve and its pieces within the input range, in order of arc length."""
+    """A curve, and its pieces within the range of the input in order of arc length."""
 
     curve: ArcCurve
     pieces: tuple[Piece, ...]
 
 
 class Configurations(NamedTuple):
-    """The configuration curves that meet an input range, and what is known of others.
+    """The configuration curves that meet the range of an input.
 
     Attributes
     ----------
     curves
-        Those found.
+        The curves that were found.
     claim
-        What is guaranteed: no curve is missing, none that the pair `drive` turns by more
-        than a box along, or none that a search met.
+        What is guaranteed: that no curve is missing; that none is missing along which the
+        pair `drive` turns by more than a box; or only that these are what a search found.
     drive
-        Name of the pair by whose values the curves were looked for.
+        Name of the pair by whose values the curves were searched.
     inputs, counts
-        (k,) values (rad) of the given input at which all real modes were found, or
-        looked for, on their own, and (k,) how many there are.
+        (k,) values (rad) of the given input at which all real modes were computed or
+        searched independently of the curves, and (k,) the numbers of modes there.
     mismatches
-        What the checks found wrong, in words: inputs at which the modes and the curves do
-        not agree. Empty if all agrees.
+        Sentences about inputs at which the numbers of modes and the curves disagree.
     """
 
     curves: tuple[ConfigurationCurve, ...]
@@ -165,81 +223,109 @@ def configuration_curves(
     low: float,
     high: float,
 ) -> Configurations:
-    """Return the configuration curves of a mechanism that meet an input range.
+    """Return the configuration curves of a mechanism that meet the range of its input.
 
     Parameters
     ----------
-    solver, assembly modes
-        The mechanism, and its assembly modes over inputs from `low` to `high` (rad).
+    solver
+        The mechanism, which has one input.
+    assembly_modes
+        Its assembly modes over the range.
+    low, high
+        Ends of the range of the input (rad).
     """
     (period,) = solver.periods
-    longest = LONGEST if period > 2.0 * LONGEST else max(LONGEST, LAP * period)
+    longest = LONGEST_CURVE_RAD
+    if period <= 2.0 * LONGEST_CURVE_RAD:
+        longest = max(LONGEST_CURVE_RAD, LAP_PERIODS * period)
     search = _CurveSearch(solver, low, high, longest)
-    inputs = np.linspace(low, high, PROBED)
+    inputs = np.linspace(low, high, START_INPUTS)
     for assembly_mode in assembly_modes:
-        there = solver.evaluate(assembly_mode, inputs[:, None])
-        search.add(there.values[there.status == Status.OK])
+        samples = solver.evaluate(assembly_mode, inputs[:, None])
+        search.add_curves(samples.values[samples.status == Status.OK])
     reference = solver.reference
     if reference is not None and low <= reference[solver.input_variable] <= high:
-        search.add(reference[None])  # where the input stands still no mode goes through it
+        # No mode passes through the reference pose if the input is stationary on its curve.
+        search.add_curves(reference[None])
     drive = choose_driving_pair(solver)
-    dead = input_turning_points(
-        drive, *((low, high) if drive is solver else (-np.pi, np.pi))
-    )
-    claim = search.sweep(drive, dead)
-    complete = claim.guarantee is not Guarantee.SAMPLED
-    if not complete:
-        claim = search.search()
-    # On some curves that cross others the input may stand still: no input leads to them.
-    for end in _crossing_ends(search.curves):  # which grow on the way
-        search.add(find_outgoing_points(solver.closure, end))
-    parts = [
+    drive_range = (low, high) if drive is solver else (-np.pi, np.pi)
+    turning_points = find_input_turning_points(drive, *drive_range)
+    claim = search.search_between_turning_points(drive, turning_points)
+    is_complete = claim.guarantee is not Guarantee.SAMPLED
+    if not is_complete:
+        claim = search.search_from_random_starts()
+    # The input may be stationary on curves that cross others, so that no mode leads to
+    # them. Curves that are added here are examined in turn, because the list grows.
+    for end in _crossing_ends(search.curves):
+        search.add_curves(find_outgoing_points(solver.closure, end))
+    pieces_by_curve = [
         monotone_pieces(curve, solver.input_variable, low, high, period)
         for curve in search.curves
     ]
-    search.count([part for one in parts for part in one], complete)
+    all_pieces = [piece for pieces in pieces_by_curve for piece in pieces]
+    search.check_mode_counts(all_pieces, is_complete)
     if search.problems:
         failed = counted(len(search.problems), "check")
         claim = Completeness(
             Guarantee.SAMPLED, f"{failed} failed, the first: {search.problems[0]}"
         )
-    inputs, counts = np.array(search.counted).reshape(-1, 2).T
+    count_inputs, counts = np.array(search.mode_counts).reshape(-1, 2).T
     return Configurations(
-        tuple(
-            ConfigurationCurve(curve, _assigned(solver, assembly_modes, curve, pieces))
-            for curve, pieces in zip(search.curves, parts, strict=True)
+        curves=tuple(
+            ConfigurationCurve(curve, _assign_modes(solver, assembly_modes, curve, pieces))
+            for curve, pieces in zip(search.curves, pieces_by_curve, strict=True)
             if pieces
         ),
-        claim,
-        drive.mechanism.pairs[drive.assembly.input].name,
-        inputs,
-        counts.astype(np.int64),
-        tuple(search.problems),
+        claim=claim,
+        drive=drive.mechanism.pairs[drive.assembly.input].name,
+        inputs=count_inputs,
+        counts=counts.astype(np.int64),
+        mismatches=tuple(search.problems),
     )
 
 
-def _assigned(
+def _assign_modes(
     solver: PositionSolver,
     assembly_modes: Sequence[AssemblyMode],
     curve: ArcCurve,
     pieces: Sequence[Piece],
 ) -> tuple[Piece, ...]:
-    """Return pieces of a curve, each with the mode whose configuration its middle is."""
+    """Return pieces of a curve with the numbers of their assembly modes.
+
+    A piece belongs to the mode that has the configuration at its middle.
+    """
     assigned = list(pieces)
     middles = np.array([piece.middle for piece in pieces])
     for assembly_mode in assembly_modes:
-        there = solver.evaluate(assembly_mode, middles[:, [solver.input_variable]]).values
-        gap = max_abs(curve.wrapped(there - middles), axis=1)
-        for row in np.flatnonzero(gap < SAME_CONFIGURATION):
+        inputs = middles[:, [solver.input_variable]]
+        values = solver.evaluate(assembly_mode, inputs).values
+        difference = max_abs(curve.wrapped(values - middles), axis=1)
+        for row in np.flatnonzero(difference < SAME_MIDDLE_RAD):
             assigned[row] = assigned[row]._replace(assembly_mode=assembly_mode.number)
     return tuple(assigned)
 
 
 class _CurveSearch:
-    """The curves found so far over a range of the input, and what went wrong on the way.
+    """Collects the configuration curves of a mechanism over a range of its input.
 
-    `counted` are inputs and the numbers of real modes that were found there without the
-    curves; `problems` says in words what does not agree.
+    Parameters
+    ----------
+    solver
+        The mechanism, which has one input.
+    low, high
+        Ends of the range of the input (rad).
+    longest
+        Length (rad) after which an open curve is ended in each sense.
+
+    Attributes
+    ----------
+    curves
+        The curves found so far.
+    mode_counts
+        Inputs (rad), with the numbers of real modes that were computed there independently
+        of the curves.
+    problems
+        Sentences about what does not agree, and about curves that could not be followed.
     """
 
     def __init__(
@@ -250,101 +336,137 @@ class _CurveSearch:
         self.high = high
         self.longest = longest
         self.curves: list[ArcCurve] = []
-        self.counted: list[tuple[float, int]] = []
+        self.mode_counts: list[tuple[float, int]] = []
         self.problems: list[str] = []
 
-    def add(self, values: Floats) -> None:
-        """Follow new curves from configurations (n, variables)."""
-        failed: list[tuple[Floats, str]] = []
+    def add_curves(self, values: Floats) -> None:
+        """Follow the curves through configurations (n, variables) that are on no curve yet.
+
+        Each time the middle one of the remaining configurations is the start, since the
+        first and last ones of a mode are near dead centres.
+        """
+        failures: list[tuple[Floats, str]] = []
         for curve in self.curves:
             values = values[~curve.passes(values)]
         while len(values):
             middle = len(values) // 2
-            given = values[middle]
+            start = values[middle]
             values = np.delete(values, middle, axis=0)
             try:
-                curve = follow_arc(self.solver.closure, given, longest=self.longest)
-            except SolveError as problem:
-                failed.append((given, str(problem)))
+                curve = follow_arc(self.solver.closure, start, longest=self.longest)
+            except SolveError as error:
+                failures.append((start, str(error)))
                 continue
             self.curves.append(curve)
             values = values[~curve.passes(values)]
-        for given, words in failed:
-            # a curve that ends there may do so because others cross it
-            if not any(
-                max_abs(curve.wrapped(given - end)) < NEAR_CROSSING
+        for start, message in failures:
+            # Near a crossing no curve can be followed; the curves that cross end there.
+            is_near_crossing = any(
+                max_abs(curve.wrapped(start - end)) < NEAR_CROSSING_RAD
                 for curve in self.curves
                 for end in _crossing_ends([curve])
-            ):
-                self.problems.append(words)
+            )
+            if not is_near_crossing:
+                self.problems.append(message)
 
-    def sweep(self, drive: PositionSolver, dead: InputTurningPoints) -> Completeness:
-        """Follow the curves of all modes of `drive` between its dead inputs."""
-        for q in dead.probes(STEP):
-            here = assemblies(drive, np.array([q]))
-            if not here.is_complete:
+    def search_between_turning_points(
+        self, drive: PositionSolver, turning_points: InputTurningPoints
+    ) -> Completeness:
+        """Follow the curves of all modes between the inputs at which modes meet.
+
+        Parameters
+        ----------
+        drive
+            The same mechanism, driven at any pair.
+        turning_points
+            The inputs of this pair at which its modes meet.
+
+        Returns
+        -------
+        How complete the curves are.
+        """
+        for q in turning_points.probes(PROBE_STEP_RAD):
+            configurations = enumerate_assemblies(drive, np.array([q]))
+            if not configurations.is_complete:
                 return Completeness(
                     Guarantee.SAMPLED, "no elimination finds all modes at an input"
                 )
             if drive is self.solver:
-                self.counted.append((q, len(here.values)))
-            self.add(here.values)
-        return dead.claim(STEP)
+                self.mode_counts.append((q, len(configurations.values)))
+            self.add_curves(configurations.values)
+        return turning_points.claim(PROBE_STEP_RAD)
 
-    def search(self) -> Completeness:
+    def search_from_random_starts(self) -> Completeness:
         """Follow the curves that random starts over the range lead to.
 
-        The starts are others than those by which a run finds its assembly modes, so that
-        how often they met the curves known before says what both may have missed.
+        The starts differ from those by which a run finds its assembly modes. The number of
+        starts that lead to known curves therefore tells what both searches may have missed.
         """
-        if self.solver.gear_phases is not None and not self.solver.gear_phases.all_known:
+        gear_phases = self.solver.gear_phases
+        if gear_phases is not None and not gear_phases.all_known:
             return Completeness(
                 Guarantee.COMPONENT, "wheels in mesh as in the assembly modes given"
             )
         low = np.array([self.low])
-        starts = random_starts(self.solver, low, np.array([self.high]), seed=SEED + 1)
-        census = SearchStatistics(len(self.solver.mechanism.variable_owners), RANGE_ROUNDS)
-        working = ProgressReporter("searching the configuration curves")
-        while census.goes_on and len(self.curves) < MOST_CURVES:
-            made, values, _ = next(starts)
-            self.add(values)
-            met = np.full(len(values), -1, dtype=np.intp)
+        high = np.array([self.high])
+        rounds = random_starts(self.solver, low, high, seed=SEED + 1)
+        variable_count = len(self.solver.mechanism.variable_owners)
+        statistics = SearchStatistics(variable_count, RANGE_ROUNDS)
+        progress = ProgressReporter("searching the configuration curves")
+        while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:
+            start_count, values, _ = next(rounds)
+            self.add_curves(values)
+            hits = np.full(len(values), -1, dtype=np.intp)
             for number, curve in enumerate(self.curves):
-                met[curve.passes(values)] = number
-            census.add(made, met, len(self.curves))
-            working.tell(lambda: census.words("curves"))
-        return Completeness(Guarantee.SAMPLED, census.words("curves"))
+                hits[curve.passes(values)] = number
+            statistics.add(start_count, hits, len(self.curves))
+            progress.tell(lambda: statistics.describe("curves"))
+        return Completeness(Guarantee.SAMPLED, statistics.describe("curves"))
 
-    def count(self, pieces: Sequence[Piece], complete: bool) -> None:
-        """Compare the number of modes with that of the curves' crossings.
+    def check_mode_counts(self, pieces: Sequence[Piece], is_complete: bool) -> None:
+        """Compare numbers of modes with the numbers of pieces at the same inputs.
 
-        Where the modes at an input are complete, at inputs spread over the range too.
+        A difference is a problem. If the curves are not claimed to be complete, only a
+        missing piece is one.
+
+        Parameters
+        ----------
+        pieces
+            The pieces of all curves.
+        is_complete
+            Whether the curves are claimed to be complete. Then modes are also counted at
+            further inputs spread over the range.
         """
-        if complete:
-            for q in np.linspace(self.low, self.high, 2 * CHECKED + 1)[1::2]:
-                here = assemblies(self.solver, np.array([q]))
-                if here.is_complete:
-                    self.counted.append((q, len(here.values)))
-        lows, highs = np.array([(p.lowest, p.highest) for p in pieces]).reshape(-1, 2).T
-        crossed = np.array(
+        if is_complete:
+            # Every second one of a finer division: inputs between the ends of the range.
+            for q in np.linspace(self.low, self.high, 2 * CHECKED_INPUTS + 1)[1::2]:
+                configurations = enumerate_assemblies(self.solver, np.array([q]))
+                if configurations.is_complete:
+                    self.mode_counts.append((q, len(configurations.values)))
+        ranges = np.array([(piece.lowest, piece.highest) for piece in pieces])
+        lowest, highest = ranges.reshape(-1, 2).T
+        crossing_inputs = np.array(
             [end[self.solver.input_variable] for end in _crossing_ends(self.curves)]
         )
-        for q, modes in self.counted:
-            away = np.min(np.abs([lows - q, highs - q]), initial=np.inf)
-            past = np.min(np.abs(wrap(crossed - q)), initial=np.inf)
-            if away < NEAR_DEAD or past < NEAR_CROSSING:
+        for q, mode_count in self.mode_counts:
+            turn_distance = np.min(np.abs([lowest - q, highest - q]), initial=np.inf)
+            crossing_distance = np.min(np.abs(wrap(crossing_inputs - q)), initial=np.inf)
+            if turn_distance < NEAR_TURN_RAD or crossing_distance < NEAR_CROSSING_RAD:
                 continue
-            crossings = np.sum((lows < q) & (q < highs))
-            if crossings < modes or (complete and crossings != modes):
+            piece_count = np.sum((lowest < q) & (q < highest))
+            is_wrong = piece_count < mode_count
+            if is_complete:
+                is_wrong = piece_count != mode_count
+            if is_wrong:
                 self.problems.append(
-                    f"at the input {np.degrees(q):.6g} deg there are {modes} modes, but "
-                    f"the curves have {crossings}"
+                    f"at the input {np.degrees(q):.6g} deg there are {mode_count} modes, "
+                    f"but the curves have {piece_count}"
                 )
 
 
 def _crossing_ends(curves: Iterable[ArcCurve]) -> Iterator[Floats]:
     """Yield the last nodes (variables,) of curves that end because others cross them."""
     for curve in curves:
-        for why, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
-            if why == Status.AT_SINGULARITY:
+        for status, end in zip(curve.ends, curve.nodes.values[[0, -1]], strict=True):
+            if status == Status.AT_SINGULARITY:
                 yield end

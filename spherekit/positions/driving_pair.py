@@ -11,7 +11,7 @@ import numpy as np
 
 from spherekit.errors import PlanError
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.input_turning_points import meetings_of
+from spherekit.positions.mode_coalescence import make_mode_coalescence
 from spherekit.positions.position_solver import PositionSolver
 
 ACCEPTABLE_COST_S = 2e-3
@@ -44,12 +44,12 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
         return solvers[np.argmin(costs)]
     # Costly functions are better than none.
     for candidate in solvers:
-        if meetings_of(candidate):
+        if make_mode_coalescence(candidate):
             return candidate
     return solver
 
 
 def _estimate_cost(solver: PositionSolver) -> float:
     """Return the time (s) of one value of the functions, infinite if it is too costly."""
-    meetings = meetings_of(solver, ACCEPTABLE_COST_S)
+    meetings = make_mode_coalescence(solver, ACCEPTABLE_COST_S)
     return np.inf if meetings is None else meetings.cost

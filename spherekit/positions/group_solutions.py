@@ -16,7 +16,12 @@ from spherekit.planning.assembly_plan import Group
 from spherekit.positions.elimination import solve_by_elimination
 from spherekit.positions.elimination_order import find_elimination_orders, has_elimination
 from spherekit.positions.loop_closure import Closure
-from spherekit.positions.random_search import MOST_MODES, POLISHING_STEPS, Distinct, search
+from spherekit.positions.random_search import (
+    MAX_MODES,
+    POLISHING_STEPS,
+    DistinctConfigurations,
+    search_group,
+)
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
 SORT_DECIMALS = 6
@@ -85,7 +90,7 @@ def find_group_configurations(
         How they were found.
     """
     if not has_elimination(group):
-        distinct = Distinct(closure)
+        distinct = DistinctConfigurations(closure)
         description = SEARCH.description
     else:
         distinct, problem = find_distinct_by_elimination(group, closure)
@@ -99,15 +104,17 @@ def find_group_configurations(
             configurations = sorted(distinct.values, key=mode_sort_key)
             return configurations, SolutionMethod(description, doubt)
         description = f"{SEARCH.description} ({problem})"
-    statistics = search(closure, distinct, start_values)
-    description = f"{description}: {statistics.words('modes')}"
-    if distinct.is_truncated or len(distinct.values) >= MOST_MODES:
+    statistics = search_group(closure, distinct, start_values)
+    description = f"{description}: {statistics.describe('modes')}"
+    if distinct.is_truncated or len(distinct.values) >= MAX_MODES:
         description += f"; the first {len(distinct.values)} are kept, there may be more"
     configurations = sorted(distinct.values, key=mode_sort_key)
-    return configurations, SolutionMethod(description, statistics.share)
+    return configurations, SolutionMethod(description, statistics.missed_share)
 
 
-def find_distinct_by_elimination(group: Group, closure: Closure) -> tuple[Distinct, str]:
+def find_distinct_by_elimination(
+    group: Group, closure: Closure
+) -> tuple[DistinctConfigurations, str]:
     """Close a group from the solutions of its arc equations, without repetitions.
 
     Parameters
@@ -124,7 +131,7 @@ def find_distinct_by_elimination(group: Group, closure: Closure) -> tuple[Distin
     problem
         Why a real configuration may be missing; empty if none can be missing.
     """
-    distinct = Distinct(closure)
+    distinct = DistinctConfigurations(closure)
     result = solve_by_elimination(group, closure)
     closed = closure.solve(result.angles, iterations=POLISHING_STEPS)
     is_closed = closed.gap < CLOSURE_TOLERANCE

@@ -18,7 +18,7 @@ from spherekit.arrays import Bools, Floats
 from spherekit.conventions import Facts
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.curve_crossing import MAX_NULL_RATIO, Crossing, find_crossing
 from spherekit.positions.input_paths import InputPathNodes, nodes_at
@@ -92,7 +92,7 @@ def find_crossings(
     distance = max(stop - start, MIN_START_DISTANCE_RAD)
     crossings: list[Crossing] = []
     for start_input in (start - distance, stop + distance):
-        for values in assemblies(solver, np.array([start_input])).values:
+        for values in enumerate_assemblies(solver, np.array([start_input])).values:
             singular_values = np.linalg.svd(
                 solver.closure.at(values[None]).jacobian[0], compute_uv=False
             )

@@ -17,9 +17,9 @@ from spherekit.arrays import Floats, Indices, SmallIntegers
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.geometry.vectors import nans
 from spherekit.positions.assembly_enumeration import (
-    MOST_ASSEMBLY_MODES,
+    MAX_ASSEMBLY_MODES,
     RANGE_ROUNDS,
-    assemblies,
+    enumerate_assemblies,
     group_signs,
     random_starts,
 )
@@ -46,7 +46,7 @@ from spherekit.status import Status
 from spherekit.wording import counted
 
 MOST_MODE_ROWS = 2**21
-"""Largest total number of rows (modes times samples) if more than `MOST_ASSEMBLY_MODES`
+"""Largest total number of rows (modes times samples) if more than `MAX_ASSEMBLY_MODES`
 modes are kept. Larger: more modes are kept over short paths and grids; smaller: less
 memory."""
 MAX_SEARCHED_SAMPLES = 5
@@ -181,7 +181,8 @@ class SampledModes:
             statistics = self._search(searched_samples)
             words += (
                 f"; at the other {len(incomplete)} some may be missing ({problem}); "
-                f"at {len(searched_samples)} of these {statistics.words('configurations')}"
+                f"at {len(searched_samples)} of these "
+                f"{statistics.describe('configurations')}"
             )
             self._graph.join()
         self.claim = Completeness(Guarantee.SAMPLED, words)
@@ -272,7 +273,7 @@ class SampledModes:
     def _add_sheets(self, values: Floats, samples: Indices) -> Indices:
         """Follow and add the sheets of configurations that are not in the graph yet.
 
-        No further sheet is followed once there are `MOST_ASSEMBLY_MODES`.
+        No further sheet is followed once there are `MAX_ASSEMBLY_MODES`.
 
         Parameters
         ----------
@@ -301,12 +302,12 @@ class SampledModes:
     @property
     def _has_most_sheets(self) -> bool:
         """Whether so many sheets were followed that no further one is allowed."""
-        return self._sheet_count - self._numbered_count >= MOST_ASSEMBLY_MODES
+        return self._sheet_count - self._numbered_count >= MAX_ASSEMBLY_MODES
 
     @property
     def _mode_limit(self) -> int:
         """Largest number of assembly modes that are kept."""
-        return max(MOST_ASSEMBLY_MODES, MOST_MODE_ROWS // len(self.input_grid))
+        return max(MAX_ASSEMBLY_MODES, MOST_MODE_ROWS // len(self.input_grid))
 
     def _search_modes(self) -> Completeness:
         """Search modes if the configurations at the samples were not enumerated.
@@ -344,7 +345,7 @@ class SampledModes:
             # Random starts skip configurations next to a dead centre, which a probe
             # includes.
             self._probe(len(self.input_grid) // 2)
-        words = statistics.words("modes")
+        words = statistics.describe("modes")
         if self._has_most_sheets:
             words += f"; stopped at {self._sheet_count} modes, there may be more"
         return Completeness(Guarantee.SAMPLED, words)
@@ -354,7 +355,7 @@ class SampledModes:
 
         The result need not be complete. `probes` and `methods` are updated.
         """
-        sample_assemblies = assemblies(self.solver, self.input_grid.q[sample])
+        sample_assemblies = enumerate_assemblies(self.solver, self.input_grid.q[sample])
         self.probes += 1
         self.methods = list(map(least_complete, self.methods, sample_assemblies.methods))
         self._add_sheets(
@@ -372,7 +373,8 @@ class SampledModes:
         Returns
         -------
         Number of starts, and how often each sheet was reached. The search ends when these
-        numbers say so (`SearchStatistics.goes_on`), or when no further sheet is allowed.
+        numbers say so (`SearchStatistics.needs_more_starts`), or when no further sheet is
+        allowed.
         """
         q = self.input_grid.q
         low = np.min(q, axis=0)
@@ -380,12 +382,12 @@ class SampledModes:
         starts = random_starts(self.solver, low, high, q[samples])
         variables = len(self.solver.mechanism.variable_owners)
         statistics = SearchStatistics(variables, RANGE_ROUNDS)
-        while statistics.goes_on and not self._has_most_sheets:
+        while statistics.needs_more_starts and not self._has_most_sheets:
             start_count, values, rows = next(starts)
             sheets = self._add_sheets(values, samples[rows])
             statistics.add(start_count, sheets, self._sheet_count)
             self.probes += start_count
-            self._progress.tell(lambda: statistics.words("modes"))
+            self._progress.tell(lambda: statistics.describe("modes"))
         return statistics
 
     def _collect_modes(

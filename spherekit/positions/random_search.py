@@ -1,8 +1,9 @@
-"""Searching closed configurations from random starts: no proof of all, but a count.
+"""Searches closed configurations from random starts, and estimates what was missed.
 
-Every start goes down the sum of the squared gaps by Levenberg and Marquardt's method. How
-often the starts met each of the things found says when to stop, and what the search is
-worth: what is met as often as the rarest of them would hardly have been missed.
+From each start the sum of squared closure residuals is minimised by the Levenberg-Marquardt
+method. The search proves nothing. But the number of starts that led to each configuration
+tells when to stop, and what the search is worth: a configuration that attracts as many
+starts as the rarest one found would hardly have been missed.
 """
 
 from collections import Counter
@@ -21,230 +22,341 @@ from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 from spherekit.wording import counted
 
 SEED = 20240616
-"""The random starts are the same ones every time."""
-STARTS = 192
-"""Random starts of one round."""
-LEAST_ROUNDS = 2
-"""Rounds of a search at least, and twice as many until none that closes is given up."""
-MOST_ROUNDS = 32
-MOST_WORK = 5e6
-"""Most starts of a search, each times the square of the number of variables."""
-ENOUGH = 8
-"""A search ends when its starts met everything found so often."""
-DOUBT = 0.01
-"""Probability with which a search misses what the stated share of starts leads to."""
+"""Seed of the random starts. A fixed seed gives the same starts in every run."""
+STARTS_PER_ROUND = 192
+"""Random starts that are made together. Larger: more memory. Smaller: slower."""
+MIN_ROUNDS = 2
+"""Least number of rounds. A search in which no start closes makes twice as many."""
+MAX_ROUNDS = 32
+"""Largest number of rounds. Larger: rarer configurations are found, in more time."""
+MAX_WORK = 5e6
+"""Largest number of starts, times the square of the number of variables.
 
-CLOSE = 1e-6
-"""Root of the sum of squared gaps (rad) from which Newton's method ends the way."""
+The time of a start grows with about this square. Larger: more time for large mechanisms.
+"""
+MIN_HITS = 8
+"""A search ends when each configuration was reached by so many starts.
+
+Larger: fewer configurations are missed, in more time.
+"""
+MISS_PROBABILITY = 0.01
+"""Probability with which a search misses a configuration of the stated share of starts."""
+
+NEWTON_START_RAD = 1e-6
+"""Root of the sum of squared residuals below which Newton's method closes the loops.
+
+Larger: Newton's method may fail or lead elsewhere. Smaller: more steps of the slower
+Levenberg-Marquardt method.
+"""
 POLISHING_STEPS = 40
-"""Newton steps at the end; a double solution halves its error in each."""
+"""Newton steps at the end. At a double solution a step only halves the error."""
 SAME_MODE = 1e-6
-"""Closed configurations whose rotation matrices differ by less are one."""
+"""Configurations are the same if no component of their rotation matrices differs by more.
+
+Larger: modes that nearly coincide are taken for one. Smaller: one mode counts several
+times.
+"""
 SAME_DEAD_CENTRE = 1e-3
-"""The same where rounding is felt most: solutions that are multiple."""
-MOST_MODES = 64
-"""Configurations of one group that are kept; where it can move there is no end of them."""
-MOST_LOOSE = 4
-"""Of configurations in which the group can move, or nearly so, no more are kept."""
-LOOSE = 1e-9
-"""Smallest singular value, over the largest, of those."""
-SPREAD = 8.0
-"""Copies of one solution differ by less than this times their first-order error."""
+"""The same at a dead centre, where errors are largest, at most."""
+MAX_MODES = 64
+"""Configurations of one group that are kept. A group that can move has infinitely many."""
+MAX_SINGULAR_MODES = 4
+"""Configurations of these that are kept in which the group can move, or nearly so."""
+SINGULAR_MODE_RATIO = 1e-9
+"""Relative singular value of the closure Jacobian below which a group can move."""
+ERROR_SPREAD = 8.0
+"""Computed copies of one solution differ by at most so many first-order errors."""
 
 
 @dataclass
 class SearchStatistics:
-    """How many random starts were made, and how often they met each of the things found.
+    """Counts how often random starts led to each of the things that were found.
 
-    `variables` is the number of unknowns of a start, `least` that of rounds made at least.
+    Attributes
+    ----------
+    variable_count
+        Number of unknowns of a start.
+    min_rounds
+        Least number of rounds.
+    starts
+        Number of starts so far.
+    counts
+        Number of starts that led to each thing, by its number.
     """
 
-    variables: int
-    least: int = LEAST_ROUNDS
+    variable_count: int
+    min_rounds: int = MIN_ROUNDS
     starts: int = 0
     counts: Counter[int] = field(default_factory=Counter)
 
-    def add(self, starts: int, met: Indices, total: int) -> None:
-        """Count starts; `met` are the numbers, below `total`, of what they led to."""
+    def add(self, starts: int, hits: Indices, total: int) -> None:
+        """Count a round of starts.
+
+        Parameters
+        ----------
+        starts
+            Number of starts.
+        hits
+            (k,) number of the thing to which each start led, or -1 if it led to none.
+            Starts that did not close may be left out.
+        total
+            Number of things found so far. Things that no start has reached count as 0.
+        """
         self.starts += starts
         self.counts.update(dict.fromkeys(range(total), 0))
-        self.counts.update(met[met >= 0].tolist())
+        self.counts.update(hits[hits >= 0].tolist())
 
     @property
-    def closed(self) -> int:
+    def closed_starts(self) -> int:
         """Number of starts that led to something."""
         return self.counts.total()
 
     @property
-    def goes_on(self) -> bool:
-        """Whether more starts are to be made."""
-        rounds = self.starts / STARTS
-        if rounds < self.least:
+    def needs_more_starts(self) -> bool:
+        """Whether another round of starts is to be made."""
+        rounds = self.starts / STARTS_PER_ROUND
+        if rounds < self.min_rounds:
             return True
-        if rounds >= MOST_ROUNDS or self.starts * self.variables**2 > MOST_WORK:
+        if rounds >= MAX_ROUNDS or self.starts * self.variable_count**2 > MAX_WORK:
             return False
-        if not self.closed:
-            return rounds < 2 * self.least
-        return min(self.counts.values()) < ENOUGH
+        if not self.closed_starts:
+            return rounds < 2 * self.min_rounds
+        return min(self.counts.values()) < MIN_HITS
 
     @property
-    def share(self) -> float:
-        """Share of starts that must lead to what is missed with probability `DOUBT`."""
-        return 1.0 - DOUBT ** (1.0 / max(self.starts, 1))
+    def missed_share(self) -> float:
+        """Largest share of starts that may lead to a thing that was missed.
 
-    def words(self, things: str) -> str:
-        """Return what the search is worth, `things` what it closes on, in the plural."""
-        made = f"{self.starts} random starts"
-        if not self.closed:
-            made += ", none closed"
+        A thing with this share is missed with the probability `MISS_PROBABILITY`.
+        """
+        return 1.0 - MISS_PROBABILITY ** (1.0 / max(self.starts, 1))
+
+    def describe(self, things: str) -> str:
+        """Return a sentence about what the search is worth.
+
+        `things` is the word for what was searched, in the plural.
+        """
+        result = f"{self.starts} random starts"
+        if not self.closed_starts:
+            result += ", none closed"
         else:
-            often = [*self.counts.values()]
-            met = counted(len(often), things.removesuffix("s"))
-            made += f", {self.closed} closed on {met}, on "
-            if min(often) > 1:
-                made += f"each at least {min(often)} times"
+            counts = [*self.counts.values()]
+            found_things = counted(len(counts), things.removesuffix("s"))
+            result += f", {self.closed_starts} closed on {found_things}, on "
+            if min(counts) > 1:
+                result += f"each at least {min(counts)} times"
             else:
-                made += (
-                    f"{sum(count <= 1 for count in often)} of them at most once, so that "
-                    f"about {often.count(1) / self.closed:.1%} of further ones would close "
+                # Good's estimate: the probability of something new is the share of starts
+                # that led to things found once.
+                rare = sum(count <= 1 for count in counts)
+                new_probability = counts.count(1) / self.closed_starts
+                result += (
+                    f"{rare} of them at most once, so that "
+                    f"about {new_probability:.1%} of further ones would close "
                     "on another"
                 )
         return (
-            f"{made}; any that {self.share:.2%} of starts lead to would have been met with "
-            f"{1.0 - DOUBT:.0%} probability"
+            f"{result}; any that {self.missed_share:.2%} of starts lead to would have been "
+            f"met with {1.0 - MISS_PROBABILITY:.0%} probability"
         )
 
 
-def damped(
+def descend_to_closure(
     closure: Closure,
     values: Floats,
     held: Sequence[int] = (),
     low: Floats | float = -np.inf,
     high: Floats | float = np.inf,
 ) -> tuple[Floats, Bools]:
-    """Go down the sum of squared gaps from starts; return where that leads.
+    """Minimise the sum of squared closure residuals from many starts.
 
     Parameters
     ----------
+    closure
+        The loops.
     values
-        (n, variables) starts.
+        (n, variables) start values (rad).
     held
         Numbers of the variables that are not changed.
     low, high
-        (variables,) limits that variables do not leave, none by default.
+        (variables,) limits of the variables (rad).
 
     Returns
     -------
-    values, near
-        (n, variables), and (n,) whether the gaps are so small that Newton's method
-        closes them.
+    values
+        (n, variables) values at the minima (rad).
+    is_near_closed
+        (n,) whether the residuals are so small that Newton's method closes the loops.
     """
     free = [v for v in range(values.shape[1]) if v not in held]
-    least, most = (np.broadcast_to(x, values.shape[1])[free] for x in (low, high))
+    free_low = np.broadcast_to(low, values.shape[1])[free]
+    free_high = np.broadcast_to(high, values.shape[1])[free]
     values = values.copy()
 
-    def gaps(some: Floats, rows: Indices) -> tuple[Floats, Floats]:
-        whole = values[rows]
-        whole[:, free] = some
-        at = closure.take(rows).at(whole)
+    def evaluate_residuals(free_values: Floats, rows: Indices) -> tuple[Floats, Floats]:
+        """Return the residuals of some starts, and their derivatives by the variables."""
+        all_values = values[rows]
+        all_values[:, free] = free_values
+        at = closure.take(rows).at(all_values)
         return at.residual.copy(), at.jacobian[:, :, free]
 
-    values[:, free], squares = minimize_squares(gaps, values[:, free], least, most, CLOSE)
-    return values, squares < CLOSE**2
+    values[:, free], squares = minimize_squares(
+        evaluate_residuals, values[:, free], free_low, free_high, NEWTON_START_RAD
+    )
+    return values, squares < NEWTON_START_RAD**2
 
 
-class Distinct:
-    """Closed configurations of one group at one sample that are pairwise different.
+class DistinctConfigurations:
+    """Closed configurations of one group at one sample that differ from each other.
 
-    `values` are the variables of each. Where the loops close to second order only, at a
-    dead centre, a small gap is far from the solution: what is left of the gap and the
-    smallest singular value say how far, and others within that distance are the same.
-    So are configurations that differ by whole turns of rolling wheels. The first 64 are
-    kept; `is_truncated` says whether others were left out for that.
+    At a dead centre the loops close to second order only: a small residual is far from the
+    solution. The residual and the smallest singular value of the Jacobian tell how far, and
+    configurations within this distance are the same. Configurations that differ by whole
+    revolutions of rolling wheels are the same, too.
+
+    Parameters
+    ----------
+    closure
+        The loop equations of the group, with a single sample.
+
+    Attributes
+    ----------
+    values
+        Variables (variables,) in rad of each configuration, at most `MAX_MODES`.
+    is_truncated
+        Whether further configurations were left out because of such a limit.
     """
 
     def __init__(self, closure: Closure) -> None:
         self.closure = closure
         self.values: list[Floats] = []
-        self._poses, self._tolerances = list[Floats](), list[float]()
-        self._loose = 0
+        # Rotations (bodies, 3, 3) and the tolerance of each configuration.
+        self._rotations = list[Floats]()
+        self._tolerances = list[float]()
+        self._singular_count = 0
         self.is_truncated = False
         self._rolling = list_rolling_variables(closure.joints)
-        self._rolled = [variable for variable, _ in self._rolling]
+        self._rolling_variables = [variable for variable, _ in self._rolling]
 
     def add(self, values: Floats) -> Indices:
-        """Add those of closed configurations (n, variables) that are new.
+        """Add closed configurations that are new.
 
-        Those that have rolled least come first; those whose contacts do not exist are
-        left out. Returns the place (n,) in `values` of each, -1 for those left out.
+        Configurations whose profiles enter each other, or end before the contact, are left
+        out.
+
+        Parameters
+        ----------
+        values
+            (n, variables) closed configurations (rad). Those with the smallest rolled
+            lengths are added first, so that they represent their copies.
+
+        Returns
+        -------
+        (n,) index in `self.values` of each configuration, new or not; -1 if it was left
+        out.
         """
-        places = np.full(len(values), -1, dtype=np.intp)
+        indices = np.full(len(values), -1, dtype=np.intp)
         at = self.closure.at(values)
-        placed, states = at.placed, at.states
-        exists = np.all(states.inside, axis=1) & ~has_penetration(
-            self.closure.joints, states
-        )
-        sizes = np.linalg.svd(at.jacobian, compute_uv=False)
-        least, loose = sizes[:, -1], sizes[:, -1] < LOOSE * sizes[:, 0]
-        error = np.maximum(at.gap, EPS) / np.maximum(least, EPS)
-        tolerance = np.clip(SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
-        order = np.argsort(np.sum(np.abs(values[:, self._rolled]), axis=1), kind="stable")
+        rotations = at.placed
+        exists = np.all(at.states.inside, axis=1)
+        exists &= ~has_penetration(self.closure.joints, at.states)
+        singular_values = np.linalg.svd(at.jacobian, compute_uv=False)
+        smallest = singular_values[:, -1]
+        is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
+        error = np.maximum(at.gap, EPS) / np.maximum(smallest, EPS)
+        tolerance = np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
+        rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
+        order = np.argsort(rolled_sum, kind="stable")
         for row in order[exists[order]].tolist():
-            same = np.flatnonzero(
-                self._away(values[row], placed[row])
-                <= np.maximum(tolerance[row], self._tolerances)
+            distances = self._measure_distances(values[row], rotations[row])
+            equal = np.flatnonzero(
+                distances <= np.maximum(tolerance[row], self._tolerances)
             )
-            if len(same):
-                places[row] = same[0]
-            elif len(self.values) < MOST_MODES and not (
-                loose[row] and self._loose == MOST_LOOSE
-            ):
-                places[row] = len(self.values)
-                self._loose += loose[row]
+            has_room = len(self.values) < MAX_MODES and not (
+                is_singular[row] and self._singular_count == MAX_SINGULAR_MODES
+            )
+            if len(equal):
+                indices[row] = equal[0]
+            elif has_room:
+                indices[row] = len(self.values)
+                self._singular_count += is_singular[row]
                 self.values.append(values[row])
-                self._poses.append(placed[row])
+                self._rotations.append(rotations[row])
                 self._tolerances.append(tolerance[row])
             else:
                 self.is_truncated = True
-        return places
+        return indices
 
-    def _away(self, values: Floats, placed: Floats) -> Floats:
-        """Return how far (k,) a configuration is from those kept, 0 a turn later."""
-        poses = np.array(self._poses).reshape(-1, *placed.shape)
-        way = np.abs(values - np.array(self.values).reshape(-1, len(values)))
-        again = np.ones(len(way), dtype=bool)
+    def _measure_distances(self, values: Floats, rotations: Floats) -> Floats:
+        """Return how far (k,) a configuration is from the k configurations kept.
+
+        Parameters
+        ----------
+        values
+            (variables,) its variables (rad).
+        rotations
+            (bodies, 3, 3) its rotations from body axes to those of body 0.
+
+        Returns
+        -------
+        Largest difference of a component of the rotation matrices. It is 0 if the
+        configurations differ by whole revolutions of rolling wheels only.
+        """
+        kept_rotations = np.array(self._rotations).reshape(-1, *rotations.shape)
+        kept_values = np.array(self.values).reshape(-1, len(values))
+        differences = np.abs(values - kept_values)
+        is_repetition = np.ones(len(differences), dtype=bool)
         for variable, joint in self._rolling:
-            turns = way[:, variable] / np.array(joint.closed_lengths)[:, None]
-            apart = np.min(np.abs(turns - np.round(turns)), axis=0, initial=np.inf)
-            again &= np.minimum(apart, way[:, variable]) <= SAME_MODE
-        again &= np.any(way[:, self._rolled] > SAME_MODE, axis=1)
-        return np.where(again, 0.0, max_abs(poses - placed, axis=(1, 2, 3)))
+            # Revolutions of either wheel: axes are wheel, configuration.
+            revolutions = differences[:, variable] / np.array(joint.closed_lengths)[:, None]
+            off_whole = np.abs(revolutions - np.round(revolutions))
+            off_whole = np.min(off_whole, axis=0, initial=np.inf)
+            off_whole = np.minimum(off_whole, differences[:, variable])
+            is_repetition &= off_whole <= SAME_MODE
+        has_rolled = np.any(differences[:, self._rolling_variables] > SAME_MODE, axis=1)
+        is_repetition &= has_rolled
+        distances = max_abs(kept_rotations - rotations, axis=(1, 2, 3))
+        return np.where(is_repetition, 0.0, distances)
 
 
-def search(
-    closure: Closure, distinct: Distinct, given: Floats | None = None
+def search_group(
+    closure: Closure, distinct: DistinctConfigurations, start_values: Floats | None = None
 ) -> SearchStatistics:
-    """Add the configurations to `distinct` that starts of a single sample lead to.
+    """Search the closed configurations of a group at one sample from random starts.
 
-    The first starts are those `given` (n, variables), the others random. Returns how
-    often the random ones met each configuration.
+    Parameters
+    ----------
+    closure
+        The loop equations of the group, with a single sample.
+    distinct
+        The configurations known so far, to which new ones are added.
+    start_values
+        (n, variables) starts (rad) that are tried before the random ones.
+
+    Returns
+    -------
+    How often the random starts led to each configuration.
     """
     random = np.random.default_rng(SEED)
     low, high = starting_range(closure)
-    if given is not None:
-        distinct.add(_closed(closure, given))
-    census = SearchStatistics(len(low))
-    working = ProgressReporter("searching the modes of a group at an input")
-    while census.goes_on and len(distinct.values) < MOST_MODES:
-        values, near = damped(closure, random.uniform(low, high, (STARTS, len(low))))
-        met = distinct.add(_closed(closure, values[near]))
-        census.add(STARTS, met, len(distinct.values))
-        working.tell(lambda: census.words("modes"))
-    return census
+    if start_values is not None:
+        distinct.add(_close_by_newton(closure, start_values))
+    statistics = SearchStatistics(len(low))
+    progress = ProgressReporter("searching the modes of a group at an input")
+    while statistics.needs_more_starts and len(distinct.values) < MAX_MODES:
+        starts = random.uniform(low, high, (STARTS_PER_ROUND, len(low)))
+        values, is_near_closed = descend_to_closure(closure, starts)
+        hits = distinct.add(_close_by_newton(closure, values[is_near_closed]))
+        statistics.add(STARTS_PER_ROUND, hits, len(distinct.values))
+        progress.tell(lambda: statistics.describe("modes"))
+    return statistics
 
 
-def _closed(closure: Closure, values: Floats) -> Floats:
-    """Return the configurations (k, variables) that Newton's method closes."""
+def _close_by_newton(closure: Closure, values: Floats) -> Floats:
+    """Return the configurations (k, variables) to which Newton's method converges.
+
+    Starts (n, variables) from which it does not converge are left out.
+    """
     if not len(values):
         return values
     at = closure.solve(values, iterations=POLISHING_STEPS)
@@ -252,10 +364,14 @@ def _closed(closure: Closure, values: Floats) -> Floats:
 
 
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:
-    """Return the limits (variables,) between which random starts are drawn."""
-    every = [limits for joint in closure.joints for limits in joint.start_ranges]
-    low, high = np.array(every).T
+    """Return the limits (variables,) in rad between which random starts are drawn.
+
+    Both limits of a locked variable are the value at which it is locked.
+    """
+    ranges = [limits for joint in closure.joints for limits in joint.start_ranges]
+    low, high = np.array(ranges).T
     if closure.locks is not None:
-        variables, places = closure.locks
-        low[variables] = high[variables] = places[0]
+        variables, locked_values = closure.locks
+        low[variables] = locked_values[0]
+        high[variables] = locked_values[0]
     return low, high

@@ -115,7 +115,7 @@ def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigu
     Returns
     -------
     The configurations. The order within a sample is that of
-    `spherekit.positions.assembly_enumeration.assemblies`.
+    `spherekit.positions.assembly_enumeration.enumerate_assemblies`.
     """
     batches = []
     for first in range(0, len(q), SAMPLES_AT_ONCE):

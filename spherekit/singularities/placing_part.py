@@ -13,9 +13,12 @@ import numpy as np
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.planning.submechanism import part_for
-from spherekit.positions.configuration_space import SAME_CONFIGURATION
-from spherekit.positions.input_turning_points import input_turning_points
-from spherekit.positions.mode_search import MOST_COST, MOST_TIME
+from spherekit.positions.configuration_space import SAME_MIDDLE_RAD
+from spherekit.positions.input_turning_points import (
+    RUN_COST_S,
+    RUN_TIME_S,
+    find_input_turning_points,
+)
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
@@ -84,7 +87,7 @@ def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -
     a dead centre outside the range.
     """
     whole_points, part_points = (
-        input_turning_points(analysis.solver, -np.pi, np.pi, MOST_COST, MOST_TIME)
+        find_input_turning_points(analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S)
         for analysis in (whole, part)
     )
     if len(whole_points.doubtful) or len(whole_points.places) != len(part_points.places):
@@ -127,7 +130,7 @@ def _match_modes(
         part_number = None
         for number, values_of_part in part_values.items():
             differences = wrap((values_of_part - values)[has_configuration])
-            if max_abs(differences) < SAME_CONFIGURATION:
+            if max_abs(differences) < SAME_MIDDLE_RAD:
                 part_number = number
                 break
         if part_number is None:

@@ -15,7 +15,7 @@ from spherekit.completeness import TimeLimit
 from spherekit.errors import CountError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.positions.curve_continuation import follow_arcs
@@ -83,7 +83,7 @@ def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
             row_parts.append(closed_rows)
     else:
         for row, input_values in enumerate(q):
-            values = assemblies(solver, input_values).values
+            values = enumerate_assemblies(solver, input_values).values
             value_parts.append(values)
             row_parts.append(np.full(len(values), row))
     return np.concatenate(value_parts), np.concatenate(row_parts)

@@ -7,7 +7,7 @@ from independent import lacking
 from sceptic.evidence import Kind, check
 
 from spherekit.completeness import Completeness, Guarantee
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
@@ -88,11 +88,11 @@ def run_and_curves(evidence, notes):
 
 @check("run and forward", "forward kinematics finds the modes that a run has")
 def run_and_forward(evidence, notes):
-    """Compare the rows of samples with all assemblies found at one input."""
+    """Compare the rows of samples with all configurations found at one input."""
     tracer = evidence.tracer
     for sample in asked_inputs(evidence, 3):
         q, values = at_sample(evidence, sample)
-        here = assemblies(tracer.solver, q)
+        here = enumerate_assemblies(tracer.solver, q)
         held = Guarantee.COMPLETE if here.is_complete else Guarantee.SAMPLED
         claim = Completeness(held, "forward kinematics")
         alone = placed(tracer, here.values)

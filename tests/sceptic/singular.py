@@ -7,7 +7,7 @@ from sceptic.evidence import Kind, check
 from sceptic.modes import place_of
 
 from spherekit.completeness import Guarantee
-from spherekit.positions.assembly_enumeration import assemblies
+from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.input_revolutions import whole_periods
 
 SINGULAR = 1e5
@@ -82,7 +82,7 @@ def _at_inputs(evidence, points, notes):
     for place in places[chosen]:
         worst = 0.0
         for direction in np.concatenate([np.eye(len(names)), -np.eye(len(names))]):
-            values = assemblies(tracer.solver, place + NEAR * direction).values
+            values = enumerate_assemblies(tracer.solver, place + NEAR * direction).values
             if len(values):
                 worst = max(worst, float(np.nanmax(tracer.given(values).conditioning)))
         notes.contradiction(

@@ -1,0 +1,298 @@
+"""Real functions of the input that change their sign where two assembly modes meet.
+
+With R pairs only, the modes of a group are the roots of an algebraic system, and real ones
+can appear or vanish only where two roots meet. There the determinant of the group's
+equations is zero for both. The product of this determinant over all complex modes of the
+group, and of the groups before it, does not depend on the order of the modes. It is a real
+analytic function of the input, and changes its sign exactly where two real modes meet.
+"""
+
+from collections.abc import Iterable, Sequence
+from math import prod
+
+import numpy as np
+
+from spherekit.arrays import Complexes, Floats
+from spherekit.geometry.vectors import all_finite, max_abs
+from spherekit.mechanism.joint import revolute
+from spherekit.positions.arc_equations import GroupGeometry
+from spherekit.positions.elimination_order import EliminationOrder, find_elimination_orders
+from spherekit.positions.group_assembly import place_train_bodies
+from spherekit.positions.position_solver import PositionSolver
+
+MAX_COMPLEX_MODES = 64
+"""Largest number of complex modes of a mechanism for which the functions are computed.
+
+Larger: more mechanisms have them, but each value takes longer.
+"""
+MAX_LOOPS_IN_CHAIN = 2
+"""A group of more loops has a function only if it is the only group of the mechanism."""
+COSTS_S = {1: 1e-5, 2: 5e-4, 3: 1e-2}
+"""Approximate time (s) to solve a group at one input, by the number of its loops."""
+TEST_INPUTS_RAD = (0.3183, 1.7411, 2.9127, 4.0312, 5.3779)
+"""Inputs in no special position, at which elimination orders and dependences are tested."""
+SAME_DETERMINANT_RATIO = 1e-9
+"""Determinants that differ by less, relative to the largest, are the same.
+
+Larger: a group that depends weakly on an earlier one counts as independent. Smaller:
+rounding errors count as a dependence, and each value takes longer.
+"""
+
+
+def make_mode_coalescence(
+    solver: PositionSolver, max_cost_s: float = np.inf
+) -> "ModeCoalescence | None":
+    """Return the functions of a mechanism whose signs change where modes meet.
+
+    They are known for mechanisms with one input whose groups are trains of wheels, dyads
+    and triads, or a single group of three loops.
+
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    max_cost_s
+        Longest time (s) that one value may take for a group of three loops.
+
+    Returns
+    -------
+    The functions; None if they are not known or take too long.
+    """
+    groups = solver.assembly.groups
+    orders_by_group = []
+    for position, group in enumerate(groups):
+        if position not in solver.wheel_trains:
+            is_solvable = group.revolute and group.loops in COSTS_S
+            orders_by_group.append(find_elimination_orders(group) if is_solvable else ())
+    if len(solver.driven) != 1 or not all(orders_by_group):
+        return None
+    mode_count = prod(orders[0].root_count for orders in orders_by_group)
+    if mode_count > MAX_COMPLEX_MODES:
+        return None
+    # One binary link is removed for each loop of a group.
+    max_loops = max((len(orders[0].removed_links) for orders in orders_by_group), default=0)
+    if max_loops > MAX_LOOPS_IN_CHAIN and (
+        len(groups) > 1 or COSTS_S[max_loops] > max_cost_s
+    ):
+        return None
+    return ModeCoalescence(solver)
+
+
+class ModeCoalescence:
+    """The real analytic functions of the inputs whose signs change where modes meet.
+
+    There is one function for each group. A group whose position does not depend on the
+    modes of an earlier group has the same determinant in all of these. They are then left
+    out of the product, which otherwise would only be a power of the function.
+
+    Parameters
+    ----------
+    solver
+        A mechanism whose groups have R pairs and an elimination, or are trains of wheels.
+
+    Attributes
+    ----------
+    groups
+        The groups in solving order.
+    cost
+        Approximate time (s) that one value of all functions takes.
+    """
+
+    def __init__(self, solver: PositionSolver) -> None:
+        self.solver = solver
+        self.groups = solver.assembly.groups
+        all_groups = frozenset(range(len(self.groups)))
+        # (test inputs, inputs): a different value for each input.
+        test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(solver.driven)))
+        # The elimination order of each group, None for trains of wheels; and the earlier
+        # groups on whose modes its determinants depend, all until they are determined.
+        self._orders: list[EliminationOrder | None] = []
+        self._dependences: list[frozenset[int]] = []
+        for position, group in enumerate(self.groups):
+            is_train = position in solver.wheel_trains
+            candidates = (None,) if is_train else find_elimination_orders(group)
+            self._orders.append(None)
+            self._dependences.append(all_groups)
+            for candidate in candidates:
+                self._orders[position] = candidate
+                determinants = self._compute_determinants(position, test_inputs)
+                if all_finite(determinants):
+                    break
+            self._dependences[position] = self._find_dependence(position, determinants)
+        self.cost = sum(
+            COSTS_S.get(group.loops, COSTS_S[2]) * prod(map(self._count_modes, dependence))
+            for group, dependence in zip(self.groups, self._dependences, strict=True)
+        )
+        # For `configurations`, which places all groups.
+        self._dependences.append(all_groups)
+
+    def _count_modes(self, position: int) -> int:
+        """Return the number of complex modes of a group; a train of wheels has one."""
+        order = self._orders[position]
+        return 1 if order is None else order.root_count
+
+    def count_factors(self, position: int) -> int:
+        """Return the number of complex modes whose product is the function of a group."""
+        return prod(map(self._count_modes, (*self._dependences[position], position)))
+
+    def __call__(self, position: int, q: Floats) -> Floats:
+        """Evaluate the function of a group.
+
+        Parameters
+        ----------
+        position
+            Position of the group in solving order.
+        q
+            (n,) values of the only input (rad).
+
+        Returns
+        -------
+        (n,) values. NaN if a complex mode is missing, infinite, or one of infinitely many,
+        or if the product exceeds float64.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            determinants = self._compute_determinants(position, q[:, None])
+            # Complex modes come in conjugate pairs, so that the product is real.
+            function = np.prod(determinants, axis=1).real
+        return np.where(np.isfinite(function), function, np.nan)
+
+    def configurations(self, q: Floats) -> Complexes:
+        """Return the pair angles of all complex modes of a mechanism of R pairs.
+
+        Parameters
+        ----------
+        q
+            (inputs,) values of the inputs (rad).
+
+        Returns
+        -------
+        (modes, pairs) complex angles (rad). NaN for a mode that is missing, infinite, or
+        one of infinitely many.
+        """
+        with np.errstate(all="ignore"):
+            within = self._place_links(len(self.groups), q[None])
+            pairs = range(len(self.solver.joints))
+            first_frames, second_frames = self._pair_frames(pairs, within)
+            # exp(i angle), from the x axis of the second frame in the first one.
+            x_and_iy = first_frames[..., 0] + 1j * first_frames[..., 1]
+            exponentials = np.sum(x_and_iy * second_frames[..., 0], axis=-1)
+            return -1j * np.log(exponentials).T
+
+    def _compute_determinants(self, position: int, q: Floats) -> Complexes:
+        """Return the determinants of a group's equations in all complex modes.
+
+        Parameters
+        ----------
+        position
+            Position of the group in solving order.
+        q
+            (n, inputs) values of the inputs (rad).
+
+        Returns
+        -------
+        (n, modes) determinants. The modes are those of the group, for each mode of the
+        earlier groups on which it depends. 1 for trains of wheels.
+        """
+        order = self._orders[position]
+        group = self.groups[position]
+        with np.errstate(all="ignore"):
+            within = self._place_links(position, q)
+            if order is None:
+                return np.ones((len(q), within[0].shape[1]), dtype=complex)
+            geometry = GroupGeometry(group, self._pair_frames(group.pairs, within))
+            _, determinants = geometry.solve_equations(order)
+            return determinants.reshape(len(q), -1)
+
+    def _place_links(self, group_count: int, q: Floats) -> list[Complexes]:
+        """Place the first groups in all their complex modes.
+
+        Parameters
+        ----------
+        group_count
+            Number of groups to place. The next group is the one for which they are placed,
+            and modes on which it does not depend are left out.
+        q
+            (n, inputs) values of the inputs (rad).
+
+        Returns
+        -------
+        For each link the rotation (n, modes, 3, 3) from its axes to those of its body.
+        """
+        state = self.solver.start(q)
+        ends = self.solver.mechanism.ends
+        within = [
+            state.within[link][:, None].astype(complex) for link in sorted(state.within)
+        ]
+        train_angles = {
+            pair: angle[:, None] for pair, angle in self.solver.gear_train_angles(q).items()
+        }
+        for position, group in enumerate(self.groups[:group_count]):
+            order = self._orders[position]
+            mode_count = self._count_modes(position)
+            if order is None:
+                rotations = place_train_bodies(
+                    group, within, ends, self.solver.joints, train_angles
+                )
+            else:
+                geometry = GroupGeometry(group, self._pair_frames(group.pairs, within))
+                tree_angles, _ = geometry.solve_equations(order)
+                placed = geometry.place_bodies(order, tree_angles)
+                # Axes: input, mode of all groups so far, body, row, column.
+                placed = placed.reshape(len(q), -1, *placed.shape[2:])
+                rotations = [placed[:, :, body] for body in range(placed.shape[2])]
+                # Each earlier mode is followed by as many modes of this group.
+                within = [np.repeat(rotation, mode_count, axis=1) for rotation in within]
+            for rotation, links in zip(rotations, group.bodies, strict=True):
+                for link in links:
+                    within[link] = rotation @ within[link]
+            if position not in self._dependences[group_count]:
+                # One mode of this group stands for all.
+                within = [rotation[:, ::mode_count] for rotation in within]
+        return within
+
+    def _pair_frames(self, pairs: Iterable[int], within: Sequence[Complexes]) -> Complexes:
+        """Return the frames of pairs in both their bodies.
+
+        Parameters
+        ----------
+        pairs
+            Numbers of the pairs.
+        within
+            For each link the rotation (n, modes, 3, 3) from its axes to those of its body.
+
+        Returns
+        -------
+        (2, pairs, n modes, 3, 3) frames in the first [0] and in the second [1] body.
+        """
+        frames = []
+        for pair in pairs:
+            joint = revolute(self.solver.joints[pair])
+            first_link, second_link = self.solver.mechanism.ends[pair]
+            frames.append(
+                (within[first_link] @ joint.first, within[second_link] @ joint.second)
+            )
+        return np.swapaxes(np.reshape(frames, (len(frames), 2, -1, 3, 3)), 0, 1)
+
+    def _find_dependence(self, position: int, determinants: Complexes) -> frozenset[int]:
+        """Return the positions of the earlier groups on whose modes a group depends.
+
+        Parameters
+        ----------
+        position
+            Position of the group in solving order.
+        determinants
+            (test inputs, modes) its determinants in all modes of the earlier groups.
+        """
+        counts = [self._count_modes(number) for number in range(position + 1)]
+        # Axes: test input, mode of each earlier group. The modes of the group itself are
+        # multiplied, because their order can differ from mode to mode.
+        products = np.prod(determinants.reshape(len(TEST_INPUTS_RAD), *counts), axis=-1)
+        dependence = set()
+        for earlier in range(position):
+            if counts[earlier] > 1:
+                differences = np.diff(products, axis=1 + earlier)
+                # The negation makes NaN a dependence.
+                limit = SAME_DETERMINANT_RATIO * max_abs(products)
+                if not max_abs(differences) < limit:
+                    dependence.add(earlier)
+        return frozenset(dependence)

@@ -1,0 +1,492 @@
+"""Finds the assembly modes of a mechanism with one input and irreducible groups.
+
+Modes are curves of configurations over the range of the input. All modes are computed at
+one input in each interval between the inputs at which modes meet, if elimination applies;
+otherwise some are found from random starts. Each new configuration is followed over the
+range, as far as its mode reaches. If the mode ends inside the range, its configuration
+curve is followed in arc length, and leads to further modes.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherekit.arrays import Floats, Indices
+from spherekit.completeness import Completeness, Guarantee
+from spherekit.errors import PlanError, SolveError
+from spherekit.geometry.vectors import max_abs
+from spherekit.numerics.angles import wrap
+from spherekit.planning.mobility import graph_mobility, inputs_to_declare
+from spherekit.positions.assembly_enumeration import (
+    MAX_ASSEMBLY_MODES,
+    RANGE_ROUNDS,
+    enumerate_assemblies,
+    group_signs,
+    random_starts,
+    signs_at,
+)
+from spherekit.positions.assembly_mode import AssemblyMode
+from spherekit.positions.configuration_curve import ArcCurve
+from spherekit.positions.configuration_space import monotone_pieces
+from spherekit.positions.curve_continuation import MAX_CURVE_LENGTH_RAD, follow_arc
+from spherekit.positions.curve_crossing import Crossing
+from spherekit.positions.elimination_order import has_elimination
+from spherekit.positions.group_solutions import (
+    CLOSED_FORM,
+    SEARCH,
+    SolutionMethod,
+    all_complete,
+    least_complete,
+)
+from spherekit.positions.input_grid import InputGrid
+from spherekit.positions.input_revolutions import whole_laps
+from spherekit.positions.input_turning_points import (
+    RUN_COST_S,
+    RUN_TIME_S,
+    find_input_turning_points,
+)
+from spherekit.positions.mode_predictor import ModeCurve, follow_each
+from spherekit.positions.modes_over_samples import REFERENCE_ONLY
+from spherekit.positions.position_solver import PositionSolver
+from spherekit.positions.random_search import SAME_MODE, SearchStatistics
+from spherekit.progress import ProgressReporter
+from spherekit.status import Status
+from spherekit.wording import counted
+
+MAX_STEPS_ALONG_MODES = 60000
+"""Steps along modes after which no further mode is followed.
+
+A mode takes some tens of steps, and thousands near configurations that are singular in
+higher order. Larger: more modes of such mechanisms are found, in more time.
+"""
+PROBED_FRACTIONS = np.array([0.5, 0.3, 0.7, 0.1, 0.9])
+"""Positions in the range at which the first mode of a mechanism with wheels is searched."""
+PROBED_INTERVALS = 15
+"""Intervals of the range in each of which modes are computed, if meetings are unknown.
+
+Larger: shorter modes are found, in more time.
+"""
+MAX_ROLLED_CURVE_LENGTH_RAD = 200.0
+"""Length after which a curve is ended if wheels have rolled lengths of their own.
+
+Such a curve need not close at all.
+"""
+MODE_DISTANCE_RAD = 1e-3
+"""A configuration is compared with a mode if it is nearer to the prediction.
+
+The difference of the two nodes around the prediction is added. Larger: more modes are
+compared. Smaller: a known mode may be followed again.
+"""
+STARTS_FOLLOWED_TOGETHER = 16
+"""Configurations of different modes that are followed together."""
+RANDOM_STARTS_FOLLOWED_TOGETHER = 6
+"""The same for configurations from random starts, several of which may be on one mode."""
+AS_ASSEMBLED = Completeness(
+    Guarantee.COMPONENT,
+    "the mode of the reference pose, and where it ends those that go on; wheels put "
+    "together otherwise were not looked for",
+)
+
+
+def check_mobility(solver: PositionSolver, mobility: int) -> None:
+    """Raise `PlanError` unless a mobility by rank is the number of inputs."""
+    mechanism = solver.mechanism
+    input_count = len(solver.driven)
+    if mobility != input_count:
+        raise PlanError(
+            f"{mechanism.name}: mobility {mobility} by rank with "
+            f"{graph_mobility(mechanism)} by the graph, but the number of inputs is "
+            f"{input_count}; {inputs_to_declare(mobility)}"
+        )
+
+
+class ModesOverRange:
+    """The assembly modes of a mechanism over the range of its only input.
+
+    The constructor runs the whole search.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, which has one input and irreducible groups.
+    input_grid
+        The samples of the input. Their range counts.
+    search
+        Whether to search for modes other than that of the reference pose. They are also
+        searched if there is no reference pose, or if its mode is not in the range.
+
+    Attributes
+    ----------
+    assembly_modes
+        The modes. That of the reference pose comes first.
+    methods
+        For each group the least complete method by which its modes were found at any input;
+        None if they were computed at none.
+    claim
+        How complete the modes are.
+    probes
+        Number of inputs at which modes were computed, plus the number of random starts.
+    crossings
+        Configurations at which curves cross, as far as they are known.
+
+    Raises
+    ------
+    PlanError
+        If the mobility by rank is not 1 in a mechanism with redundant constraints.
+    """
+
+    def __init__(self, solver: PositionSolver, input_grid: InputGrid, search: bool) -> None:
+        self.solver = solver
+        self.input_grid = input_grid
+        self.groups = solver.assembly.groups
+        self.assembly_modes: list[AssemblyMode] = []
+        self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
+        self.claim = REFERENCE_ONLY
+        self.probes = 0
+        self.crossings: tuple[Crossing, ...] = ()
+        # Modes that were reached on one configuration curve are one family. The number of
+        # the family of each mode:
+        self._families: list[int] = []
+        self._curves: list[ArcCurve] = []
+        # Mobility by rank at each start, if a group has redundant constraints.
+        self._mobilities: list[int] = []
+        self._steps_along_modes = 0
+        # Number of modes beyond whose ends the curves were followed.
+        self._extended_modes = 0
+        self._progress = ProgressReporter("searching the assembly modes")
+
+        self._add_reference()
+        if search or not self.assembly_modes:
+            self.claim = self._search_all_modes()
+        if not self.assembly_modes:
+            check_mobility(solver, min(self._mobilities, default=1))
+        if self._is_full:
+            reason = (
+                f"stopped at {counted(len(self.assembly_modes), 'mode')} after "
+                f"{self._steps_along_modes} steps along them; there may be more"
+            )
+            self.claim = Completeness(Guarantee.SAMPLED, reason)
+
+    @property
+    def _is_full(self) -> bool:
+        """Whether no further assembly mode is followed."""
+        count = len(self.assembly_modes)
+        has_taken_long = self._steps_along_modes > MAX_STEPS_ALONG_MODES
+        return count >= MAX_ASSEMBLY_MODES or (count > 0 and has_taken_long)
+
+    def _add_reference(self) -> None:
+        """Add the assembly mode of the reference pose, if there is one.
+
+        Raises
+        ------
+        PlanError
+            If the reference pose cannot move. Then the search for other modes would take
+            long and would not be what the user wants.
+        """
+        solver = self.solver
+        if solver.reference is None:
+            return
+        reference_input = solver.reference[list(solver.driven)]
+        # Shift the input by whole periods into the range, or as near to it as possible.
+        low, high = self.input_grid.range
+        distance = 0.5 * (low + high) - reference_input
+        is_outside = np.abs(distance) > 0.5 * np.ptp(self.input_grid.q, axis=0)
+        shift = np.where(is_outside, whole_laps(distance, solver.periods), 0.0)
+        values = solver.shift_inputs(solver.reference[None], reference_input + shift)
+        closed_values, curve = self._follow_configurations(values)[0]
+        self._add_mode(closed_values, curve)
+        if not self.assembly_modes and solver.gear_phases is not None:
+            self._add_modes_on_curve(values[0])
+        if self._mobilities and self._mobilities[0] < 1:
+            check_mobility(solver, self._mobilities[0])
+
+    def _follow_configurations(
+        self, values: Floats
+    ) -> list[tuple[Floats, ModeCurve | None]]:
+        """Close configurations and follow them over the range.
+
+        Parameters
+        ----------
+        values
+            (n, variables) nearly closed configurations (rad).
+
+        Returns
+        -------
+        For each configuration the closed one (variables,), and its curve; None if its
+        mobility by rank is not 1.
+        """
+        solver = self.solver
+        values = solver.closure.solve(values, solver.driven).values
+        is_mobile = np.ones(len(values), dtype=bool)
+        if any(group.redundant for group in self.groups):
+            mobilities = [solver.compute_mobility(row) for row in values]
+            self._mobilities += mobilities
+            is_mobile = np.array(mobilities) == 1
+        low, high = self.input_grid.range
+        driven = solver.driven[0]
+        curves = iter(follow_each(solver.closure, driven, values[is_mobile], low, high))
+        return [
+            (row, next(curves) if mobile else None)
+            for row, mobile in zip(values, is_mobile, strict=True)
+        ]
+
+    def _add_mode(
+        self, values: Floats, curve: ModeCurve | None, family: int | None = None
+    ) -> bool:
+        """Add the mode of a curve, if it is in the range, and return whether it is.
+
+        Parameters
+        ----------
+        values
+            (variables,) the configuration from which the curve was followed (rad).
+        curve
+            The curve, None if there is none.
+        family
+            Number of the family of the mode, None for a new family.
+        """
+        if curve is None:
+            return False
+        self._steps_along_modes += curve.tried_steps
+        low, high = self.input_grid.range
+        if curve.inputs[0] > high or curve.inputs[-1] < low:
+            return False
+        # Signs are those at the middle node. A pose may be at a dead centre.
+        values = curve.values[len(curve.values) // 2]
+        determinants = tuple(group_signs(self.solver, values[None], 0.0)[0].tolist())
+        self.assembly_modes.append(
+            AssemblyMode(
+                number=len(self.assembly_modes),
+                signs=signs_at(self.solver, values),
+                guide=curve,
+                determinants=determinants,
+            )
+        )
+        self._progress.tell(lambda: f"{len(self.assembly_modes)} followed")
+        new_family = max(self._families, default=-1) + 1
+        self._families.append(new_family if family is None else family)
+        return True
+
+    def _search_all_modes(self) -> Completeness:
+        """Search further modes in the whole range, and return how complete they are."""
+        solver = self.solver
+        q = self.input_grid.q
+        if solver.gear_phases is not None:
+            if not self.assembly_modes:
+                self._probe(q[:1])
+            if not solver.gear_phases.all_known:
+                return self._find_as_assembled()
+        can_eliminate = all(
+            group.is_dyad or position in solver.wheel_trains or has_elimination(group)
+            for position, group in enumerate(self.groups)
+        )
+        if can_eliminate:
+            claim = self._find_by_elimination()
+            if claim is not None:
+                return claim
+        self.methods = [
+            CLOSED_FORM if group.is_dyad else method or SEARCH
+            for group, method in zip(self.groups, self.methods, strict=True)
+        ]
+        statistics = self._search_from_random_starts()
+        if not self.assembly_modes:
+            # Configurations near a dead centre are left out of the random search.
+            self._probe(q[len(q) // 2][None])
+        return Completeness(Guarantee.SAMPLED, statistics.describe("components"))
+
+    def _find_as_assembled(self) -> Completeness:
+        """Find the modes on the curve of wheels whose rolled lengths are not functions.
+
+        If the rolled lengths do not follow from the input, wheels can be put together in
+        infinitely many ways. Only the curve of the reference pose is followed, or of the
+        first configuration that is found.
+        """
+        q = self.input_grid.q
+        for row in np.unique((PROBED_FRACTIONS * len(q)).astype(np.intp)):
+            if not self.assembly_modes:
+                self._probe(q[row : row + 1])
+        self._follow_curves_beyond_ends()
+        if not self.probes:
+            return AS_ASSEMBLED
+        reason = f"modes found at {counted(self.probes, 'input')}"
+        return Completeness(Guarantee.SAMPLED, reason)
+
+    def _find_by_elimination(self) -> Completeness | None:
+        """Find all modes at one input in each interval between meetings of modes.
+
+        Returns
+        -------
+        How complete the modes are; None if modes may be missing at one of the inputs.
+        """
+        low, high = self.input_grid.range
+        turning_points = find_input_turning_points(
+            self.solver, low, high, RUN_COST_S, RUN_TIME_S
+        )
+        self.crossings = turning_points.crossings
+        step = (high - low) / PROBED_INTERVALS
+        self._probe(turning_points.probes(step)[:, None])
+        if not all_complete(self.methods):
+            return None
+        claim = turning_points.claim(step)
+        if not turning_points.gap(step):
+            return claim
+        self._follow_curves_beyond_ends()
+        statistics = self._search_from_random_starts()
+        reason = f"{claim.reason}; between them {statistics.describe('components')}"
+        return replace(claim, reason=reason)
+
+    def _probe(self, inputs: Floats) -> None:
+        """Add all modes at inputs (n, 1) in rad, until some may be missing at an input."""
+        for q in inputs:
+            if self._is_full:
+                break
+            configurations = enumerate_assemblies(self.solver, q)
+            self.probes += 1
+            self.methods = [
+                least_complete(method, method_here)
+                for method, method_here in zip(
+                    self.methods, configurations.methods, strict=True
+                )
+            ]
+            self._add_new_modes(configurations.values)
+            if not all_complete(self.methods):
+                break  # A random search follows.
+
+    def _add_new_modes(
+        self,
+        values: Floats,
+        family: int | None = None,
+        together: int = STARTS_FOLLOWED_TOGETHER,
+    ) -> Indices:
+        """Add the modes of configurations that are on no known mode.
+
+        Parameters
+        ----------
+        values
+            (n, variables) closed configurations (rad).
+        family
+            Number of the family of all new modes, None if they are not known to be on one
+            curve.
+        together
+            Number of configurations that are followed together. One of them may turn out to
+            be on the mode of another; then the work for it was in vain.
+
+        Returns
+        -------
+        (n,) number of the family of each configuration; -1 if its mode is not in the range.
+        """
+        families = self._find_families(values, first_mode=0)
+        followed: dict[int, tuple[Floats, ModeCurve | None]] = {}
+        for row in np.flatnonzero(families < 0).tolist():
+            if families[row] >= 0 or self._is_full:
+                continue
+            if row not in followed:
+                unknown = np.flatnonzero(families < 0)
+                rows = unknown[unknown >= row][:together]
+                results = self._follow_configurations(values[rows])
+                followed = dict(zip(rows.tolist(), results, strict=True))
+            first_new_mode = len(self.assembly_modes)
+            closed_values, curve = followed[row]
+            if not self._add_mode(closed_values, curve, family):
+                continue
+            self._follow_curves_beyond_ends()
+            families[row] = self._families[first_new_mode]
+            unknown = np.flatnonzero(families < 0)
+            families[unknown] = self._find_families(values[unknown], first_new_mode)
+        return families
+
+    def _find_families(self, values: Floats, first_mode: int) -> Indices:
+        """Return the families of configurations that are on known modes.
+
+        A configuration is on a mode if it is near the prediction of the mode, and Newton's
+        method leads from the prediction to it.
+
+        Parameters
+        ----------
+        values
+            (n, variables) closed configurations (rad).
+        first_mode
+            Number of the first mode that is compared; all later ones are, too.
+
+        Returns
+        -------
+        (n,) number of the family, or -1.
+        """
+        families = np.full(len(values), -1, dtype=np.intp)
+        driven = list(self.solver.driven)
+        passive_angles = [v for v in self.solver.angles if v not in driven]
+        rotations = self.solver.closure.at(values).placed
+        q = values[:, driven]
+        for mode, family in zip(
+            self.assembly_modes[first_mode:], self._families[first_mode:], strict=True
+        ):
+            (rows,) = np.nonzero(families < 0)
+            assert mode.guide is not None
+            prediction = mode.guide.predict(q[rows], None)
+            difference = wrap(prediction.values - values[rows])[:, passive_angles]
+            is_near = max_abs(difference, axis=1) < prediction.spread + MODE_DISTANCE_RAD
+            rows = rows[is_near & (prediction.status == Status.OK)]
+            if len(rows):
+                mode_rotations = self.solver.evaluate(mode, q[rows]).rotations
+                distance = max_abs(mode_rotations - rotations[rows], axis=(1, 2, 3))
+                families[rows[distance < SAME_MODE]] = family
+        return families
+
+    def _follow_curves_beyond_ends(self) -> None:
+        """Follow the curves of modes that end inside the range, to further modes.
+
+        Only modes that were added since the last call are considered.
+        """
+        for assembly_mode in self.assembly_modes[self._extended_modes :]:
+            self._extended_modes += 1
+            curve = assembly_mode.guide
+            if not isinstance(curve, ModeCurve) or curve.ends == (Status.OK, Status.OK):
+                continue
+            values = curve.values[len(curve.values) // 2]
+            is_known = any(known.passes(values[None])[0] for known in self._curves)
+            if not is_known:
+                self._add_modes_on_curve(values, self._families[assembly_mode.number])
+
+    def _add_modes_on_curve(self, values: Floats, family: int | None = None) -> None:
+        """Add the modes in the range that are on the curve through a configuration.
+
+        Parameters
+        ----------
+        values
+            (variables,) the configuration (rad). Nothing is added if it is singular.
+        family
+            Number of the family of the modes, None for a new family.
+        """
+        gear_phases = self.solver.gear_phases
+        has_free_wheels = gear_phases is not None and not gear_phases.all_known
+        longest = MAX_ROLLED_CURVE_LENGTH_RAD if has_free_wheels else MAX_CURVE_LENGTH_RAD
+        try:
+            curve = follow_arc(self.solver.closure, values, longest=longest)
+        except SolveError:
+            return
+        self._curves.append(curve)
+        low, high = self.input_grid.range
+        (period,) = self.solver.periods
+        pieces = monotone_pieces(curve, self.solver.input_variable, low, high, period)
+        middles = np.array([piece.middle for piece in pieces])
+        self._add_new_modes(middles.reshape(-1, curve.nodes.values.shape[1]), family)
+
+    def _search_from_random_starts(self) -> SearchStatistics:
+        """Add the modes that random starts over the range lead to.
+
+        Returns
+        -------
+        How often the starts led to each family of modes.
+        """
+        low, high = self.input_grid.range
+        rounds = random_starts(self.solver, np.array([low]), np.array([high]))
+        variable_count = len(self.solver.mechanism.variable_owners)
+        statistics = SearchStatistics(variable_count, RANGE_ROUNDS)
+        self._follow_curves_beyond_ends()
+        while statistics.needs_more_starts and not self._is_full:
+            start_count, values, _ = next(rounds)
+            hits = self._add_new_modes(values, together=RANDOM_STARTS_FOLLOWED_TOGETHER)
+            family_count = max(self._families, default=-1) + 1
+            statistics.add(start_count, hits, family_count)
+            self.probes += start_count
+            self._progress.tell(lambda: statistics.describe("components"))
+        return statistics
