@@ -442,7 +442,7 @@ class ModesOverRange:
             if not isinstance(curve, ModeCurve) or curve.ends == (Status.OK, Status.OK):
                 continue
             values = curve.values[len(curve.values) // 2]
-            is_known = any(known.passes(values[None])[0] for known in self._curves)
+            is_known = any(other.passes(values[None])[0] for other in self._curves)
             if not is_known:
                 self._add_modes_on_curve(values, self._families[assembly_mode.number])
 
