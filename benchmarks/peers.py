@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.harness import Cell, Section
 from spherekit.dynamics.compiled_engine import by_taylor_series
-from spherekit.dynamics.coordinates import by_variables
+from spherekit.dynamics.coordinates import motion_by_variables
 from spherekit.dynamics.numpy_engine import Collocation
 from spherekit.dynamics.reduced_model_maker import reduced_model
 from spherekit.dynamics.reduced_model_simulation import simulate_reduced
@@ -130,7 +130,7 @@ def _case(made: Mechanism, start: Start, pushes: tuple[Push, ...]) -> Case:
     values = tracer.motion().values[0].copy()
     places = [made.angles[pair] for pair in inputs]
     values[places] = q
-    motion = by_variables(tracer.solver.closure, values[None], places)
+    motion = motion_by_variables(tracer.solver.closure, values[None], places)
     rates = dq @ motion.rates[0]
     made = replace(made, loads=tuple(push.load for push in pushes))
     return Case(made, start, pushes, values, rates)

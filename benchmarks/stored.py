@@ -8,7 +8,8 @@ from statistics import median
 import numpy as np
 
 from benchmarks.harness import Cell, Section
-from spherekit.dynamics.coordinates import by_variables, inertia
+from spherekit.dynamics.coordinates import motion_by_variables
+from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.reduced_model import StoredModel
 from spherekit.dynamics.reduced_model_maker import reduced_grid_model, reduced_model
 from spherekit.files.mechanism_reader import load
@@ -184,7 +185,7 @@ def _worst(
                 change,
             )
         single = tracer.solver.input_variable
-        exact = by_variables(tracer.solver.closure, motion.values, [single])
+        exact = motion_by_variables(tracer.solver.closure, motion.values, [single])
         for number, variable in enumerate(mechanism.variable_names):
             turned = 2.0 * np.sin(
                 0.5 * (motion.values[:, number] - model.value(variable, q))

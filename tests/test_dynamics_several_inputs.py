@@ -9,7 +9,7 @@ from newton_euler import heavy, hold_to
 from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
-from spherekit.dynamics.coordinates import christoffel
+from spherekit.dynamics.inertia import christoffel
 from spherekit.dynamics.inverse_dynamics import inverse_dynamics
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.plugin.rotations import normal_at

@@ -138,13 +138,13 @@ def test_loads_and_masses_come_back(tmp_path):
 
 def _power(mechanism, values, placed):
     """Return the power of each load by name, while input 21 turns at 1 rad/s."""
-    from spherekit.dynamics.coordinates import by_variables
+    from spherekit.dynamics.coordinates import motion_by_variables
     from spherekit.dynamics.generalised_forces import Loads
 
     closure = Closure.of(mechanism, make_joints(mechanism))
     values = make_joints_in_pose(mechanism)[1] if values is None else values
     held = [mechanism.angles[item.pair] for item in mechanism.inputs]
-    motion = by_variables(closure, values[None], held)
+    motion = motion_by_variables(closure, values[None], held)
     loads_here = Loads(mechanism)
     velocities = loads_here.velocities(motion)[0, 0]
     found = {}

@@ -9,7 +9,8 @@ from newton_euler import loaded, newton_euler, row_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.dynamics.inverse_dynamics import holding_torques, output_stiffness
+from spherekit.dynamics.inverse_dynamics import holding_torques
+from spherekit.dynamics.output_stiffness import output_stiffness
 from spherekit.dynamics.reactions import reactions
 from spherekit.files.time_law import Polynomial
 from spherekit.positions.position_analysis import PositionAnalysis

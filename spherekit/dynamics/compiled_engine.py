@@ -18,12 +18,9 @@ from spherekit.dynamics.compiled_equation import (
     MAX_STEP_TOLERANCE,
     compile_equation,
 )
-from spherekit.dynamics.coordinates import (
-    CoordinateMotion,
-    inertia_matrix,
-    reciprocal_condition,
-)
+from spherekit.dynamics.coordinates import CoordinateMotion, reciprocal_condition
 from spherekit.dynamics.generalised_forces import rates_by_time
+from spherekit.dynamics.inertia import inertia_matrix
 from spherekit.dynamics.multi_dof_equation import MAX_RATE_SQUARES, total_moment_of_inertia
 from spherekit.dynamics.simulated_path import (
     CoordinateFrames,

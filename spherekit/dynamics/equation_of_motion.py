@@ -28,16 +28,13 @@ from spherekit.arrays import Floats
 from spherekit.dynamics.bearing_friction import solve_bearing_friction
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
-    Inertia,
     Order,
-    by_arc_length,
-    by_combinations,
-    continued,
-    coriolis,
-    inertia,
-    inertia_matrix,
+    continuous_signs,
+    motion_by_arc_length,
+    motion_by_combinations,
 )
 from spherekit.dynamics.generalised_forces import Loads, rates_by_time
+from spherekit.dynamics.inertia import Inertia, coriolis, inertia, inertia_matrix
 from spherekit.dynamics.transmitted_forces import DrivenState
 from spherekit.geometry.rotation import transpose
 from spherekit.geometry.vectors import all_finite
@@ -261,12 +258,12 @@ class EquationOfMotion:
             Order of the derivatives.
         """
         if self.freedoms > 1:
-            return by_combinations(self.closure, values, frame, order)
-        motion = by_arc_length(self.closure, values, order)
+            return motion_by_combinations(self.closure, values, frame, order)
+        motion = motion_by_arc_length(self.closure, values, order)
         if frame.ndim == 2:
-            return motion.turned(continued(motion.rates[:, 0], frame[0]))
+            return motion.with_senses(continuous_signs(motion.rates[:, 0], frame[0]))
         cosines = np.sum(frame * motion.rates, axis=(1, 2))
-        return motion.turned(np.where(cosines < 0.0, -1.0, 1.0))
+        return motion.with_senses(np.where(cosines < 0.0, -1.0, 1.0))
 
     def project_once(self, values: Floats) -> tuple[Floats, float]:
         """Return a configuration (variables,) after one Newton step to a closed one.

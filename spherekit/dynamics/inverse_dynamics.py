@@ -1,4 +1,4 @@
-"""The inverse problem: the torques of a given motion, or that hold a mechanism at rest."""
+"""Inverse dynamics: torques of a motion, and torques that hold a mechanism at rest."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,20 +12,17 @@ from spherekit.dynamics.bearing_friction import solve_bearing_friction
 from spherekit.dynamics.configurations_at_inputs import compute_modes_at_inputs
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
-    Inertia,
-    InputMotion,
-    by_variables,
-    determined,
-    driving_torques,
-    inertia,
-    single,
+    determinacy,
+    motion_by_variables,
 )
 from spherekit.dynamics.generalised_forces import Loads
+from spherekit.dynamics.inertia import Inertia, driving_torques, inertia
+from spherekit.dynamics.input_motion import InputMotion, only_column
 from spherekit.dynamics.transmitted_forces import DrivenState
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.time_law import TimeLaw
-from spherekit.geometry.vectors import all_finite, nans
+from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.outputs.rotation_timing import TimeScaling
 from spherekit.planning.assembly_plan import driven_at
@@ -39,16 +36,22 @@ from spherekit.velocities.pole_evaluation import evaluate_unsigned
 from spherekit.velocities.pole_request import request
 from spherekit.wording import counted, listing
 
-DEAD_CENTRE = 1e-6
-"""Inputs that say less surely how all variables move lose half the digits of rates."""
+MIN_INPUT_DETERMINACY = 1e-6
+"""Smallest `determinacy` of the inputs in a row that is OK.
 
+Rows in which the inputs determine the motion less well are AT_SINGULARITY. About half of
+the digits of their rates are lost. Larger: rows farther from dead centres have no torques.
+"""
 
-ROUNDING = 1e-13
-"""Torques that are a smaller part of the terms that they are the sum of are zero."""
+MAX_ZERO_TORQUE = 1e-13
+"""Largest torque, relative to the sum of the sizes of its terms, that counts as zero.
+
+Larger: small torques are reported as zero. Smaller: rounding errors are reported.
+"""
 
 
 def total(parts: Floats, status: SmallIntegers) -> Floats:
-    """Return sums (n, ...) of parts (n, k, ...), NaN in rows that failed, also of none."""
+    """Return sums (n, ...) of parts (n, k, ...), NaN in rows whose status is not OK."""
     with np.errstate(over="ignore"):
         sums: Floats = np.sum(parts, axis=1)
     sums[status != Status.OK] = np.nan
@@ -56,7 +59,10 @@ def total(parts: Floats, status: SmallIntegers) -> Floats:
 
 
 def of_parts(parts: Floats, status: SmallIntegers) -> SmallIntegers:
-    """Return (n, k) why parts (n, k) of rows with a status (n,) are NaN, else OK."""
+    """Return the status (n, k) of single parts (n, k) of a sum.
+
+    It is OK if the part is finite, and otherwise the status (n,) of the row.
+    """
     return np.where(np.isfinite(parts), np.int8(Status.OK), status[:, None])
 
 
@@ -68,40 +74,84 @@ def judged(
     rates: Floats,
     locked: Bools | bool,
 ) -> SmallIntegers:
-    """Return the status (n,) of torques (n, m), and blank what is not known.
+    """Return the status of torques, and replace what is not known by NaN.
 
-    `status` is that of the rates, on which inertia depends: that stays where a load of
-    `forces` (n, m, loads) is no number, or bearings are `locked`, and so do other loads.
+    Inertia depends on rates only. It is kept in rows in which a load is no number, or in
+    which bearings lock, and so are the other loads.
+
+    Parameters
+    ----------
+    status
+        (n,) status of the rates.
+    masses, forces, torques
+        Inertia, (n, m, loads) generalised forces and (n, m) torques. They are changed in
+        place.
+    rates
+        (n, m) rates of the inputs.
+    locked
+        (n,) whether the friction of bearings is not determined.
+
+    Returns
+    -------
+    (n,) the status, with NOT_CONVERGED for locked bearings and OVERFLOW if a torque or a
+    power is not finite.
     """
-    rated = status == Status.OK
+    has_rates = status == Status.OK
     status = status.copy()
-    status[rated & locked] = Status.NOT_CONVERGED
+    status[has_rates & locked] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
         powers = np.einsum("ni,nil->nl", rates, forces)
-    finite = np.isfinite(powers) & all_finite(forces, 1)
-    lost = ~(all_finite(torques, 1) & np.all(finite, axis=1))
-    status[(status == Status.OK) & lost] = Status.OVERFLOW
+    # (n, loads)
+    is_finite = np.isfinite(powers) & all_finite(forces, 1)
+    is_overflow = ~(all_finite(torques, 1) & np.all(is_finite, axis=1))
+    status[(status == Status.OK) & is_overflow] = Status.OVERFLOW
     for parts in (masses.M_parts, masses.dM_parts):
-        parts[~rated] = np.nan
+        parts[~has_rates] = np.nan
         parts[~np.isfinite(parts)] = np.nan
-    held = finite & np.isin(status, (Status.OK, Status.OVERFLOW))[:, None]
-    np.moveaxis(forces, 1, 2)[~held] = np.nan
+    has_forces = np.isin(status, (Status.OK, Status.OVERFLOW))
+    is_known = is_finite & has_forces[:, None]
+    np.moveaxis(forces, 1, 2)[~is_known] = np.nan
     torques[status != Status.OK] = np.nan
     return status
 
 
 @dataclass(frozen=True)
 class InverseSolution(InputMotion):
-    """The driving torques, row after row: mode after mode, in each the times.
+    """The driving torques of a motion at n rows: mode after mode, the times of each.
 
-    `sample`, `assembly_mode`, `status` (n,); `t` s; `inputs`, `input_rates`,
-    `input_accelerations` (n, inputs) the motion of the inputs; `M_parts` (n, masses,
-    inputs, inputs) kg m2 and `dM_parts` (n, masses, inputs, inputs, inputs) by the inputs;
-    `Q_parts` (n, inputs, loads) N m; `torques` (n, inputs) N m at the inputs; `values` (n,
-    variables) rad; `motion` what moves how by the inputs; `residual` (n,) rad. Failed rows
-    are NaN; what does not depend on loads is so where `rate_status` (n,) says why. Where
-    bearings rub, `carried` (n, k) N are the sums of the forces that their friction follows
-    from, of each such load, found in `rounds` of iteration.
+    Failed rows are NaN. Quantities that do not depend on loads are NaN in rows whose
+    `rate_status` is not OK.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism with its inputs.
+    sample, assembly_mode
+        (n,) numbers of the sample and of the assembly mode.
+    t
+        (n,) time, s.
+    inputs, input_rates, input_accelerations
+        (n, inputs) motion of the inputs (rad, s).
+    M_parts, dM_parts
+        (n, masses, inputs, inputs) kg m2 and (n, masses, inputs, inputs, inputs): the part
+        of each link in the inertia matrix, and its derivatives by the inputs.
+    Q_parts
+        (n, inputs, loads) generalised forces of single loads, N m.
+    torques
+        (n, inputs) driving torques, N m.
+    values
+        (n, variables) pair variables (rad).
+    motion
+        The configurations with their derivatives by the inputs.
+    residual
+        (n,) closure residual (rad).
+    status, rate_status
+        (n,) status of the torques, and of the rates on which inertia depends.
+    carried
+        (n, k) N: for mechanisms with friction of bearings, the sums of the bearing forces
+        from which the friction of each of these loads follows.
+    rounds
+        Number of iterations in which these forces were found.
     """
 
     mechanism: Mechanism
@@ -147,14 +197,16 @@ class InverseSolution(InputMotion):
 
     @property
     def sure_torques(self) -> Floats:
-        """(n, inputs) driving torques, zero where they are less than rounding leaves."""
+        """(n, inputs) driving torques, 0 if they are rounding errors of their terms."""
         speeds = np.abs(self.input_rates)
         with np.errstate(over="ignore"):
-            moved = np.max(speeds, axis=1)[:, None] * speeds
-            moved += np.abs(self.input_accelerations)
-            terms = np.einsum("nkij,nj->ni", np.abs(self.M_parts), moved)
+            # Bounds of the terms M ddq and C dq, with |M| in place of dM/dq.
+            changes = np.max(speeds, axis=1)[:, None] * speeds
+            changes += np.abs(self.input_accelerations)
+            terms = np.einsum("nkij,nj->ni", np.abs(self.M_parts), changes)
             terms += np.sum(np.abs(self.Q_parts), axis=2)
-            return np.where(np.abs(self.torques) <= ROUNDING * terms, 0.0, self.torques)
+            is_rounding = np.abs(self.torques) <= MAX_ZERO_TORQUE * terms
+            return np.where(is_rounding, 0.0, self.torques)
 
     @property
     def kinetic(self) -> Floats:
@@ -169,32 +221,32 @@ class InverseSolution(InputMotion):
     @property
     def tau(self) -> Floats:
         """(n,) driving torque at the only input, N m; `SolveError` with several."""
-        return single(self.torques)
+        return only_column(self.torques)
 
     @property
     def B_parts(self) -> Floats:
         """(n, masses) parts of the equivalent inertia, kg m2."""
-        return single(self.M_parts[..., 0])
+        return only_column(self.M_parts[..., 0])
 
     @property
     def dB_parts(self) -> Floats:
         """(n, masses) their derivatives by the input."""
-        return single(self.dM_parts[..., 0, 0])
+        return only_column(self.dM_parts[..., 0, 0])
 
     @property
     def B(self) -> Floats:
         """(n,) equivalent inertia, kg m2."""
-        return single(self.M[..., 0])
+        return only_column(self.M[..., 0])
 
     @property
     def dB_dq(self) -> Floats:
         """(n,) its derivative, kg m2/rad."""
-        return single(self.dM[..., 0, 0])
+        return only_column(self.dM[..., 0, 0])
 
     @property
     def Q(self) -> Floats:
         """(n,) generalised force of all loads, N m."""
-        return single(self.Q_all)
+        return only_column(self.Q_all)
 
     @property
     def rates(self) -> Floats:
@@ -204,16 +256,16 @@ class InverseSolution(InputMotion):
     @property
     def pair_rates(self) -> Floats:
         """(n, variables) rates of the pair variables per unit rate of the input."""
-        return single(np.moveaxis(self.rates, 1, 2))
+        return only_column(np.moveaxis(self.rates, 1, 2))
 
     def torque_at(self, pair: str) -> Floats:
-        """Return the torque (n,) in N m that does the same at another R pair.
+        """Return the torque (n,) in N m at another R pair with the same effect.
 
-        Not finite at the dead centres of that pair, where no torque there does it.
+        It is not finite at dead centres of that pair, where no torque has this effect.
         """
-        (number,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
+        (variable,) = self.mechanism.variables_of(self.mechanism.pair_number[pair])
         with np.errstate(divide="ignore", invalid="ignore"):
-            return self.tau / self.pair_rates[:, number]
+            return self.tau / self.pair_rates[:, variable]
 
 
 @checked(SolveError)
@@ -226,20 +278,20 @@ def inverse_dynamics(
     assembly_mode: int | None = None,
     search: bool = True,
 ) -> InverseSolution:
-    """Return the torques that move the inputs by laws against inertia and loads.
+    """Return the torques that move the inputs by time laws, against inertia and loads.
 
     Parameters
     ----------
     mechanism
-        One with masses, loads or both.
+        A mechanism with masses, loads or both.
     law
-        Variable, rate and acceleration of the input by time, of several inputs a mapping
-        from their names; or a rotation of an output in time (`spherekit.time_optimal`), in
-        its own assembly mode.
+        Variable, rate and acceleration of the input as functions of time. With several
+        inputs a mapping from their names to laws, or a rotation of an output in time
+        (`spherekit.time_optimal`), which has its own assembly mode.
     times
         (k,) increasing times, s.
-    input_pair, assembly mode, search
-        See `spherekit.trace`; not for a rotation, which has its own.
+    input_pair, assembly_mode, search
+        As in `spherekit.trace`. They have no effect on a rotation.
 
     Raises
     ------
@@ -262,39 +314,75 @@ def inverse_dynamics(
         )
     need_terms(mechanism)
     if isinstance(law, TimeScaling):
-        return needed_torques(_scheduled(mechanism, law, t))
+        return needed_torques(_motion_of_rotation(mechanism, law, t))
     mechanism, laws = _driven(mechanism, law, input_pair)
     q, timing = evaluate_time_laws(mechanism.input_pairs, laws, t)
-    tracer, motion = compute_modes_at_inputs(mechanism, q, assembly_mode, search)
-    motion = replace(motion, timing=timing.repeated(len(tracer.assembly_modes)))
-    return needed_torques(unwrap_motion(motion, tracer.angle_unwrapping))
+    position_analysis, motion = compute_modes_at_inputs(mechanism, q, assembly_mode, search)
+    mode_count = len(position_analysis.assembly_modes)
+    motion = replace(motion, timing=timing.repeated(mode_count))
+    return needed_torques(unwrap_motion(motion, position_analysis.angle_unwrapping))
 
 
 def _driven(
     mechanism: Mechanism, law: TimeLaw | Mapping[str, TimeLaw], input_pair: str | None
 ) -> tuple[Mechanism, Mapping[str, TimeLaw]]:
-    """Return a mechanism with the inputs that laws are of, and the law of each."""
-    if not isinstance(law, Mapping):
+    """Return a mechanism whose inputs are those of the laws, and the law of each input.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    law
+        A law of the only input, or laws by the names of the inputs.
+    input_pair
+        Name of the only input, by default the one that the mechanism declares.
+
+    Raises
+    ------
+    SolveError
+        If an input has no law.
+    """
+    if isinstance(law, Mapping):
+        laws = law
+    else:
         mechanism = driven_at(mechanism, input_pair)
-        law = {mechanism.input_pairs[0]: law}
+        laws = {mechanism.input_pairs[0]: law}
     inputs = mechanism.input_pairs
-    if len(law) < len(inputs):
-        lacking = next(pair for pair in inputs if pair not in law)
+    if len(laws) < len(inputs):
+        missing = next(pair for pair in inputs if pair not in laws)
         raise SolveError(
-            f"{mechanism.name}: input {lacking} has no law; give one for every input by "
+            f"{mechanism.name}: input {missing} has no law; give one for every input by "
             f"its name ({listing(inputs)})"
         )
-    return mechanism.with_inputs(*(inputs if {*inputs} == {*law} else law)), law
+    # The order of declared inputs is kept.
+    driven_pairs = inputs if {*inputs} == {*laws} else laws
+    return mechanism.with_inputs(*driven_pairs), laws
 
 
-def _scheduled(mechanism: Mechanism, schedule: TimeScaling, t: Floats) -> Motion:
-    """Return the motion of a rotation in time, its angles going on."""
-    rows = schedule.at(t)
-    tracer = PositionAnalysis(mechanism.with_inputs(*rows.names), follow=False)
-    motion = tracer.given(schedule.rotation.at(rows.theta).values)
-    timing = Timing(t, rows.rates, rows.accelerations)
-    motion = replace(motion, inputs=rows.inputs, status=rows.status, timing=timing)
-    return unwrap_motion(motion, tracer.angle_unwrapping)
+def _motion_of_rotation(mechanism: Mechanism, scaling: TimeScaling, t: Floats) -> Motion:
+    """Return the motion of a rotation of an output in time.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    scaling
+        The rotation with its angle as a function of time.
+    t
+        (n,) times, s.
+    """
+    samples = scaling.at(t)
+    position_analysis = PositionAnalysis(
+        mechanism.with_inputs(*samples.names), follow=False
+    )
+    motion = position_analysis.given(scaling.rotation.at(samples.theta).values)
+    motion = replace(
+        motion,
+        inputs=samples.inputs,
+        status=samples.status,
+        timing=Timing(t, samples.rates, samples.accelerations),
+    )
+    return unwrap_motion(motion, position_analysis.angle_unwrapping)
 
 
 def needed_torques(motion: Motion) -> InverseSolution:
@@ -303,39 +391,48 @@ def needed_torques(motion: Motion) -> InverseSolution:
     Parameters
     ----------
     motion
-        Of all inputs, with its timing; its angles are those that loads see.
+        A motion of all inputs with its timing. Its angles are those on which loads depend,
+        without jumps of whole revolutions.
     """
     assert motion.timing is not None
     mechanism = motion.mechanism
     timing = motion.timing
-    status = motion.status.copy()
-    numbers = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-    coordinates = by_variables(Closure.of(mechanism, motion.joints), motion.values, numbers)
-    flat = ~(determined(coordinates.rates) >= DEAD_CENTRE)
-    held = ~motion.failed
-    # Where assembly modes nearly cross, rounding of the configuration decides the
-    # derivatives.
+    input_variables = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    closure = Closure.of(mechanism, motion.joints)
+    coordinates = motion_by_variables(closure, motion.values, input_variables)
+    is_singular = ~(determinacy(coordinates.rates) >= MIN_INPUT_DETERMINACY)
+    has_configuration = ~motion.failed
+    # Where assembly modes nearly cross, the derivatives depend on rounding errors of the
+    # configuration. The evaluation of poles finds such rows.
     for name in mechanism.names_of(motion.assembly.inputs):
-        wanted = request(mechanism, name, (), by_rank=True)
-        field = evaluate_unsigned(motion.rows(held), wanted)
-        # Inertia is computed in float64, by the rounded sizes. Rows whose rates are known
-        # by the decimal sizes of the file alone are too near a singularity for that.
-        flat[held] |= (field.status != Status.OK) | field.is_decimal
-    status[(status == Status.OK) & flat] = Status.AT_SINGULARITY
+        pole_request = request(mechanism, name, (), by_rank=True)
+        field = evaluate_unsigned(motion.rows(has_configuration), pole_request)
+        # Inertia is computed in float64, from the rounded sizes. Rows whose rates are known
+        # from the decimal sizes of the file alone are too near to a singularity for that.
+        is_singular[has_configuration] |= (field.status != Status.OK) | field.is_decimal
+    status = motion.status.copy()
+    status[(status == Status.OK) & is_singular] = Status.AT_SINGULARITY
+
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
-    of = mechanism, rows, timing, coordinates, status
-    solution = balancing(*of)
+    solution = balancing(mechanism, rows, timing, coordinates, status)
     loads = Loads(mechanism)
     if loads.friction_components:
-        good = all_finite(solution.torques, 1)
-        every = DrivenState(mechanism, coordinates, timing, solution.torques)
+        # The friction of bearings depends on reactions, which depend on the torques.
+        has_torques = all_finite(solution.torques, 1)
+        driven = DrivenState(mechanism, coordinates, timing, solution.torques)
         with np.errstate(over="ignore", invalid="ignore"):
-            friction = solve_bearing_friction(every, loads, good)
-        friction.carried[~good] = 0.0
-        solution = replace(
-            balancing(*of, friction.is_unknown, friction.carried),
-            rounds=friction.iterations,
+            friction = solve_bearing_friction(driven, loads, has_torques)
+        friction.carried[~has_torques] = 0.0
+        solution = balancing(
+            mechanism,
+            rows,
+            timing,
+            coordinates,
+            status,
+            locked=friction.is_unknown,
+            carried=friction.carried,
         )
+        solution = replace(solution, rounds=friction.iterations)
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
     return solution
@@ -350,46 +447,56 @@ def balancing(
     locked: Bools | bool = False,
     carried: Floats | None = None,
 ) -> InverseSolution:
-    """Return the torques that balance inertia and loads, given how all moves by the inputs.
+    """Return the torques at the inputs that balance inertia and loads.
 
     Parameters
     ----------
+    mechanism
+        The mechanism with its inputs.
     rows
-        The samples, assembly modes, inputs (n, inputs) and residuals of the rows.
+        (n,) samples and assembly modes, (n, inputs) inputs and (n,) closure residuals.
+    timing
+        Times, rates and accelerations of the inputs.
+    coordinates
+        The motion by the inputs.
     rate_status
-        (n,) the status of what does not depend on loads.
-    locked, carried
-        Where (n,) bearings that rub lock, and what they carry, see `InverseSolution`.
+        (n,) status of the rates.
+    locked
+        (n,) whether the friction of bearings is not determined.
+    carried
+        (n, k) bearing forces; see `InverseSolution`.
     """
     sample, assembly_mode, inputs, residual = rows
     with np.errstate(over="ignore", invalid="ignore"):
         masses = inertia(mechanism, coordinates)
         forces = Loads(mechanism).evaluate_forces(coordinates, timing.dq, timing.t, carried)
-        Q = np.sum(forces, axis=2)
-        torques = driving_torques(masses.M, masses.dM, Q, timing.dq, timing.ddq)
+        total_forces = np.sum(forces, axis=2)
+        torques = driving_torques(masses.M, masses.dM, total_forces, timing.dq, timing.ddq)
+    # This also replaces unknown entries of the arrays by NaN.
+    status = judged(rate_status, masses, forces, torques, timing.dq, locked)
     return InverseSolution(
-        mechanism,
-        sample,
-        assembly_mode,
-        timing.t,
-        inputs,
-        timing.dq,
-        timing.ddq,
-        masses.M_parts,
-        masses.dM_parts,
-        forces,
-        torques,
-        coordinates.values.copy(),
-        coordinates,
-        residual,
-        judged(rate_status, masses, forces, torques, timing.dq, locked),
-        rate_status,
-        carried,
+        mechanism=mechanism,
+        sample=sample,
+        assembly_mode=assembly_mode,
+        t=timing.t,
+        inputs=inputs,
+        input_rates=timing.dq,
+        input_accelerations=timing.ddq,
+        M_parts=masses.M_parts,
+        dM_parts=masses.dM_parts,
+        Q_parts=forces,
+        torques=torques,
+        values=coordinates.values.copy(),
+        motion=coordinates,
+        residual=residual,
+        status=status,
+        rate_status=rate_status,
+        carried=carried,
     )
 
 
 def need_terms(mechanism: Mechanism) -> None:
-    """Raise `ModelError` if there is neither inertia nor a load, so no torque at all."""
+    """Raise `ModelError` if a mechanism has neither masses nor loads."""
     if not mechanism.masses and not mechanism.loads:
         raise ModelError(
             f"{mechanism.name}: has neither masses nor loads, so it needs no torque; give "
@@ -403,75 +510,10 @@ def holding_torques(motion: Motion, t: float = 0.0) -> InverseSolution:
     Parameters
     ----------
     motion
-        Configurations in rows; their timing does not matter.
+        Configurations in rows. Their timing has no effect.
     t
-        The time (s) at which loads that depend on it are taken.
+        The time (s) for loads that depend on it.
     """
-    still = np.zeros_like(motion.inputs)
-    timing = Timing(np.full(len(motion), t), still, still)
+    no_motion = np.zeros_like(motion.inputs)
+    timing = Timing(np.full(len(motion), t), no_motion, no_motion)
     return needed_torques(replace(motion, timing=timing))
-
-
-RIGID = 1e-12
-"""An axis whose compliance is below this part of the largest does not yield; an input that
-moves a link by less than this part of the fastest link does not move it."""
-
-
-@dataclass(frozen=True)
-class Stiffness:
-    """How inputs hold a link relative to another one at n rows.
-
-    `w` (n, inputs, 3): its angular velocity per unit rate of each input, in ground axes.
-    `advantage` (n, inputs): the moment about the axis of w that a unit torque at that input
-    balances while the others are locked, one over the size of w; infinite where the input
-    does not move the link. `stiffness` (n, 3) N m/rad rising and `axes` (n, 3, 3), in rows:
-    the principal ones of the link where every input yields by its torque over its
-    stiffness; about axes that do not yield it is infinite, and the axis NaN.
-    """
-
-    w: Floats
-    advantage: Floats
-    stiffness: Floats
-    axes: Floats
-
-
-def output_stiffness(
-    solution: InverseSolution, link: str, relative_to: str, stiffness: Floats
-) -> Stiffness:
-    """Return how inputs hold a link, each yielding by its own stiffness.
-
-    Parameters
-    ----------
-    solution
-        Torques or holding torques, whose rates are used.
-    link, relative_to
-        Names of two links.
-    stiffness
-        (inputs,) N m/rad.
-
-    Notes
-    -----
-    A moment m on the link is balanced by the torques w_i . m, which turn the inputs by
-    w_i . m / k_i, and the link by C m with C = sum of w_i w_i^T / k_i. That the loads
-    change as the mechanism yields is left out.
-    """
-    number = solution.mechanism.link_number
-    every = solution.motion.w
-    w = every[:, :, number[link]] - every[:, :, number[relative_to]]
-    fastest = np.max(np.linalg.norm(every, axis=3), axis=2)
-    w[np.linalg.norm(w, axis=2) < RIGID * fastest] = 0.0
-    good = solution.rate_status == Status.OK
-    w[~good] = np.nan
-    compliance = np.einsum("nia,nib,i->nab", w, w, 1.0 / stiffness)
-    values = nans((len(w), 3))
-    vectors = nans((len(w), 3, 3))
-    values[good], turned = np.linalg.eigh(compliance[good])
-    vectors[good] = np.swapaxes(turned, 1, 2)
-    values[values < RIGID * values[:, -1:]] = 0.0
-    vectors[values == 0.0] = np.nan
-    # Each axis points to the side to which the inputs turn the link together.
-    side = np.sum(w / (1.0 + np.arange(w.shape[1]))[:, None], axis=1)
-    vectors *= np.where(vectors @ side[..., None] < 0.0, -1.0, 1.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        advantage = 1.0 / np.linalg.norm(w, axis=2)
-        return Stiffness(w, advantage, 1.0 / values[:, ::-1], vectors[:, ::-1])

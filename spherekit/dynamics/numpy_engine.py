@@ -13,8 +13,9 @@ from typing import Literal
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.dynamics.coordinates import inertia_matrix, reciprocal_condition
+from spherekit.dynamics.coordinates import reciprocal_condition
 from spherekit.dynamics.equation_of_motion import StateDynamics
+from spherekit.dynamics.inertia import inertia_matrix
 from spherekit.dynamics.simulated_path import (
     GAUSS,
     INTEGRAL,

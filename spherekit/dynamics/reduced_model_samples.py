@@ -20,14 +20,13 @@ from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN, Names
 from spherekit.dynamics.coordinates import (
     CoordinateMotion,
-    by_arc_length,
-    by_variables,
-    christoffel,
-    continued,
-    determined,
-    inertia,
+    continuous_signs,
+    determinacy,
+    motion_by_arc_length,
+    motion_by_variables,
 )
 from spherekit.dynamics.generalised_forces import Loads
+from spherekit.dynamics.inertia import christoffel, inertia
 from spherekit.dynamics.reduced_model_archive import StoredHeading, StoredLoad
 from spherekit.dynamics.reduced_model_functions import FunctionKind, FunctionLabel
 from spherekit.errors import SolveError
@@ -347,7 +346,7 @@ class CurveSampler(Sampler):
             offset = curve.at(curve.find(values[None])).values[0] - values
             arc_lengths = np.linspace(0.0, curve.length, CURVE_NODES)
             node_values = curve.at(arc_lengths).values - offset
-            self.nodes = by_variables(self.closure, node_values, self.driven)
+            self.nodes = motion_by_variables(self.closure, node_values, self.driven)
         self.periodic = curve.closed
         self.laps = 1
         self._store_axis_senses()
@@ -406,11 +405,11 @@ class CurveSampler(Sampler):
             closed = self.close_loops((x - sense * laps * lap)[:, None])
             values = closed.linearisation.values + np.outer(laps, self.curve.rise)
             values[:, self.driven[0]] = x
-            return by_variables(self.closure, values, self.driven)
+            return motion_by_variables(self.closure, values, self.driven)
         points = self.curve.at(x)
-        motion = by_arc_length(self.closure, points.values)
+        motion = motion_by_arc_length(self.closure, points.values)
         # The null vector has either sense; the tangent of the curve decides.
-        return motion.turned(np.sign(np.vecdot(motion.rates[:, 0], points.tangents)))
+        return motion.with_senses(np.sign(np.vecdot(motion.rates[:, 0], points.tangents)))
 
     def _evaluate_directions(
         self, x: Floats, motion: CoordinateMotion
@@ -489,7 +488,8 @@ class CurveSampler(Sampler):
                     "ask for fewer poles"
                 )
         directions = {
-            pole: axis * continued(axis, reference)[:, None] for pole, axis in axes.items()
+            pole: axis * continuous_signs(axis, reference)[:, None]
+            for pole, axis in axes.items()
         }
         # 1 if an axis comes back as it started, -1 if it comes back reversed.
         end_senses = {pole: np.sign(d[0] @ d[-1]) for pole, d in directions.items()}
@@ -517,9 +517,9 @@ class BoxSampler(Sampler):
             position_analysis.motion(), position_analysis.angle_unwrapping
         )
         values = motion.values[motion.status == Status.OK]
-        nodes = by_variables(self.closure, values, self.driven)
+        nodes = motion_by_variables(self.closure, values, self.driven)
         is_regular = all_finite(nodes.second, (1, 2, 3))
-        is_regular &= determined(nodes.rates) >= MIN_DETERMINACY
+        is_regular &= determinacy(nodes.rates) >= MIN_DETERMINACY
         if not np.any(is_regular):
             raise SolveError(
                 f"{self.mechanism.name}: the assembly mode has no regular configuration on "
@@ -553,7 +553,7 @@ class BoxSampler(Sampler):
         near = closed.nodes
         nodes = self.nodes
         with np.errstate(all="ignore"):
-            motion = by_variables(self.closure, values, self.driven, order=1)
+            motion = motion_by_variables(self.closure, values, self.driven, order=1)
             # Newton's method can arrive on another assembly mode. On the mode of the node
             # the trapezoidal rule leads from the node to the configuration.
             rate_sums = nodes.rates[near] + motion.rates
@@ -561,11 +561,11 @@ class BoxSampler(Sampler):
             predicted = nodes.values[near] + change
             is_valid = closed.linearisation.gap < CLOSURE_TOLERANCE
             is_valid &= max_abs(predicted - values, axis=1) < MAX_PREDICTION_ERROR_RAD
-            is_valid &= determined(motion.rates) >= MIN_DETERMINACY
+            is_valid &= determinacy(motion.rates) >= MIN_DETERMINACY
             is_valid &= motion.status == Status.OK
         functions = nans((len(inputs), function_count))
         functions[is_valid] = self.evaluate_motion(
-            by_variables(self.closure, values[is_valid], self.driven)
+            motion_by_variables(self.closure, values[is_valid], self.driven)
         )
         return functions
 

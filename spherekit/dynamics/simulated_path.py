@@ -16,8 +16,8 @@ from numpy.polynomial import legendre
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN
 from spherekit.dynamics.compiled_equation import CompiledEquation
-from spherekit.dynamics.coordinates import inertia
 from spherekit.dynamics.equation_of_motion import EquationOfMotion, InertiaRoots
+from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.multi_dof_equation import total_moment_of_inertia
 from spherekit.dynamics.simulation_start import variable_of
 from spherekit.dynamics.taylor_integration import CROSSING_RATIO, Segment, TaylorRun

@@ -11,13 +11,10 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
-from spherekit.dynamics.coordinates import (
-    InputMotion,
-    inertia_matrix,
-    single,
-)
 from spherekit.dynamics.equation_of_motion import EquationOfMotion, StateDynamics
 from spherekit.dynamics.generalised_forces import rates_by_time
+from spherekit.dynamics.inertia import inertia_matrix
+from spherekit.dynamics.input_motion import InputMotion, only_column
 from spherekit.dynamics.simulated_path import StatePath, Traced
 from spherekit.dynamics.simulation_start import Problem
 from spherekit.dynamics.transmitted_forces import (
@@ -102,7 +99,7 @@ class Event:
     @property
     def q(self) -> float:
         """The variable of the only input (rad); `SolveError` with several."""
-        return float(single(np.array(self.inputs)))
+        return float(only_column(np.array(self.inputs)))
 
 
 @dataclass(frozen=True)

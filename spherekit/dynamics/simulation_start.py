@@ -13,8 +13,8 @@ from spherekit.dynamics.configurations_at_inputs import (
     count_whole_turns,
     wrap_to_pi,
 )
-from spherekit.dynamics.coordinates import need_inertia, need_moving_inertia
 from spherekit.dynamics.equation_of_motion import EquationOfMotion
+from spherekit.dynamics.inertia import need_inertia, need_moving_inertia
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.study import Start
 from spherekit.geometry.vectors import all_finite, max_abs

@@ -11,7 +11,7 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
-from spherekit.dynamics.coordinates import by_variables
+from spherekit.dynamics.coordinates import motion_by_variables
 from spherekit.dynamics.reduced_model_samples import pole_name
 from spherekit.errors import SolveError
 from spherekit.exchange.coupling_table import CouplingTable
@@ -167,7 +167,9 @@ def _table(
     tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=fine)
     motion = unwrap_motion(tracer.motion(), tracer.angle_unwrapping)
     good = np.flatnonzero(~motion.failed)
-    parts = by_variables(tracer.solver.closure, motion.values[good], tracer.solver.driven)
+    parts = motion_by_variables(
+        tracer.solver.closure, motion.values[good], tracer.solver.driven
+    )
     modes = [mode.number for mode in tracer.assembly_modes]
 
     def spread(values: Floats) -> Floats:

@@ -1,24 +1,19 @@
 """What analyses of forces compute with: inertia, loads and the driving torque."""
 
-from spherekit.dynamics.coordinates import (
-    CoordinateMotion,
-    Inertia,
-    driving_torques,
-    inertia,
-)
+from spherekit.dynamics.coordinates import CoordinateMotion
 from spherekit.dynamics.generalised_forces import Loads
+from spherekit.dynamics.inertia import Inertia, driving_torques, inertia
 from spherekit.dynamics.inverse_dynamics import (
     InverseSolution,
-    Stiffness,
     balancing,
     holding_torques,
     judged,
     need_terms,
     needed_torques,
     of_parts,
-    output_stiffness,
     total,
 )
+from spherekit.dynamics.output_stiffness import Stiffness, output_stiffness
 from spherekit.dynamics.reactions import Reactions, reactions
 from spherekit.mechanism.friction import Bearings
 from spherekit.mechanism.load_dependence import acting_links, used_links, used_pairs

@@ -1,0 +1,232 @@
+"""The inertia of a mechanism in its coordinates, and the equation of motion.
+
+With the inertia matrix M, its Christoffel symbols c and the generalised forces Q of all
+loads, the driving torques tau satisfy
+
+    M q'' + C q' = Q + tau,   C_ij = sum over k of c_ijk q'_k,
+    c_ijk = 1/2 (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i),
+
+so that M' - 2 C is skew-symmetric. With one coordinate this is Eksergian's equation
+B q'' + 1/2 dB/dq q'^2 = Q + tau (Di Gregorio 2024, eq. (9)).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.dynamics.coordinates import CoordinateMotion
+from spherekit.errors import ModelError, SolveError
+from spherekit.geometry.vectors import cross
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.wording import listing
+
+MIN_RELATIVE_INERTIA = 1e-14
+"""Smallest moment of inertia, relative to the largest of all directions, that is no
+rounding error.
+
+Larger: simulations with very different inertias are refused. Smaller: motions in which no
+mass moves are not recognised.
+"""
+
+MIN_NAMED_RATE = 1e-6
+"""Smallest rate of a pair that is named in a message, in a motion of unit size."""
+
+MIN_RELATIVE_SPEED = 1e-9
+"""Smallest angular velocity of a link, relative to the fastest link, that counts as motion.
+
+Larger: starts at which heavy links move slowly are refused. Smaller: rounding errors count
+as motion.
+"""
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """The part of each link in the inertia matrix M and in its derivatives.
+
+    Links are those with mass, in the order of `Mechanism.masses`. The matrix of one
+    coordinate is the equivalent inertia B.
+
+    Attributes
+    ----------
+    M_parts
+        (n, masses, m, m) kg m2 per product of the units of two coordinates.
+    dM_parts
+        (n, masses, m, m, m) at [i, j, k] the derivative of M_ij by coordinate k.
+    """
+
+    M_parts: Floats
+    dM_parts: Floats
+
+    @property
+    def M(self) -> Floats:
+        """(n, m, m) inertia matrix."""
+        return np.sum(self.M_parts, axis=1)
+
+    @property
+    def dM(self) -> Floats:
+        """(n, m, m, m) its derivatives, by the last axis."""
+        return np.sum(self.dM_parts, axis=1)
+
+    @property
+    def B(self) -> Floats:
+        """(n,) equivalent inertia."""
+        return self.M[:, 0, 0]
+
+    @property
+    def dB(self) -> Floats:
+        """(n,) derivative of the equivalent inertia by the coordinate."""
+        return self.dM[:, 0, 0, 0]
+
+
+def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
+    """Return the inertia matrix and its derivatives at every row of a motion.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its masses.
+    motion
+        The motion to second order.
+
+    Notes
+    -----
+    M_ij is the sum of w_i . I w_j over the links (Di Gregorio 2024, eqs. (14), (15), for
+    one coordinate). I is the inertia tensor of a link about the centre in ground axes, and
+    w_i its angular velocity per unit rate of coordinate i. I turns with the link. Its
+    derivative by coordinate k is [w_k] I - I [w_k] with the cross product matrix [w], so
+
+        w_i . I_k w_j = (w_i x w_k) . I w_j + (I w_i) . (w_j x w_k).
+
+    This is zero for i = j = k. With one coordinate, dB = 2 sum of w . I dw is eq. (19)
+    there, without its derivatives of rotations.
+    """
+    tensors, w = _link_components(mechanism, motion, motion.w)
+    _, dw = _link_components(mechanism, motion, motion.dw)
+    momenta = _angular_momenta(tensors, w)
+    # Letters: n row, k link, i j l coordinates, a component. One half of the derivative
+    # is I w_i . (dw_j/dq_l + w_j x w_l). The other half has i and j exchanged.
+    half = np.einsum("nika,njlka->nkijl", momenta, dw)
+    half += np.einsum("nika,njlka->nkijl", momenta, cross(w[:, :, None], w[:, None]))
+    return Inertia(_velocity_products(momenta, w), half + np.swapaxes(half, 2, 3))
+
+
+def inertia_matrix(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
+    """Return the inertia matrix M (n, m, m) of a motion to first order."""
+    tensors, w = _link_components(mechanism, motion, motion.w)
+    return np.sum(_velocity_products(_angular_momenta(tensors, w), w), axis=1)
+
+
+def _link_components(
+    mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
+) -> tuple[Floats, Floats]:
+    """Return inertia tensors, and vectors of links, in link axes.
+
+    Parameters
+    ----------
+    mechanism, motion
+        The mechanism, and its orientations.
+    vectors
+        (n, ..., links, 3) a vector of each link in ground axes.
+
+    Returns
+    -------
+    tensors
+        (masses, 3, 3) in link axes.
+    components
+        (n, ..., masses, 3) the vectors of links with mass, in link axes.
+    """
+    links = [mechanism.link_number[mass.link] for mass in mechanism.masses]
+    tensors = np.array([mass.tensor for mass in mechanism.masses]).reshape(-1, 3, 3)
+    # Letters: n row, k link, j ground component, i link component.
+    components = np.einsum(
+        "nkji,n...kj->n...ki", motion.rotations[:, links], vectors[..., links, :]
+    )
+    return tensors, components
+
+
+def _angular_momenta(tensors: Floats, w: Floats) -> Floats:
+    """Return I w (n, ..., masses, 3) in link axes; see `_link_components`."""
+    return np.einsum("kij,n...kj->n...ki", tensors, w)
+
+
+def _velocity_products(momenta: Floats, w: Floats) -> Floats:
+    """Return I w_i . w_j (n, masses, m, m) from I w and w (n, m, masses, 3)."""
+    return np.einsum("nika,njka->nkij", momenta, w)
+
+
+def need_inertia(mechanism: Mechanism) -> None:
+    """Raise `ModelError` unless some moving link has inertia."""
+    moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
+    if not any(np.any(mass.tensor) for mass in moving_masses):
+        raise ModelError(
+            f"{mechanism.name}: mass: no moving link has inertia, so loads would "
+            "accelerate it endlessly; give at least one [mass.LINK]"
+        )
+
+
+def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
+    """Raise `SolveError` if a motion exists in which no link with mass moves.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its masses.
+    motion
+        The first row is the start of a simulation.
+    """
+    principal_inertias, directions = np.linalg.eigh(inertia_matrix(mechanism, motion)[0])
+    smallest = principal_inertias[0]
+    largest = principal_inertias[-1]
+    if len(principal_inertias) > 1 and smallest < MIN_RELATIVE_INERTIA * largest:
+        rates = np.abs(directions[:, 0] @ motion.rates[0])
+        pairs = [name for name, v in mechanism.angles.items() if rates[v] > MIN_NAMED_RATE]
+        raise SolveError(
+            f"{mechanism.name}: at the start pairs {listing(pairs)} can turn together so "
+            "that no link with mass moves, so loads would accelerate them endlessly; give "
+            "mass to links that move then, or lock a pair"
+        )
+    moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
+    total_inertia = sum(np.linalg.norm(mass.tensor, 2) for mass in moving_masses)
+    largest_speed_square = np.max(np.sum(motion.w[0] ** 2, axis=-1))
+    # The inertia if all links with mass moved at the smallest speed that counts.
+    least_inertia = MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square
+    if not least_inertia < smallest:
+        raise SolveError(
+            f"{mechanism.name}: at the start no link with mass moves (less than "
+            f"{MIN_RELATIVE_SPEED:g} of the fastest), so loads would accelerate the others "
+            "endlessly; give mass to links that move, or start elsewhere"
+        )
+
+
+def christoffel(dM: Floats) -> Floats:
+    """Return the Christoffel symbols c (n, m, m, m).
+
+    `dM` (n, m, m, m) are the derivatives of the inertia matrix, at [i, j, k] that of M_ij
+    by coordinate k.
+    """
+    return 0.5 * (dM + (np.swapaxes(dM, 2, 3) - np.moveaxis(dM, 3, 1)))
+
+
+def coriolis(dM: Floats, rates: Floats) -> Floats:
+    """Return the velocity-dependent torques C q' (n, m).
+
+    `dM` (n, m, m, m) are the derivatives of the inertia matrix, `rates` (n, m) those of the
+    coordinates.
+    """
+    return np.einsum("nijk,nj,nk->ni", christoffel(dM), rates, rates)
+
+
+def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:
+    """Return the driving torques tau (n, m) = M q'' + C q' - Q at the coordinates, N m.
+
+    Parameters
+    ----------
+    M, dM
+        (n, m, m) inertia matrix and (n, m, m, m) its derivatives, by the last axis.
+    Q
+        (n, m) generalised forces of all loads.
+    dq, ddq
+        (n, m) rates and accelerations of the coordinates.
+    """
+    return (M @ ddq[..., None])[..., 0] + coriolis(dM, dq) - Q

@@ -1,0 +1,52 @@
+"""Records of the inputs of a mechanism, with short names for a single input."""
+
+from spherekit.arrays import Floats
+from spherekit.errors import SolveError
+
+
+def only_column(columns: Floats) -> Floats:
+    """Return the only column (...) of an array (..., inputs).
+
+    Raises
+    ------
+    SolveError
+        If there are several inputs.
+    """
+    if columns.shape[-1] != 1:
+        raise SolveError(
+            f"there are {columns.shape[-1]} inputs; read inputs, input_rates, "
+            "input_accelerations or torques"
+        )
+    return columns[..., 0]
+
+
+class InputMotion:
+    """Base class of records with the motion of the inputs.
+
+    The properties are for mechanisms with a single input. With several inputs they raise
+    `SolveError`.
+
+    Attributes
+    ----------
+    inputs, input_rates, input_accelerations
+        (n, inputs) values (rad), rates (rad/s) and accelerations (rad/s2) of the inputs.
+    """
+
+    inputs: Floats
+    input_rates: Floats
+    input_accelerations: Floats
+
+    @property
+    def q(self) -> Floats:
+        """(n,) variable of the only input, rad."""
+        return only_column(self.inputs)
+
+    @property
+    def dq(self) -> Floats:
+        """(n,) its rate, rad/s."""
+        return only_column(self.input_rates)
+
+    @property
+    def ddq(self) -> Floats:
+        """(n,) its acceleration, rad/s2."""
+        return only_column(self.input_accelerations)

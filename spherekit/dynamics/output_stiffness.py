@@ -1,0 +1,94 @@
+"""The stiffness of an output link if the inputs that hold it yield."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.dynamics.inverse_dynamics import InverseSolution
+from spherekit.geometry.vectors import nans
+from spherekit.status import Status
+
+MIN_RELATIVE_COMPLIANCE = 1e-12
+"""Smallest compliance of an axis, relative to the largest, that is no rounding error. The
+same for the angular velocity of the link by an input, relative to the fastest link.
+
+Larger: stiff axes count as rigid. Smaller: rounding errors count as compliance.
+"""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """The effect of the inputs on a link, relative to another link, at n rows.
+
+    Attributes
+    ----------
+    w
+        (n, inputs, 3) relative angular velocity of the link per unit rate of each input, in
+        ground axes.
+    advantage
+        (n, inputs) moment about the axis of w that a unit torque at this input balances
+        while the others are locked: 1 / |w|. Infinite if the input does not move the link.
+    stiffness
+        (n, 3) principal stiffnesses of the link in rising order, N m/rad. Infinite about
+        axes that do not yield.
+    axes
+        (n, 3, 3) in rows the principal axes in ground axes. NaN for axes that do not yield.
+    """
+
+    w: Floats
+    advantage: Floats
+    stiffness: Floats
+    axes: Floats
+
+
+def output_stiffness(
+    solution: InverseSolution, link: str, relative_to: str, stiffness: Floats
+) -> Stiffness:
+    """Return the stiffness of a link if each input yields by its own stiffness.
+
+    Parameters
+    ----------
+    solution
+        Torques or holding torques, whose rates are used.
+    link, relative_to
+        Names of the link, and of the link relative to which it moves.
+    stiffness
+        (inputs,) stiffness of each input, N m/rad.
+
+    Notes
+    -----
+    A moment m on the link is balanced by the torques w_i . m of the inputs. They turn the
+    inputs by w_i . m / k_i, and therefore the link by C m with the compliance
+    C = sum of w_i w_i^T / k_i. Changes of the loads are left out.
+    """
+    link_number = solution.mechanism.link_number
+    all_w = solution.motion.w
+    w = all_w[:, :, link_number[link]] - all_w[:, :, link_number[relative_to]]
+    fastest = np.max(np.linalg.norm(all_w, axis=3), axis=2)
+    w[np.linalg.norm(w, axis=2) < MIN_RELATIVE_COMPLIANCE * fastest] = 0.0
+    is_ok = solution.rate_status == Status.OK
+    w[~is_ok] = np.nan
+    # Letters: n row, i input, a b components.
+    compliance = np.einsum("nia,nib,i->nab", w, w, 1.0 / stiffness)
+    principal_compliances = nans((len(w), 3))
+    axes = nans((len(w), 3, 3))
+    principal_compliances[is_ok], columns = np.linalg.eigh(compliance[is_ok])
+    axes[is_ok] = np.swapaxes(columns, 1, 2)
+    is_rigid = principal_compliances < (
+        MIN_RELATIVE_COMPLIANCE * principal_compliances[:, -1:]
+    )
+    principal_compliances[is_rigid] = 0.0
+    axes[principal_compliances == 0.0] = np.nan
+    # The sign of an axis is arbitrary. It is chosen on the side to which the inputs turn
+    # the link together. Their weights differ, so that opposite inputs do not cancel.
+    weights = 1.0 + np.arange(w.shape[1])
+    side = np.sum(w / weights[:, None], axis=1)
+    axes *= np.where(axes @ side[..., None] < 0.0, -1.0, 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Stiffness(
+            w=w,
+            advantage=1.0 / np.linalg.norm(w, axis=2),
+            stiffness=1.0 / principal_compliances[:, ::-1],
+            axes=axes[:, ::-1],
+        )
