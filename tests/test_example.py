@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from spherekit.cli.main import main
-from spherekit.cli.new import files_of
+from spherekit.cli.new import distribution_files
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "torque_ratio"
@@ -47,7 +47,7 @@ def called(target: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 def test_the_example_is_what_the_command_writes():
     stored = {p.name: p.read_text("utf-8") for p in EXAMPLE.iterdir() if p.is_file()}
-    assert stored == files_of("torque_ratio"), (
+    assert stored == distribution_files("torque_ratio"), (
         "run: spherekit new analysis torque_ratio, in examples/ without that folder"
     )
 

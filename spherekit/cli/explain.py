@@ -2,6 +2,7 @@
 
 import math
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -54,7 +55,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Print the closure of what the analyses need."""
+    """Print the poles, groups and tables that a run would compute, and their cost."""
     from spherekit.runs.expected_size import predict_recording
     from spherekit.runs.registry import create
     from spherekit.runs.run_plan import extract_needed_part
@@ -64,26 +65,33 @@ def execute(options: Namespace) -> int:
     analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
     if options.only_needed:
         study = replace(study, mechanism=extract_needed_part(study, analyses))
-    facts = _facts(study, analyses)
-    if options.recording and facts["predicted"].get("assembly_modes"):
+    description = _describe_run(study, analyses)
+    if options.recording and description["predicted"].get("assembly_modes"):
         from spherekit.display.rerun.recorder import RerunRecorder
 
         with TemporaryDirectory() as folder:
-            facts["predicted"]["recording"] = predict_recording(
+            description["predicted"]["recording"] = predict_recording(
                 study,
                 analyses,
-                lambda n: RerunRecorder(study.name, path=Path(folder, f"{n}.rrd")),
+                lambda samples: RerunRecorder(
+                    study.name, path=Path(folder, f"{samples}.rrd")
+                ),
             )
     if options.json:
-        print_json(facts)
+        print_json(description)
     else:
-        _tell(facts, len(study.mechanism.links))
-        print("\n".join(_predicted(facts["predicted"], options.recording)))
+        _print_description(description, len(study.mechanism.links))
+        print("\n".join(_predicted_sizes(description["predicted"], options.recording)))
     return 0
 
 
-def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
-    """Return what analyses ask for, and what that takes."""
+def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
+    """Return what analyses read of the samples, how it is computed, and its cost.
+
+    Returns
+    -------
+    Data for ``--json``, which `_print_description` prints as text.
+    """
     from spherekit.planning.assembly_plan import driven_pairs
     from spherekit.planning.plan_text import describe
     from spherekit.positions.input_grid import check_sample_counts
@@ -99,9 +107,10 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     mechanism = study.mechanism
     check_sample_counts(mechanism, study.samples)
     assembly = assembly_by_count_or_rank(mechanism)
-    by_rank = is_mobile_by_rank_only(mechanism)
-    requests = requests_for(mechanism, needs_of(mechanism, analyses), by_rank)
-    names = mechanism.links
+    is_overconstrained = is_mobile_by_rank_only(mechanism)
+    # One request for each input that moves while the others are locked.
+    requests = requests_for(mechanism, needs_of(mechanism, analyses), is_overconstrained)
+    pole_count = sum(len(request.poles) for request in requests)
     return {
         "mechanism": mechanism.name,
         "inputs": mechanism.names_of(driven_pairs(mechanism)),
@@ -110,29 +119,22 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
             {"group": group.kind, "pairs": mechanism.names_of(group.pairs)}
             for group in assembly.groups
         ],
-        "asked": [
-            f"P{names[j]}{names[i]}"
-            if len(names[i]) == len(names[j]) == 1
-            else f"P({names[j]},{names[i]})"
-            for i, j in requests[0].poles
-        ],
+        "asked": [_pole_name(mechanism.links, pole) for pole in requests[0].poles],
         "plans": [
             {
-                "moving": mechanism.pairs[wanted.plan.input].name,
-                "locked": mechanism.names_of(wanted.plan.locked),
-                "counts": count_evaluations(wanted),
-                "links_with_rates": [wanted.plan.name(body) for body in wanted.bodies],
-                "derivatives": wanted.derivatives,
-                "steps": [describe(wanted.plan, step) for step in wanted.plan.steps],
+                "moving": mechanism.pairs[request.plan.input].name,
+                "locked": mechanism.names_of(request.plan.locked),
+                "counts": count_evaluations(request),
+                "links_with_rates": [request.plan.name(body) for body in request.bodies],
+                "derivatives": request.derivatives,
+                "steps": [describe(request.plan, step) for step in request.plan.steps],
             }
-            for wanted in requests
+            for request in requests
         ],
         "other_configurations": [
             analysis.name for analysis in analyses if analysis.needs(mechanism).tracer
         ],
-        "predicted": predict_run(
-            study, analyses, assembly, sum(len(wanted.poles) for wanted in requests)
-        ),
+        "predicted": predict_run(study, analyses, assembly, pole_count),
         "at_once": {
             "analyses": [analysis.name for analysis in analyses if analysis.at_once],
             "bytes_a_row": evaluation_memory(mechanism, 1),
@@ -140,55 +142,86 @@ def _facts(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     }
 
 
-def _tell(facts: Facts, links: int) -> None:
-    inputs = facts["inputs"]
-    at_once = facts["at_once"]
+def _pole_name(links: Sequence[str], pole: tuple[int, int]) -> str:
+    """Return the name of a pole: ``P31``, or ``P(coupler,ground)`` for long names."""
+    first, second = (links[number] for number in pole)
+    if len(first) == len(second) == 1:
+        return f"P{second}{first}"
+    return f"P({second},{first})"
+
+
+def _print_description(description: Facts, link_count: int) -> None:
+    """Print what `_describe_run` returned, except the predicted sizes.
+
+    Parameters
+    ----------
+    description
+        The description of a run.
+    link_count
+        Number of links of the mechanism.
+    """
     print(
-        f"{facts['mechanism']}, {numbered('input', inputs)}, "
-        f"analyses: {', '.join(facts['analyses'])}"
+        f"{description['mechanism']}, {numbered('input', description['inputs'])}, "
+        f"analyses: {', '.join(description['analyses'])}"
     )
-    print(f"positions, group by group:{'' if facts['positions'] else ' no loop to close'}")
-    for item in facts["positions"]:
-        print(f"  {item['group']} of pairs {', '.join(item['pairs'])}")
-    others = facts["other_configurations"]
-    if others:
-        print(f"configurations beside the samples, looked for by: {', '.join(others)}")
+    groups = description["positions"]
+    print(f"positions, group by group:{'' if groups else ' no loop to close'}")
+    for group in groups:
+        print(f"  {group['group']} of pairs {', '.join(group['pairs'])}")
+    analyses_with_search = description["other_configurations"]
+    if analyses_with_search:
+        print(
+            "configurations beside the samples, looked for by: "
+            f"{', '.join(analyses_with_search)}"
+        )
+    at_once = description["at_once"]
     if at_once["analyses"]:
         print(
             "all samples at once, so that a run that is stopped keeps nothing: "
             f"{', '.join(at_once['analyses'])}; about {size_text(at_once['bytes_a_row'])} "
             "of memory for each sample of each assembly mode"
         )
-    asked = facts["asked"]
-    if not asked:
+    poles = description["asked"]
+    if not poles:
         print("asked of the samples: no poles")
         return
-    every = counted(math.comb(links, 2), "pole")
-    print(f"asked: {len(asked)} of {every}: {', '.join(asked)}")
-    for entry in facts["plans"]:
-        if entry["locked"]:
-            print(f"while {entry['moving']} moves, {', '.join(entry['locked'])} locked:")
-        counts = entry["counts"]
+    all_poles = counted(math.comb(link_count, 2), "pole")
+    print(f"asked: {len(poles)} of {all_poles}: {', '.join(poles)}")
+    for plan in description["plans"]:
+        if plan["locked"]:
+            print(f"while {plan['moving']} moves, {', '.join(plan['locked'])} locked:")
+        counts = plan["counts"]
         secondary = counts["secondary"] + counts["irreducible"]
         print(
             f"evaluated: {counts['primary']} primary and {secondary} secondary poles, "
             f"{counts['great_circles']} great circles"
         )
-        for step in entry["steps"]:
+        for step in plan["steps"]:
             print(f"  {step}")
-        orders = "first and second order" if entry["derivatives"] else "first order"
-        print(f"rates of links {', '.join(entry['links_with_rates'])}, {orders}")
+        orders = "first and second order" if plan["derivatives"] else "first order"
+        print(f"rates of links {', '.join(plan['links_with_rates'])}, {orders}")
 
 
-def _predicted(sizes: Facts, recording: bool) -> Lines:
-    """Return the sizes in lines for people; perhaps those of a `recording` were asked."""
+def _predicted_sizes(sizes: Facts, with_recording: bool) -> Lines:
+    """Return lines for the predicted sizes of a run.
+
+    Parameters
+    ----------
+    sizes
+        The entry ``predicted`` of the description of a run.
+    with_recording
+        Whether the user asked for the size of the recording.
+    """
     if "reason" in sizes:
         return [f"sizes: not predicted; {sizes['reason']}"]
-    modes = sizes["assembly_modes"]
-    who = "for each assembly mode" if modes is None else counted(modes, "assembly mode")
-    lines = [f"predicted, {who}: {counted(sizes['configurations'], 'configuration')}"]
+    mode_count = sizes["assembly_modes"]
+    if mode_count is None:
+        modes = "for each assembly mode"
+    else:
+        modes = counted(mode_count, "assembly mode")
+    lines = [f"predicted, {modes}: {counted(sizes['configurations'], 'configuration')}"]
     solves = sizes["velocity_equation_solves"]
-    if solves and modes is not None:
+    if solves and mode_count is not None:
         lines.append(
             f"  velocity equations solved about {solves} times, once for each input"
         )
@@ -199,15 +232,16 @@ def _predicted(sizes: Facts, recording: bool) -> Lines:
         f"{size_text(table['parquet_bytes'])} as Parquet"
         for name, table in sizes["tables"].items()
     ]
-    if recorded := sizes.get("recording"):
+    if recording := sizes.get("recording"):
         lines.append(
-            f"  recording: {recorded['entities']} entities, "
-            f"{counted(recorded['rows'], 'row')}, {size_text(recorded['bytes'])}"
+            f"  recording: {recording['entities']} entities, "
+            f"{counted(recording['rows'], 'row')}, {size_text(recording['bytes'])}"
         )
     missing = [f"analysis {name}" for name in sizes["not_predicted"]]
-    if modes is None:
+    if mode_count is None:
         missing.insert(0, "the number of assembly modes")
-        missing += ["the recording"] if recording else []
+        if with_recording:
+            missing.append("the recording")
     if missing:
         lines.append(f"  not predicted: {', '.join(missing)}")
     return lines

@@ -129,16 +129,18 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write the file and say what it holds."""
+    """Write the file and print what it holds."""
     from spherekit.api.export import SUFFIXES, export
     from spherekit.files.angle_units import to_radians
     from spherekit.files.mechanism_reader import angle_unit_of, load
 
-    stated = load(options.file)
-    mechanism = with_locks(stated, options.lock, options.file)
+    mechanism_of_file = load(options.file)
+    mechanism = with_locks(mechanism_of_file, options.lock, options.file)
     unit = angle_unit_of(options.file)
-    made = export(
-        options.file if mechanism is stated else mechanism,
+    # A file keeps more than a mechanism: the numbers as they are written.
+    has_locks = mechanism is not mechanism_of_file
+    exported = export(
+        mechanism if has_locks else options.file,
         options.output or f"{mechanism.name}{SUFFIXES[options.to][0]}",
         to=options.to,
         input_pair=options.input,
@@ -152,5 +154,7 @@ def execute(options: Namespace) -> int:
         crossings=options.crossings,
         at=options.at and tuple(to_radians(angle, unit) for angle in options.at),
     )
-    note(options, *(f"{made.path}: {text}" for text in (made.holds, *made.notes)))
+    note(
+        options, *(f"{exported.path}: {text}" for text in (exported.holds, *exported.notes))
+    )
     return 0

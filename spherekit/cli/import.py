@@ -39,7 +39,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write the file and say what it holds."""
+    """Write the file and print what it holds."""
     from spherekit.errors import OutputError
     from spherekit.exchange.mechanism_import import import_mechanism
     from spherekit.wording import counted, listing
@@ -49,11 +49,12 @@ def execute(options: Namespace) -> int:
         raise OutputError(
             f"{target}: mechanism files are named *.toml; give it that ending"
         )
-    made = import_mechanism(options.model, within=options.within)
-    made.save(target)
-    mechanism = made.mechanism
-    held = f"{counted(len(mechanism.links), 'link')}, "
-    held += f"{counted(len(mechanism.pairs), 'pair')}, inputs "
-    held += listing(mechanism.input_pairs)
-    note(options, *(f"{target}: {text}" for text in (held, *made.notes)))
+    imported = import_mechanism(options.model, within=options.within)
+    imported.save(target)
+    mechanism = imported.mechanism
+    content = (
+        f"{counted(len(mechanism.links), 'link')}, "
+        f"{counted(len(mechanism.pairs), 'pair')}, inputs {listing(mechanism.input_pairs)}"
+    )
+    note(options, *(f"{target}: {text}" for text in (content, *imported.notes)))
     return 0

@@ -7,6 +7,15 @@ from pathlib import Path
 from spherekit.cli.completers import complete_mechanisms, set_completer
 from spherekit.cli.main import note
 
+TEMPLATES = Path(__file__).parent / "templates"
+"""Folder of the mechanism files and of the distribution that the command copies."""
+
+SUFFIX = ".toml"
+TEMPLATE_SUFFIX = ".in"
+"""Ending of template files in which ``@NAME@`` and other words are replaced."""
+
+_NAME_LINE = re.compile(r"^\s*name\s*=.*$", re.M)
+
 EXAMPLES = """examples:
   # a four-bar to change, in wrist.toml
   spherekit new mechanism wrist
@@ -56,83 +65,100 @@ def add_arguments(parser: ArgumentParser) -> None:
     set_completer(like_argument, complete_mechanisms)
 
 
-TEMPLATES = Path(__file__).parent / "templates"
-SUFFIX = ".toml"
-MADE = ".in"
-_NAME = re.compile(r"^\s*name\s*=.*$", re.M)
-
-
 def execute(options: Namespace) -> int:
-    """Write the file or the folder, and say what to do next."""
+    """Write the file or the folder, and print what to do next."""
     from spherekit.errors import OutputError
     from spherekit.storage.atomic_write import make_folder, write_text
 
-    analysis = options.what == "analysis"
-    if analysis and (options.kind or options.like):
+    is_analysis = options.what == "analysis"
+    if is_analysis and (options.kind or options.like):
         raise OutputError("--kind and --like are of mechanisms; leave them out")
-    path = Path(options.name if analysis else options.name.removesuffix(SUFFIX) + SUFFIX)
-    name = path.stem
-    _check_name(options.what, path.name if analysis else name)
+    if is_analysis:
+        path = Path(options.name)
+        name = path.name
+    else:
+        path = Path(options.name.removesuffix(SUFFIX) + SUFFIX)
+        name = path.stem
+    _check_name(options.what, name)
     if path.exists():
         raise OutputError(f"{path}: is there already; choose another name, or remove it")
-    if analysis:
+    if is_analysis:
         make_folder(path)
-        for file, text in files_of(name).items():
+        for file, text in distribution_files(name).items():
             write_text(path / file, text)
-        then = (
+        next_step = (
             f"change spherekit_{name}.py; pip install -e {path}; then: spherekit run "
             f"four_bar -a {name}, and pytest {path}"
         )
     else:
-        kind = TEMPLATES / f"{options.kind or 'four_bar'}{SUFFIX}"
-        text = _like(options.like) if options.like else kind.read_text("utf-8")
-        write_text(path, _NAME.sub(f'name = "{name}"', text, count=1))
-        then = f"change it, then: spherekit run {path}"
-    note(options, f"{path}: {then}")
+        if options.like:
+            text = _text_of_mechanism(options.like)
+        else:
+            template = TEMPLATES / f"{options.kind or 'four_bar'}{SUFFIX}"
+            text = template.read_text("utf-8")
+        write_text(path, _NAME_LINE.sub(f'name = "{name}"', text, count=1))
+        next_step = f"change it, then: spherekit run {path}"
+    note(options, f"{path}: {next_step}")
     return 0
 
 
-def _check_name(what: str, name: str) -> None:
-    """Raise `OutputError` if neither a file nor a plugin can have a name."""
+def _check_name(kind: str, name: str) -> None:
+    """Raise `OutputError` unless a new mechanism or analysis may have a name.
+
+    Parameters
+    ----------
+    kind
+        ``"mechanism"`` or ``"analysis"``. An analysis is also a module of Python.
+    name
+        The name.
+    """
     from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN
     from spherekit.errors import OutputError
     from spherekit.runs.registry import names
 
-    better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
+    suggestion = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     pattern = NAME_PATTERN.pattern
-    takes = "letters, digits and underscores"
-    if what == "analysis":
+    allowed = "letters, digits and underscores"
+    if kind == "analysis":
         pattern = r"[a-z][a-z0-9_]*"
-        better = better.lower().strip("_0123456789")
-        takes = "lower-case letters, digits and underscores, a letter first"
+        suggestion = suggestion.lower().strip("_0123456789")
+        allowed = "lower-case letters, digits and underscores, a letter first"
     if not re.fullmatch(pattern, name) or len(name) > MAX_NAME_LENGTH:
         raise OutputError(
-            f'"{name}" cannot be the name of a new {what}: it takes up to '
-            f"{MAX_NAME_LENGTH} {takes}, such as {better[:MAX_NAME_LENGTH] or 'wrist'}"
+            f'"{name}" cannot be the name of a new {kind}: it takes up to '
+            f"{MAX_NAME_LENGTH} {allowed}, such as "
+            f"{suggestion[:MAX_NAME_LENGTH] or 'wrist'}"
         )
-    if what == "analysis" and name in names():
+    if kind == "analysis" and name in names():
         raise OutputError(f"an analysis {name} is installed already; choose another name")
 
 
-def files_of(name: str) -> dict[str, str]:
-    """Return the files of a distribution with an analysis of this name, by their names."""
-    words = {
+def distribution_files(name: str) -> dict[str, str]:
+    """Return the texts of a distribution with a new analysis, by file name.
+
+    Parameters
+    ----------
+    name
+        Name of the analysis.
+    """
+    replacements = {
         "@NAME@": name,
         "@DASHED@": name.replace("_", "-"),
         "@CLASS@": "".join(part.capitalize() for part in name.split("_")),
     }
     files = {}
-    for path in sorted((TEMPLATES / "analysis").glob(f"*{MADE}")):
-        text = re.sub("@[A-Z]+@", lambda word: words[word[0]], path.read_text("utf-8"))
-        files[path.name.removesuffix(MADE).replace("NAME", name)] = text
+    for path in sorted((TEMPLATES / "analysis").glob(f"*{TEMPLATE_SUFFIX}")):
+        template = path.read_text("utf-8")
+        text = re.sub("@[A-Z]+@", lambda match: replacements[match[0]], template)
+        files[path.name.removesuffix(TEMPLATE_SUFFIX).replace("NAME", name)] = text
     return files
 
 
-def _like(name: str) -> str:
-    """Return the text of a mechanism's file, which has been read to be one."""
+def _text_of_mechanism(name: str) -> str:
+    """Return the text of a mechanism's file, after a check that it can be read."""
     from spherekit.files.library import find
     from spherekit.files.mechanism_reader import load
 
     mechanism = load(name)
-    note = f"# Made from {mechanism.name}; what [source] says is of that one.\n"
-    return (note if mechanism.source else "") + find(name).read_text("utf-8")
+    comment = f"# Made from {mechanism.name}; what [source] says is of that one.\n"
+    return (comment if mechanism.source else "") + find(name).read_text("utf-8")

@@ -61,18 +61,24 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write the page and say what it holds."""
+    """Write the page and print what it holds."""
     from spherekit.api.page import page
     from spherekit.files.mechanism_reader import load
 
-    file, locks = options.file, options.lock
-    made = page(
-        with_locks(load(file), locks, file) if locks else file,
+    file = options.file
+    written_page = page(
+        with_locks(load(file), options.lock, file) if options.lock else file,
         options.output or f"{Path(file).stem}.html",
         vary=options.vary,
         quantities=options.quantities,
         input_pair=options.input,
         crossings=options.crossings or "end",
     )
-    note(options, *(f"{made.path}: {text}" for text in (made.holds, *made.notes)))
+    note(
+        options,
+        *(
+            f"{written_page.path}: {text}"
+            for text in (written_page.holds, *written_page.notes)
+        ),
+    )
     return 0

@@ -66,25 +66,29 @@ def execute(options: Namespace) -> int:
     from spherekit.positions.position_analysis import PositionAnalysis
 
     mechanism = with_locks(load(options.file), options.lock, options.file)
-    names = mechanism.names_of(driven_pairs(mechanism))
-    poles = options.poles
-    moved = [options.input] if options.input else names
+    driven = mechanism.names_of(driven_pairs(mechanism))
+    moving_inputs = [options.input] if options.input else driven
     try:
-        planned = [plan(mechanism, poles, name) for name in moved]
+        plans = [plan(mechanism, options.poles, name) for name in moving_inputs]
     except CountError:
-        one = moved[0] if len(names) == 1 else None
-        if not PositionAnalysis(mechanism, one, samples=2).by_rank:
+        # The count of the graph is too small for overconstrained mechanisms. They move all
+        # the same if the rank of their loop equations says so.
+        only_input = moving_inputs[0] if len(driven) == 1 else None
+        if not PositionAnalysis(mechanism, only_input, samples=2).by_rank:
             raise
-        planned = [plan(mechanism, poles, name, by_rank=True) for name in moved]
+        plans = [
+            plan(mechanism, options.poles, name, by_rank=True) for name in moving_inputs
+        ]
     if options.json:
-        facts = [*map(as_dict, planned)]
-        print_json(facts[0] if len(facts) == 1 else facts)
+        data = [as_dict(input_plan) for input_plan in plans]
+        print_json(data[0] if len(data) == 1 else data)
         return 0
-    for number, input_plan in enumerate(planned):
+    for index, input_plan in enumerate(plans):
         if input_plan.locked:
             locked = ", ".join(mechanism.names_of(input_plan.locked))
             heading = f"input {mechanism.pairs[input_plan.input].name}, locked: {locked}"
-            print("\n" * (number > 0) + heading)
+            blank_line = "\n" if index > 0 else ""
+            print(blank_line + heading)
         print(as_markdown(input_plan) if options.markdown else as_text(input_plan))
         if options.steps:
             print("", *(describe(input_plan, step) for step in input_plan.steps), sep="\n")

@@ -33,6 +33,7 @@ FORMATS: dict[str, tuple["Format", ...]] = {
     "csv": ("csv",),
     "parquet": ("parquet",),
 }
+"""The formats of table files for each value of ``--format``."""
 
 EXAMPLES = """examples:
   # every pole axis in every assembly mode
@@ -198,32 +199,33 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Run, write, and print the summary."""
+    """Run analyses, write tables, figures and a recording, and print the summary."""
     from spherekit.errors import SpherekitError
     from spherekit.runs.study_analyses import chosen
     from spherekit.storage.atomic_write import check_folder, make_folder
 
-    study = _wanted(options)
+    study = _study(options)
     analyses = chosen(study, options.analysis or ())
-    _check_effect(study, options)
+    _check_options(study, options)
     if options.figures:
-        import spherekit.display.figures.matplotlib_sdk  # noqa: F401  a missing library is told before the run
+        # Imported here so that a missing library is reported before the run.
+        import spherekit.display.figures.matplotlib_sdk  # noqa: F401
     if options.prove:
         from spherekit.runs.proven_poles import check_provable
 
         check_provable(study.mechanism, [x.name for x in analyses], not options.only_needed)
-    made = None
+    new_folder = None
     if study.folder:
         check_folder(study.folder)
-        made = None if study.folder.exists() else study.folder
+        new_folder = None if study.folder.exists() else study.folder
         make_folder(study.folder)
     try:
-        result, exceeded = _executed(study, analyses, options)
-    except (SpherekitError, KeyboardInterrupt) as stop:
-        if made:
-            with suppress(OSError):  # there is something in it
-                made.rmdir()
-        _add_hint(stop, study, options)
+        result, exceeded_bounds = _run_and_report(study, analyses, options)
+    except (SpherekitError, KeyboardInterrupt) as error:
+        if new_folder:
+            with suppress(OSError):  # it is not empty if a part of the run was saved
+                new_folder.rmdir()
+        _add_resume_hint(error, study, options)
         raise
     if study.recording:
         note(options, f"recording in {study.recording}")
@@ -231,35 +233,42 @@ def execute(options: Namespace) -> int:
             from spherekit.display.rerun.viewer import open_viewer
 
             note(options, open_viewer(study.recording))
-    return _exit_status(result, exceeded, options.strict)
+    return _exit_status(result, exceeded_bounds, options.strict)
 
 
-def _executed(
+def _run_and_report(
     study: "Study", analyses: "Sequence[AbstractAnalysis]", options: Namespace
 ) -> tuple["RunResult", int]:
-    """Run, tell and draw; return the result, and how many proven bounds are exceeded."""
+    """Run a study, print the summary and draw the figures.
+
+    Returns
+    -------
+    The result, and the number of error bounds that the proof of ``--prove`` refutes.
+    """
     from spherekit.display.figures.collector import Collector
     from spherekit.runs.runner import run
 
     with _recorder(options, study) as recorder:
         if options.serve is not None:
-            # A viewer may come while the run is at work, so its address is said before.
+            # Viewers may connect during the run, so its address is printed before.
             note(options, f"serving at {recorder.url}; open it with: rerun {recorder.url}")
         collector = Collector(recorder) if options.figures else None
-        chosen = _accuracy(study, analyses, options)
+        choice = _setting_for_tolerance(study, analyses, options)
         engine = options.engine
-        if chosen and chosen["setting"].tolerance is not None:  # of a simulation
-            study = replace(study, tolerance=chosen["setting"].tolerance)
-            engine = chosen["setting"].integrator
+        if choice and choice["setting"].tolerance is not None:  # chosen for a simulation
+            study = replace(study, tolerance=choice["setting"].tolerance)
+            engine = choice["setting"].integrator
+        if options.resume:
+            unfinished = "resume"
+        elif options.restart:
+            unfinished = "discard"
+        else:
+            unfinished = "refuse"
         result = run(
             study,
             analyses,
             folder=study.folder,
-            unfinished="resume"
-            if options.resume
-            else "discard"
-            if options.restart
-            else "refuse",
+            unfinished=unfinished,
             formats=FORMATS.get(options.format),
             engine=engine,
             only_needed=options.only_needed,
@@ -267,10 +276,11 @@ def _executed(
             recorder=collector or recorder,
             log_every=options.log_every,
             progress=progress(),
-            **chosen,
+            **choice,
         )
-        # The summary comes before the figures, so that it is not lost if one of them fails.
-        _tell(options, study, result)
+        # The summary is printed before the figures, so that a figure that fails does not
+        # hide it.
+        _print_result(options, study, result)
         if collector and study.folder:
             from spherekit.display.figures.contents import figures_of
             from spherekit.display.figures.figure_files import write_figures
@@ -279,51 +289,71 @@ def _executed(
             folder = study.folder / "figures"
             paths = write_figures(figures, folder, options.figures)
             note(options, f"{counted(len(paths), 'figure')} in {folder}")
-        exceeded = _prove(options, study, result) if options.prove else 0
+        exceeded_bounds = _prove_poles(options, study, result) if options.prove else 0
         if options.serve is not None:
-            # The interrupt can arrive as soon as the message is printed, before the wait.
+            # Ctrl-C may come as soon as the message is printed, before the wait begins.
             with suppress(KeyboardInterrupt):
                 note(options, "the run is done and still served; stop with Ctrl-C")
                 recorder.serve_until_interrupted()
-    return result, exceeded
+    return result, exceeded_bounds
 
 
-def _exit_status(result: "RunResult", exceeded: int, strict: bool) -> int:
-    """Return what a run ends with: of samples, proofs and tolerances if it is `strict`."""
+def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> int:
+    """Return the exit status of a run.
+
+    Parameters
+    ----------
+    result
+        The result of the run.
+    exceeded_bounds
+        Number of error bounds that a proof has refuted.
+    is_strict
+        Whether failed samples, refuted bounds and missed tolerances count as failures.
+    """
     if result.failures:
         return FAILED_ANALYSIS
+    if not is_strict:
+        return 0
     summary = result.summary
     simulation = summary.get("simulation")
-    lost = simulation and (simulation["missed"] or simulation["end"]["kind"] == "too_fast")
-    failed = (
-        {*summary["status"], *summary["pole_status"]} - {"OK"}
-        or any(item["failed_rows"] for item in summary["analyses"])
-        or exceeded
-        or summary.get("verified", {}).get("beyond")
-        or not summary.get("accuracy", {"met": True})["met"]
-        or lost
+    has_failed = any(
+        (
+            {*summary["status"], *summary["pole_status"]} - {"OK"},
+            any(analysis["failed_rows"] for analysis in summary["analyses"]),
+            exceeded_bounds,
+            summary.get("verified", {}).get("beyond"),
+            not summary.get("accuracy", {"met": True})["met"],
+            simulation and simulation["missed"],
+            simulation and simulation["end"]["kind"] == "too_fast",
+        )
     )
-    return FAILED_SAMPLES if strict and failed else 0
+    return FAILED_SAMPLES if has_failed else 0
 
 
-def _prove(options: Namespace, study: "Study", result: "RunResult") -> int:
-    """Prove the poles of a run, write and tell; return how many bounds are exceeded."""
+def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int:
+    """Enclose the poles of a run by proof, write the table and print what was shown.
+
+    Returns the number of error bounds of the run that the proof refutes.
+    """
     from spherekit.runs.proven_poles import prove_poles
 
-    motion, poles = (result.results[name].data[name] for name in ("motion", "poles"))
+    motion = result.results["motion"].data["motion"]
+    poles = result.results["poles"].data["poles"]
     proven = prove_poles(study.mechanism, motion, poles)
     print(proven, file=sys.stderr if options.json else sys.stdout)
     if study.folder:
-        hash_ = result.summary["mechanism_hash"]
         names = proven.write(
-            study.folder, study.degrees, FORMATS.get(options.format), hash_
+            study.folder,
+            study.degrees,
+            FORMATS.get(options.format),
+            result.summary["mechanism_hash"],
         )
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
     return proven.exceeded
 
 
-def _tell(options: Namespace, study: "Study", result: "RunResult") -> None:
-    """Print the summary to stdout, and what else there is to say to stderr."""
+def _print_result(options: Namespace, study: "Study", result: "RunResult") -> None:
+    """Print the summary to stdout, and notes and failures to stderr."""
     from spherekit.runs.analysis_faults import failed
     from spherekit.tables.table import COLUMNS
 
@@ -342,66 +372,78 @@ def _tell(options: Namespace, study: "Study", result: "RunResult") -> None:
     sys.stdout.flush()
     for name, why in result.failures.items():
         say(failed(name, why))
-    if not (study.folder or options.json or _records(options, study)):
+    if not (study.folder or options.json or _makes_recording(options, study)):
         note(options, "nothing was written: use -o DIR for tables")
-    ended = summary.get("simulation", {}).get("end", {"kind": "time"})
-    if ended["kind"] != "time":
+    simulation_end = summary.get("simulation", {}).get("end", {"kind": "time"})
+    if simulation_end["kind"] != "time":
         note(
             options,
-            f"spherekit: the simulation ended at {ended['t']:.9g} s: "
-            f"{ended['reason']}; what was found until then is kept",
+            f"spherekit: the simulation ended at {simulation_end['t']:.9g} s: "
+            f"{simulation_end['reason']}; what was found until then is kept",
         )
-    logged = summary.get("recording", {"one_of": 1, "from_sample": 0})
-    if logged["one_of"] > 1 or logged["from_sample"] > 0:
+    recording = summary.get("recording", {"one_of": 1, "from_sample": 0})
+    if recording["one_of"] > 1 or recording["from_sample"] > 0:
         note(
             options,
-            f"the recording has one of {counted(logged['one_of'], 'sample')} of each "
-            f"assembly mode, from sample {logged['from_sample']} on (--log-every K for "
+            f"the recording has one of {counted(recording['one_of'], 'sample')} of each "
+            f"assembly mode, from sample {recording['from_sample']} on (--log-every K for "
             "another number)",
         )
 
 
-def _check_effect(study: "Study", options: Namespace) -> None:
-    """Refuse flags that would do nothing without another one.
-
-    Raises
-    ------
-    AnalysisError
-        If there is one.
-    """
+def _check_options(study: "Study", options: Namespace) -> None:
+    """Raise `AnalysisError` for an option that has no effect without another one."""
     from spherekit.errors import AnalysisError
 
     folder = "a folder: give that of the run with -o"
     simulation = "a simulation: give --start"
     recording = "a recording: give --save, --serve, --connect or --view"
-    without = [
+    # For each option: what it needs, whether it is given, its name, and a hint.
+    rules = [
         (study.folder, options.resume, "--resume", folder),
         (study.folder, options.restart, "--restart", folder),
         (study.folder, options.format, "--format", "tables: write them with -o DIR"),
         (options.format != "csv", options.prove, "--prove", "Parquet files to read"),
         (study.folder, options.figures, "--figures", folder),
         (study.start, options.engine != "auto", "--engine", simulation),
-        (_records(options, study), options.log_every is not None, "--log-every", recording),
+        (
+            _makes_recording(options, study),
+            options.log_every is not None,
+            "--log-every",
+            recording,
+        ),
     ]
-    for needed, given, flag, hint in without:
-        if given and not needed:
-            raise AnalysisError(f"{flag} does nothing without {hint}")
+    for requirement, is_given, option, hint in rules:
+        if is_given and not requirement:
+            raise AnalysisError(f"{option} does nothing without {hint}")
 
 
-def _add_hint(error: BaseException, study: "Study", options: Namespace) -> None:
-    """Add the command by which a stopped run goes on, if there is one."""
+def _add_resume_hint(error: BaseException, study: "Study", options: Namespace) -> None:
+    """Add to an error the command that continues the run, if a part of it was saved."""
     from spherekit.runs.run_folder import has_unfinished_work
 
-    noted = getattr(error, "__notes__", ())
-    if noted and study.folder and has_unfinished_work(study.folder):
+    has_notes = bool(getattr(error, "__notes__", ()))
+    if has_notes and study.folder and has_unfinished_work(study.folder):
         words = [word for word in options.words if word not in ("--resume", "--restart")]
         error.add_note(f"go on with: {shlex.join(['spherekit', *words, '--resume'])}")
 
 
-def _accuracy(
+def _setting_for_tolerance(
     study: "Study", analyses: "Sequence[AbstractAnalysis]", options: Namespace
 ) -> Facts:
-    """Return the setting for a tolerance of tables, and what it reaches."""
+    """Return the cheapest setting that meets ``--tol``, as keyword arguments of `run`.
+
+    Returns
+    -------
+    ``setting``, and ``accuracy`` with the error that it is expected to reach. Empty if no
+    tolerance of tables is given: the ``--tol`` of a simulation without ``--trade`` is the
+    tolerance of its steps.
+
+    Raises
+    ------
+    AnalysisError
+        If ``--trade`` is given without ``--tol``, or with an engine.
+    """
     from spherekit.errors import AnalysisError
 
     if options.tol is None and options.trade:
@@ -415,35 +457,36 @@ def _accuracy(
         return {}
     from spherekit.runs.trade_choice import choose, stored_for
 
-    stored = stored_for(study, analyses, options.trade) if options.trade else []
-    setting, accuracy = choose(study, analyses, options.tol, stored)
+    trades = stored_for(study, analyses, options.trade) if options.trade else []
+    setting, accuracy = choose(study, analyses, options.tol, trades)
     return {"setting": setting, "accuracy": accuracy}
 
 
-def _wanted(options: Namespace) -> "Study":
-    """Return the study in which the flags given explicitly replace what the file says."""
-    more = {
+def _study(options: Namespace) -> "Study":
+    """Return the study of the file, changed by the arguments of the command line."""
+    fields = {
         "folder": options.output,
         "recording": options.save,
         "tolerance": options.tol,
         "verify": options.verify,
         "degrees": options.deg or None,
     }
-    study = study_from(options, more)
+    study = study_from(options, fields)
     if options.view and not study.recording:
         folder = study.folder or Path(tempfile.mkdtemp(prefix="spherekit-"))
         study = replace(study, recording=folder / f"{study.mechanism.name}.rrd")
     return study
 
 
-def _records(options: Namespace, study: "Study") -> bool:
+def _makes_recording(options: Namespace, study: "Study") -> bool:
     """Return whether a recording is made, for a file or for viewers."""
-    wanted = (study.recording, options.serve, options.connect)
-    return any(where is not None for where in wanted)
+    destinations = (study.recording, options.serve, options.connect)
+    return any(destination is not None for destination in destinations)
 
 
 def _recorder(options: Namespace, study: "Study") -> Any:
-    if not _records(options, study):
+    """Return a context manager whose value is the recorder, or None without recording."""
+    if not _makes_recording(options, study):
         return nullcontext(None)
     from spherekit.display.rerun.recorder import RerunRecorder
 

@@ -1,4 +1,4 @@
-"""What a run says to people: how far it is, on stderr, and its summary in lines."""
+"""The summary of a run as text, and the progress that is printed during a run."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -8,31 +8,45 @@ from spherekit.conventions import Lines
 from spherekit.progress import ProgressReporter
 from spherekit.wording import counted, numbered, size_text
 
+MAX_LISTED_MEETINGS = 6
+"""Number of inputs at which modes meet that are printed; summary.json has all of them."""
+
+MIN_STAGE_SHARE = 0.005
+"""Share of the time of a run below which a stage is not printed."""
+
 
 def report(summary: Any) -> str:
-    """Return the summary in a few lines for people."""
+    """Return the text that is printed for the summary of a run.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``.
+    """
     from spherekit.runs.analysis_faults import failed_rows
 
     lines = [
-        f"{summary['mechanism']}: {_asked(summary)}; groups: "
+        f"{summary['mechanism']}: {_describe_samples(summary)}; groups: "
         f"{', '.join(summary['groups']) or 'none'}"
     ]
     lines += summary["remarks"]
     lines += [f"warning: {text}" for text in summary["warnings"]]
-    repeated = summary["redundant_constraints"]
-    if repeated and repeated["count"]:
+    redundant = summary["redundant_constraints"]
+    if redundant and redundant["count"]:
         lines.append(
-            f"  {counted(repeated['count'], 'redundant constraint')} among pairs "
-            f"{', '.join(repeated['pairs'])}"
+            f"  {counted(redundant['count'], 'redundant constraint')} among pairs "
+            f"{', '.join(redundant['pairs'])}"
         )
     lines += by_equal_counts(summary["assembly_modes"])
     if summary["assembly_modes"]:
         lines.append(f"assembly modes: {summary['search']}")
-        lines += _meetings(summary)
-    poles = summary["pole_status"]
-    lacking = [f"{count} {name}" for name, count in poles.items() if name != "OK"]
-    if lacking:
-        lines.append(f"  of {sum(poles.values())} pole axes: {', '.join(lacking)}")
+        lines += _describe_mode_meetings(summary)
+    pole_counts = summary["pole_status"]
+    not_ok = [
+        f"{count} {status}" for status, count in pole_counts.items() if status != "OK"
+    ]
+    if not_ok:
+        lines.append(f"  of {sum(pole_counts.values())} pole axes: {', '.join(not_ok)}")
     lines += [f"  {sentence}" for sentence in failed_rows(summary)]
     lines += [
         f"  {name}: {meaning}"
@@ -40,8 +54,9 @@ def report(summary: Any) -> str:
         if name != "OK"
     ]
     if "simulation" in summary:
-        lines.append(_simulated(summary["simulation"], summary["cost"]["simulate"]))
-    lines += _errors(summary["errors_reached"])
+        simulation = summary["simulation"]
+        lines.append(_describe_simulation(simulation, summary["cost"]["simulate"]))
+    lines += _describe_errors(summary["errors_reached"])
     if "verified" in summary:
         from spherekit.runs.verification_text import format_verification
 
@@ -52,50 +67,51 @@ def report(summary: Any) -> str:
     return "\n".join(lines)
 
 
-MOST_MEETINGS = 6
-"""Inputs at which modes meet that are printed one by one."""
+def _describe_mode_meetings(summary: Any) -> Lines:
+    """Return lines for the inputs at which assembly modes meet.
 
-
-def _meetings(summary: Any) -> Lines:
-    """Return where modes meet; samples need not be there."""
+    These inputs follow from the equations and are no samples.
+    """
     sentences = [meeting["sentence"] for meeting in summary["mode_meetings"]]
-    lines = [f"  {sentence}" for sentence in sentences[:MOST_MEETINGS]]
-    if len(sentences) > MOST_MEETINGS:
-        left = len(sentences) - MOST_MEETINGS
-        lines.append(f"  and at {counted(left, 'other input')}: summary.json has all")
+    lines = [f"  {sentence}" for sentence in sentences[:MAX_LISTED_MEETINGS]]
+    unlisted = len(sentences) - MAX_LISTED_MEETINGS
+    if unlisted > 0:
+        lines.append(f"  and at {counted(unlisted, 'other input')}: summary.json has all")
     return lines
 
 
-def _asked(summary: Any) -> str:
-    """Return over what a mechanism was gone through, and its mobility."""
+def _describe_samples(summary: Any) -> str:
+    """Return the samples, inputs and modes of a run, and the mobility of the mechanism."""
     mobility = summary["mobility"]
-    count = len(summary["assembly_modes"])
-    names = numbered("input", summary["inputs"])
-    if not count:
+    mode_count = len(summary["assembly_modes"])
+    inputs = numbered("input", summary["inputs"])
+    if not mode_count:
         return (
-            f"{names}; no motion was traced, as no analysis reads samples; mobility "
+            f"{inputs}; no motion was traced, as no analysis reads samples; mobility "
             f"{mobility['graph']} by the graph"
         )
     return (
-        f"{counted(summary['sampling'], 'sample')} of {names}, "
-        f"{counted(count, 'assembly mode')}; mobility {mobility['graph']} by the graph, "
-        f"{mobility['rank']} by rank"
+        f"{counted(summary['sampling'], 'sample')} of {inputs}, "
+        f"{counted(mode_count, 'assembly mode')}; mobility {mobility['graph']} by the "
+        f"graph, {mobility['rank']} by rank"
     )
 
 
-def _simulated(done: Any, took: Any) -> str:
+def _describe_simulation(simulation: Any, cost: Any) -> str:
+    """Return one line about a simulation: its end, engine, errors and energy balance."""
+    end = simulation["end"]
     return (
-        f"simulated {done['end']['t']:.6g} of {done['duration_s']:.6g} s "
-        f"({done['end']['reason']}), {counted(done['events'], 'event')}, "
-        f"engine {done['engine']['name']} ({took['reason']}); "
-        f"error {done['achieved_error_rad']:.1e} rad at tolerance "
-        f"{done['tolerance']:.1e}{' (MISSED)' if done['missed'] else ''}, "
-        f"energy balanced to {done['energy_imbalance_J']:.1e} of "
-        f"{done['energy_scale_J']:.1e} J"
+        f"simulated {end['t']:.6g} of {simulation['duration_s']:.6g} s "
+        f"({end['reason']}), {counted(simulation['events'], 'event')}, "
+        f"engine {simulation['engine']['name']} ({cost['reason']}); "
+        f"error {simulation['achieved_error_rad']:.1e} rad at tolerance "
+        f"{simulation['tolerance']:.1e}{' (MISSED)' if simulation['missed'] else ''}, "
+        f"energy balanced to {simulation['energy_imbalance_J']:.1e} of "
+        f"{simulation['energy_scale_J']:.1e} J"
     )
 
 
-_ERRORS = (
+_ERROR_LINES = (
     (
         ("largest_closure_residual_rad", "largest closure residual {:.1e} rad"),
         ("largest_configuration_error_rad", "; configurations known to {:.1e} rad"),
@@ -112,40 +128,51 @@ _ERRORS = (
         ),
     ),
 )
-"""Errors that share a line, said where the first of them is known."""
+"""For each line: keys of ``errors_reached`` and their text. A line needs its first key."""
 
 
-def _errors(reached: Any) -> Lines:
-    return [
-        "".join(
-            words.format(reached[key]) for key, words in parts if reached[key] is not None
-        )
-        for parts in _ERRORS
-        if reached[parts[0][0]] is not None
-    ]
+def _describe_errors(errors: Any) -> Lines:
+    """Return lines for the largest errors of a run; errors that are None are left out."""
+    lines = []
+    for parts in _ERROR_LINES:
+        first_key, _ = parts[0]
+        if errors[first_key] is not None:
+            texts = [
+                text.format(errors[key]) for key, text in parts if errors[key] is not None
+            ]
+            lines.append("".join(texts))
+    return lines
 
 
 def by_equal_counts(assembly_modes: Sequence[Any]) -> Lines:
-    """Return a line for all assembly modes whose samples have the same statuses."""
-    alike: dict[str, Lines] = {}
+    """Return lines for assembly modes, one for all whose samples have the same statuses."""
+    modes_of_counts: dict[str, Lines] = {}
     for mode in assembly_modes:
-        counts = ", ".join(f"{n} {name}" for name, n in mode["status"].items())
+        counts = ", ".join(f"{count} {status}" for status, count in mode["status"].items())
         title = ", ".join(filter(None, (mode["mode"], mode.get("name"))))
-        alike.setdefault(counts, []).append(f"{mode['number']} ({title})")
+        modes_of_counts.setdefault(counts, []).append(f"{mode['number']} ({title})")
     return [
-        f"  {numbered('assembly mode', modes)}: {'each ' * (len(modes) > 1)}{counts}"
-        for counts, modes in alike.items()
+        f"  {numbered('assembly mode', modes)}: {'each ' if len(modes) > 1 else ''}{counts}"
+        for counts, modes in modes_of_counts.items()
     ]
 
 
 def spent(cost: Any) -> Lines:
-    """Return what a run has cost in lines for people."""
+    """Return lines for the cost of a run: evaluations, time, and sizes of files.
+
+    Parameters
+    ----------
+    cost
+        The entry ``cost`` of the summary.
+    """
     seconds = cost["seconds"]
-    whole = sum(cost["seconds"].values())
+    total = sum(seconds.values())
     stages = ", ".join(
-        f"{name} {duration(took)}" for name, took in seconds.items() if took > 0.005 * whole
+        f"{stage} {duration(time_s)}"
+        for stage, time_s in seconds.items()
+        if time_s > MIN_STAGE_SHARE * total
     )
-    evaluated = ", ".join(
+    evaluations = ", ".join(
         counted(cost[key], noun)
         for key, noun in (
             ("configurations", "configuration"),
@@ -155,58 +182,70 @@ def spent(cost: Any) -> Lines:
         )
         if cost[key]
     )
-    lines = [f"cost: {evaluated}{'; ' * bool(evaluated)}{duration(whole)} s ({stages})"]
+    separator = "; " if evaluations else ""
     tables = cost["tables"].values()
     rows = counted(sum(table["rows"] for table in tables), "row")
-    line = f"  {rows} in {counted(len(tables), 'table')}"
-    for kind, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
-        if all(kind in table for table in tables):
-            line += f", {size_text(sum(table[kind] for table in tables))} {name}"
+    sizes = f"  {rows} in {counted(len(tables), 'table')}"
+    for key, name in (("csv_bytes", "CSV"), ("parquet_bytes", "Parquet")):
+        if all(key in table for table in tables):
+            sizes += f", {size_text(sum(table[key] for table in tables))} {name}"
     if recording := cost.get("recording"):
-        line += f"; recording: {recording['entities']} entities, "
-        line += size_text(recording["bytes"])
-    return [*lines, line]
+        sizes += f"; recording: {recording['entities']} entities, "
+        sizes += size_text(recording["bytes"])
+    return [f"cost: {evaluations}{separator}{duration(total)} s ({stages})", sizes]
 
 
 def duration(seconds: float) -> str:
-    """Return a number of seconds with two digits, more only where they are whole."""
+    """Return seconds with two digits, or as a whole number from 100 on."""
     return f"{seconds:.2g}" if seconds < 99.5 else f"{seconds:.0f}"
 
 
 def accuracy_line(choice: Any) -> str:
-    """Return which setting was taken for a tolerance, and what it reached."""
-    error = choice["predicted_error"]
-    reached = choice["achieved_error"]
-    predicted = "" if error is None else f", predicted error {error:.1e}"
+    """Return the line about the setting that was chosen for a tolerance.
+
+    Parameters
+    ----------
+    choice
+        The entry ``accuracy`` of the summary.
+    """
+    predicted_error = choice["predicted_error"]
+    achieved_error = choice["achieved_error"]
+    predicted = ""
+    if predicted_error is not None:
+        predicted = f", predicted error {predicted_error:.1e}"
     line = (
         f"tolerance {choice['tolerance']:g}: {choice['setting']} "
         f"({choice['why']}){predicted}"
     )
     unmet = "" if choice["met"] else ": THE TOLERANCE IS NOT MET"
-    if reached is not None:
+    if achieved_error is not None:
         return (
-            f"{line}; {reached:.1e} reached at {choice['check_rows']} check rows "
+            f"{line}; {achieved_error:.1e} reached at {choice['check_rows']} check rows "
             f"({choice['worst_column']}){unmet}"
         )
-    if error is not None:
+    if predicted_error is not None:
         return f"{line} by that trade{unmet}"
     return f"{line}; nothing that depends on samples was asked for"
 
 
 def progress() -> Callable[[int, int], None]:
-    """Return what is told how many samples are done, and says so now and then.
+    """Return a function that prints progress from time to time.
 
-    And how long the others will take, by those done since it was told first.
+    It is called with the number of samples done and of all samples. From the second call
+    on, it estimates the remaining time by the speed since the first call.
     """
-    working = ProgressReporter("computing")
-    first = list[tuple[float, int]]()
+    reporter = ProgressReporter("computing")
+    first_call: tuple[float, int] | None = None  # time (s) and samples done
 
-    def tell(done: int, total: int) -> None:
+    def print_progress(done: int, total: int) -> None:
+        nonlocal first_call
         now = time.monotonic()
-        since, before = (first or [(now, done)])[0]
-        first[:] = [(since, before)]
-        if before < done < total:
-            left = duration((now - since) * (total - done) / (done - before))
-            working.tell(f"{done} of {total} samples, {left} s left".__str__)
+        if first_call is None:
+            first_call = (now, done)
+        first_time, first_done = first_call
+        if first_done < done < total:
+            seconds_per_sample = (now - first_time) / (done - first_done)
+            remaining = duration(seconds_per_sample * (total - done))
+            reporter.tell(f"{done} of {total} samples, {remaining} s left".__str__)
 
-    return tell
+    return print_progress

@@ -21,6 +21,12 @@ from spherekit.wording import counted, numbered, with_units, without_numbers
 if TYPE_CHECKING:
     from spherekit.designs.sweep_parts import SweepResult
 
+MAX_PRINTED_ROWS = 10
+"""Number of rows of a sweep that are printed."""
+
+MAX_PRINTED_REASONS = 5
+"""Number of reasons for impossible designs that are printed, the most frequent first."""
+
 EXAMPLES = """examples:
   # the least transmission angle over a grid of two arcs
   spherekit sweep four_bar --vary links.2.arc=10:40:31 --vary links.3.arc=50:90:41 \
@@ -126,14 +132,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
 
 
-SHOWN = 10
-"""Rows that are printed."""
-REASONS = 5
-"""Reasons that are printed of designs without figures, the most frequent first."""
-
-
 def execute(options: Namespace) -> int:
-    """Compute, and print the first rows."""
+    """Compute the figures of merit of all designs, and print the first rows."""
     from dataclasses import replace
 
     from spherekit.api.sweep import perform, sweep_of
@@ -161,11 +161,13 @@ def execute(options: Namespace) -> int:
     )
     sweep = replace(sweep, where=tuple(options.where or ()))
     result = perform(sweep, options.output, options.workers, options.dask)
-    for row in result.frame().to_dict("records") if options.json else ():
-        plain = {key: None if value != value else value for key, value in row.items()}
-        print(json.dumps(plain, ensure_ascii=False))
-    if not (options.json or options.quiet):
-        _tell(result)
+    if options.json:
+        for row in result.frame().to_dict("records"):
+            # JSON has no NaN, which is the only value that differs from itself.
+            record = {key: None if value != value else value for key, value in row.items()}
+            print(json.dumps(record, ensure_ascii=False))
+    elif not options.quiet:
+        _print_result(result)
     sys.stdout.flush()
     note(options, *result.remarks)
     if not (options.output or options.json):
@@ -173,23 +175,24 @@ def execute(options: Namespace) -> int:
     return 0
 
 
-def _tell(result: "SweepResult") -> None:
+def _print_result(result: "SweepResult") -> None:
+    """Print the first rows of a sweep, reasons of impossible designs, and the folders."""
     frame: Any = result.frame()
-    failed = frame["status"] != "OK"
-    words = f"{counted(result.sweep.space.count, 'design')}, "
-    words += f"{counted(len(frame), 'row')}, one for each assembly mode"
-    if failed.any():
-        words += f", {int(failed.sum())} of them impossible or never closing"
-    print(f"{result.sweep.mechanism.name}: {words}")
+    is_failed = frame["status"] != "OK"
+    counts = f"{counted(result.sweep.space.count, 'design')}, "
+    counts += f"{counted(len(frame), 'row')}, one for each assembly mode"
+    if is_failed.any():
+        counts += f", {int(is_failed.sum())} of them impossible or never closing"
+    print(f"{result.sweep.mechanism.name}: {counts}")
     if frame.empty:
         print(f"none meets {' and '.join(result.sweep.where)}")
     else:
-        table = frame.drop(columns="reason").head(SHOWN)
+        table = frame.drop(columns="reason").head(MAX_PRINTED_ROWS)
         table.columns = with_units(table.columns, frame.attrs["units"])
         print(table.to_string(index=False, na_rep="", float_format="%.6g"))
-    if len(frame) > SHOWN:
-        print(f"... {counted(len(frame) - SHOWN, 'more row')}")
-    for line in _reasons(frame[failed]):
+    if len(frame) > MAX_PRINTED_ROWS:
+        print(f"... {counted(len(frame) - MAX_PRINTED_ROWS, 'more row')}")
+    for line in _describe_reasons(frame[is_failed]):
         print(line)
     if result.folder:
         folder_text = terminal_text(str(result.folder))
@@ -198,25 +201,32 @@ def _tell(result: "SweepResult") -> None:
             f"{result.computed} computed now; read with pandas.read_parquet",
             file=sys.stderr,
         )
-    for folder in result.data_sets if result.sweep.tables else ():
-        print(f"  {terminal_text(str(folder))}", file=sys.stderr)
+    if result.sweep.tables:
+        for folder in result.data_sets:
+            print(f"  {terminal_text(str(folder))}", file=sys.stderr)
 
 
-def _reasons(failed: Any) -> Lines:
-    """Return why designs have no figures, a line for all that differ in numbers only."""
-    alike = [
-        failed["status"].astype(str),
-        failed["reason"].astype(str).map(without_numbers),
-    ]
-    groups = (rows for _, rows in failed.groupby(alike, sort=False))
-    ranked = sorted(groups, key=len, reverse=True)
+def _describe_reasons(failed: Any) -> Lines:
+    """Return lines with the reasons for designs without figures of merit.
+
+    Reasons that differ only in their numbers share a line, which shows the first of them.
+
+    Parameters
+    ----------
+    failed
+        The rows (a data frame) of these designs.
+    """
+    status = failed["status"].astype(str)
+    kind_of_reason = failed["reason"].astype(str).map(without_numbers)
+    groups = [rows for _, rows in failed.groupby([status, kind_of_reason], sort=False)]
+    groups.sort(key=len, reverse=True)
     lines = []
-    for rows in ranked[:REASONS]:
+    for rows in groups[:MAX_PRINTED_REASONS]:
         first = rows.iloc[0]
         designs = numbered("design", rows["design"])
         of_first = f"of {first['design']} " if rows["reason"].nunique() > 1 else ""
         lines.append(f"  {first['status']}, {designs}: {of_first}{first['reason']}")
-    if len(ranked) > REASONS:
-        left = counted(len(ranked) - REASONS, "more reason")
-        lines.append(f"  ... {left}, in the column reason")
+    if len(groups) > MAX_PRINTED_REASONS:
+        unlisted = counted(len(groups) - MAX_PRINTED_REASONS, "more reason")
+        lines.append(f"  ... {unlisted}, in the column reason")
     return lines

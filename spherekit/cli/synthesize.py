@@ -2,11 +2,18 @@
 
 import sys
 from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
 from spherekit.cli.argument_types import whole_number
 from spherekit.cli.completers import complete_toml_files, set_completer
 from spherekit.cli.main import note
 from spherekit.wording import counted, with_units
+
+if TYPE_CHECKING:
+    from spherekit.designs.synthesis import Synthesis
+
+MAX_PRINTED_DESIGNS = 5
+"""Number of designs that are printed."""
 
 EXAMPLES = """examples:
   # a four-bar whose rocker follows a function
@@ -53,14 +60,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
 
 
-SHOWN = 5
-"""Designs that are printed."""
-
-
 def execute(options: Namespace) -> int:
-    """Find sizes, and print the best designs."""
-    import numpy as np
-
+    """Find sizes that meet the conditions of a synthesis; print the best designs."""
     from spherekit.api.designs import synthesize
     from spherekit.errors import DesignError
     from spherekit.files.mechanism_writer import dump
@@ -68,44 +69,55 @@ def execute(options: Namespace) -> int:
     for name in ("designs", "starts"):
         if getattr(options, name) < 1:
             raise DesignError(f"--{name} {getattr(options, name)}: give at least 1")
-    sized = synthesize(
+    result = synthesize(
         options.synthesis, designs=options.designs, starts=options.starts, seed=options.seed
     )
     if options.output:
-        dump(sized.mechanism(), options.output)
+        dump(result.mechanism(), options.output)
     if not options.quiet:
-        frame = sized.frame()
-        print(
-            f"{sized.synthesis.sweep.mechanism.name}: {counted(sized.explored, 'design')} "
-            f"looked at, conditions held in {counted(sized.feasible, 'row')}"
-        )
-        for name, text, before, after in zip(
-            sized.headings,
-            sized.synthesis.minimise,
-            sized.before,
-            sized.objectives.min(axis=0),
-            strict=True,
-        ):
-            print(
-                f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}"
-            )
-        if len(sized.headings) > 1:
-            least = " and ".join(f"{value:.2g}" for value in sized.tolerance)
-            print(
-                f"{counted(len(sized.objectives), 'design')} that none met beats, of their "
-                f"mode, in all objectives by more than {least}:"
-            )
-        hidden = [name for name in frame.columns if name in sized.synthesis.matched]
-        few = np.unique(np.linspace(0, len(frame) - 1, SHOWN).astype(int))
-        rows = slice(SHOWN) if len(sized.headings) == 1 else few
-        shown = frame.drop(columns=hidden).iloc[rows]
-        shown.columns = with_units(shown.columns, frame.attrs["units"])
-        print(shown.to_string(index=False, float_format="%.8g"))
-        if len(frame) > SHOWN:
-            print(f"... {counted(len(frame) - SHOWN, 'more design')}")
+        _print_result(result)
     sys.stdout.flush()
     if options.output:
         note(options, f"the best in {options.output}")
     else:
         note(options, "nothing was written: use -o FILE for the best mechanism")
     return 0
+
+
+def _print_result(result: "Synthesis") -> None:
+    """Print how far each objective fell, and the best designs.
+
+    With several objectives the designs that no other design beats are printed, evenly
+    chosen along the front.
+    """
+    import numpy as np
+
+    synthesis = result.synthesis
+    frame = result.frame()
+    print(
+        f"{synthesis.sweep.mechanism.name}: {counted(result.explored, 'design')} "
+        f"looked at, conditions held in {counted(result.feasible, 'row')}"
+    )
+    least_objectives = result.objectives.min(axis=0)
+    for name, text, before, after in zip(
+        result.headings, synthesis.minimise, result.before, least_objectives, strict=True
+    ):
+        print(f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}")
+    has_one_objective = len(result.headings) == 1
+    if not has_one_objective:
+        tolerances = " and ".join(f"{value:.2g}" for value in result.tolerance)
+        print(
+            f"{counted(len(result.objectives), 'design')} that none met beats, of their "
+            f"mode, in all objectives by more than {tolerances}:"
+        )
+    if has_one_objective:
+        rows = np.arange(min(MAX_PRINTED_DESIGNS, len(frame)))
+    else:
+        spaced = np.linspace(0, len(frame) - 1, MAX_PRINTED_DESIGNS)
+        rows = np.unique(spaced.astype(int))
+    matched_columns = [name for name in frame.columns if name in synthesis.matched]
+    printed = frame.drop(columns=matched_columns).iloc[rows]
+    printed.columns = with_units(printed.columns, frame.attrs["units"])
+    print(printed.to_string(index=False, float_format="%.8g"))
+    if len(frame) > MAX_PRINTED_DESIGNS:
+        print(f"... {counted(len(frame) - MAX_PRINTED_DESIGNS, 'more design')}")

@@ -68,7 +68,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Measure, print, and write."""
+    """Measure the time and error of every setting, print a table, and write files."""
     from spherekit.api.trade import trade
     from spherekit.errors import AnalysisError
     from spherekit.runs.registry import create
@@ -81,18 +81,17 @@ def execute(options: Namespace) -> int:
         check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
-    given = [create(options.analysis)] if options.analysis else analyses_of(study)
-    analysis, *others = given
-    if others:
+    analyses = [create(options.analysis)] if options.analysis else analyses_of(study)
+    if len(analyses) > 1:
         raise AnalysisError(
             f"{options.file}: names several analyses; say which with -a NAME"
         )
-    _check_places(options)
-    result = trade(study, analysis, rounds=options.rounds)
+    _check_destinations(options)
+    result = trade(study, analyses[0], rounds=options.rounds)
     if options.output:
-        _write(result, options)
+        _write_files(result, options)
     if options.save:
-        _record(result, options)
+        _write_recording(result, options)
     if options.json:
         print_json(result.as_dict(options.tol))
     else:
@@ -100,8 +99,8 @@ def execute(options: Namespace) -> int:
     return 0
 
 
-def _check_places(options: Namespace) -> None:
-    """Refuse what cannot be written before minutes are spent on measuring it."""
+def _check_destinations(options: Namespace) -> None:
+    """Raise an error if a file cannot be written, before minutes of measurement."""
     from spherekit.display.rerun.destination import check_place
     from spherekit.storage.atomic_write import (
         SOFTWARE_MARK,
@@ -118,7 +117,8 @@ def _check_places(options: Namespace) -> None:
         check_made_by_spherekit(options.output / "trade.png", SOFTWARE_MARK.encode())
 
 
-def _write(result: Any, options: Namespace) -> None:
+def _write_files(result: Any, options: Namespace) -> None:
+    """Write the trade as CSV and JSON, and as a figure if matplotlib is installed."""
     from spherekit.runs.trade_text import as_csv
     from spherekit.storage.atomic_write import SOFTWARE_MARK, make_folder, write_text
 
@@ -126,18 +126,19 @@ def _write(result: Any, options: Namespace) -> None:
     data = json.dumps(result.as_dict(options.tol), indent=2, ensure_ascii=False)
     write_text(folder / "trade.csv", as_csv(result))
     write_text(folder / "trade.json", data + "\n")
-    files = "3 files"
     if find_spec("matplotlib") is None:
         files = "2 files, and no figure without matplotlib: pip install "
         files += '"spherekit-mechanisms[plot]",'
     else:
+        files = "3 files"
         result.plot(options.tol).savefig(
             folder / "trade.png", metadata={"Creator": SOFTWARE_MARK}
         )
     note(options, f"{files} in {folder}")
 
 
-def _record(result: Any, options: Namespace) -> None:
+def _write_recording(result: Any, options: Namespace) -> None:
+    """Write a recording of the chart of a trade."""
     import numpy as np
 
     from spherekit.display.rerun.recorder import RerunRecorder

@@ -6,11 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from spherekit.cli.completers import complete_studies, set_completer
-from spherekit.cli.main import say
+from spherekit.cli.main import BAD_INPUT, say
 from spherekit.cli.study_arguments import add_lock_argument, with_locks
 from spherekit.conventions import Facts
 from spherekit.errors import SolveError, SpherekitError
 from spherekit.wording import counted, numbered
+
+ASSEMBLY_SAMPLES = 37
+"""Number of samples along each input at which a mechanism is assembled."""
+
+RANK_SAMPLES = 9
+"""Number of these samples at which the mobility by rank is computed."""
 
 EXAMPLES = """examples:
   # one of the shipped mechanisms
@@ -37,31 +43,46 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
 
 
-COARSE = 37
-"""Samples over which a mechanism with several inputs is assembled."""
-
-
 def execute(options: Namespace) -> int:
-    """Check every file; 1 if any is bad, after all were looked at."""
-    bad = 0
+    """Check every file, and print one line for each.
+
+    The exit status is `BAD_INPUT` if any file has a fault. The files after it are checked
+    all the same.
+    """
+    status = 0
     for name in options.file:
         try:
-            facts = check(name, options.lock)
-        except SpherekitError as problem:
-            bad = 1
+            properties = validate_file(name, options.lock)
+        except SpherekitError as error:
+            status = BAD_INPUT
             if options.traceback:
                 raise
-            say(str(problem))
+            say(str(error))
             if options.json:
-                print(json.dumps({"file": name, "ok": False, "error": str(problem)}))
+                print(json.dumps({"file": name, "ok": False, "error": str(error)}))
             continue
-        text = json.dumps({"file": name, "ok": True, **facts})
-        print(text if options.json else line(facts))
-    return bad
+        if options.json:
+            print(json.dumps({"file": name, "ok": True, **properties}))
+        else:
+            print(describe_properties(properties))
+    return status
 
 
-def check(name: str, locks: Sequence[str] | None = None) -> Facts:
-    """Return what a mechanism or study file holds, having planned and assembled it."""
+def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
+    """Read a mechanism or study file, plan and assemble it, and return its properties.
+
+    Parameters
+    ----------
+    name
+        Path or shipped name.
+    lock_texts
+        The values of ``--lock``.
+
+    Raises
+    ------
+    SpherekitError
+        If the file has a fault, or the mechanism cannot be assembled.
+    """
     import numpy as np
 
     from spherekit.files.study_reader import load_study
@@ -73,48 +94,60 @@ def check(name: str, locks: Sequence[str] | None = None) -> Facts:
     from spherekit.runs.study_analyses import analyses_of
 
     study = load_study(name)
-    study = replace(study, mechanism=with_locks(study.mechanism, locks, name))
+    study = replace(study, mechanism=with_locks(study.mechanism, lock_texts, name))
     mechanism = study.mechanism
-    facts: Facts = {
+    properties: Facts = {
         "name": mechanism.name,
         "links": len(mechanism.links),
         "pairs": len(mechanism.pairs),
         "mobility": graph_mobility(mechanism),
     }
-    if study.locate is not None:
+    is_study_file = study.locate is not None
+    if is_study_file:
         check_time(study)
-        facts["study"] = study.name
-        facts["analyses"] = [analysis.name for analysis in analyses_of(study)]
-    tracer = PositionAnalysis(mechanism, samples=COARSE)
-    if tracer.unused_mode_names:
-        raise SolveError(f"{mechanism.name}: {'; '.join(tracer.unused_mode_names)}")
-    facts["irreducible_parts"] = sum(
-        len(plan.blocks) for plan in plans(mechanism, tracer.by_rank)
+        properties["study"] = study.name
+        properties["analyses"] = [analysis.name for analysis in analyses_of(study)]
+    position_analysis = PositionAnalysis(mechanism, samples=ASSEMBLY_SAMPLES)
+    if position_analysis.unused_mode_names:
+        raise SolveError(
+            f"{mechanism.name}: {'; '.join(position_analysis.unused_mode_names)}"
+        )
+    properties["irreducible_parts"] = sum(
+        len(plan.blocks) for plan in plans(mechanism, position_analysis.by_rank)
     )
-    facts["inputs"] = tracer.inputs
-    coarse = tracer.sparse(9)
-    held = coarse.rows(~coarse.failed)
-    if len(held):
-        ranks = rank_mobility(tracer.solver.closure.tree, held.vectors)
-        facts["rank_mobility"] = int(np.min(ranks))
-    facts["groups"] = [group.kind for group in tracer.assembly.groups]
-    facts["assembly_modes"] = len(tracer.assembly_modes)
-    facts["modes"] = {m.name: m.number for m in tracer.assembly_modes if m.name}
-    return facts
+    properties["inputs"] = position_analysis.inputs
+    motion = position_analysis.sparse(RANK_SAMPLES)
+    assembled = motion.rows(~motion.failed)
+    if len(assembled):
+        # The rank drops at singular configurations, where the mobility is larger.
+        loop_tree = position_analysis.solver.closure.tree
+        ranks = rank_mobility(loop_tree, assembled.vectors)
+        properties["rank_mobility"] = int(np.min(ranks))
+    properties["groups"] = [group.kind for group in position_analysis.assembly.groups]
+    modes = position_analysis.assembly_modes
+    properties["assembly_modes"] = len(modes)
+    properties["modes"] = {mode.name: mode.number for mode in modes if mode.name}
+    return properties
 
 
-def line(facts: Facts) -> str:
-    """Return one line that says what a good file holds."""
-    mobility = facts["mobility"]
-    study = facts.get("study")
-    rank = facts.get("rank_mobility", mobility)
-    by_rank = f" by the graph and {rank} by rank" if rank != mobility else ""
-    heading = f"{study}: ok, study of {facts['name']}" if study else f"{facts['name']}: ok"
-    named = ", ".join(f"{name} is {mode}" for name, mode in facts["modes"].items())
+def describe_properties(properties: Facts) -> str:
+    """Return the line that is printed for the properties of a valid file."""
+    mobility = properties["mobility"]
+    rank_mobility = properties.get("rank_mobility", mobility)
+    by_rank = ""
+    if rank_mobility != mobility:
+        by_rank = f" by the graph and {rank_mobility} by rank"
+    study = properties.get("study")
+    if study:
+        heading = f"{study}: ok, study of {properties['name']}"
+    else:
+        heading = f"{properties['name']}: ok"
+    names = ", ".join(f"{name} is {mode}" for name, mode in properties["modes"].items())
     text = (
-        f"{heading}, {counted(facts['links'], 'link')}, {counted(facts['pairs'], 'pair')}, "
-        f"mobility {mobility}{by_rank}, {numbered('input', facts['inputs'])}, groups: "
-        f"{', '.join(facts['groups']) or 'none'}, assembly modes: {facts['assembly_modes']}"
-        f"{f' ({named})' if named else ''}"
+        f"{heading}, {counted(properties['links'], 'link')}, "
+        f"{counted(properties['pairs'], 'pair')}, mobility {mobility}{by_rank}, "
+        f"{numbered('input', properties['inputs'])}, groups: "
+        f"{', '.join(properties['groups']) or 'none'}, assembly modes: "
+        f"{properties['assembly_modes']}{f' ({names})' if names else ''}"
     )
-    return text + f", analyses: {', '.join(facts['analyses'])}" if study else text
+    return f"{text}, analyses: {', '.join(properties['analyses'])}" if study else text

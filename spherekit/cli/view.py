@@ -82,8 +82,8 @@ def execute(options: Namespace) -> int:
 
         check_picture(Path(options.png), _size(options.size))
     if is_mechanism(options.file):
-        return _of_mechanism(options)
-    return _of_recording(find_recording(options.file, options.quiet), options)
+        return _show_mechanism(options)
+    return _show_recording(find_recording(options.file, options.quiet), options)
 
 
 def is_mechanism(name: str) -> bool:
@@ -96,8 +96,8 @@ def is_mechanism(name: str) -> bool:
     return any(name in pack.files for pack in shipped()) and not path.exists()
 
 
-def _of_mechanism(options: Namespace) -> int:
-    """Show a mechanism as its file has it, without a run."""
+def _show_mechanism(options: Namespace) -> int:
+    """Show a mechanism in the pose of its zero positions, without a run."""
     from spherekit.display.rerun.preview import preview
     from spherekit.display.rerun.viewer import has_display
     from spherekit.files.mechanism_reader import load
@@ -113,15 +113,16 @@ def _of_mechanism(options: Namespace) -> int:
     folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
     path = folder / f"{mechanism.name}.rrd"
     try:
-        left_out = preview(mechanism, path)
-        note(options, f"{mechanism.name}: {left_out}" if left_out else "")
-        return _of_recording(path, options)
+        omission = preview(mechanism, path)
+        note(options, f"{mechanism.name}: {omission}" if omission else "")
+        return _show_recording(path, options)
     finally:
-        if options.png or not path.exists():  # else a viewer still reads it
+        if options.png or not path.exists():  # a viewer that was opened still reads it
             shutil.rmtree(folder)
 
 
-def _of_recording(path: Path, options: Namespace) -> int:
+def _show_recording(path: Path, options: Namespace) -> int:
+    """Open a recording in a browser or the viewer, or write a picture of it."""
     if options.web:
         from spherekit.display.rerun.web_viewer import serve_web
 
@@ -146,6 +147,7 @@ def _of_recording(path: Path, options: Namespace) -> int:
 
 
 def _size(text: str) -> tuple[int, int]:
+    """Return width and height in pixels from a text such as ``1600x1000``."""
     try:
         width, height = map(int, text.lower().split("x"))
     except ValueError:
@@ -154,22 +156,22 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def find_recording(name: str, quiet: bool = False) -> Path:
-    """Return the recording that a path or a folder stands for."""
+    """Return the path of a recording; for a folder, that of the newest recording in it."""
     from spherekit.display.rerun.viewer_program import recording_at
 
     path = Path(name)
-    with suppress(OSError, ValueError):  # of which the next line tells
-        path = _newest(path, quiet) if path.is_dir() else path
+    with suppress(OSError, ValueError):  # reported by recording_at below
+        path = _newest_recording(path, quiet) if path.is_dir() else path
     return recording_at(path)
 
 
-def _newest(folder: Path, quiet: bool) -> Path:
-    """Return the newest recording in a folder."""
-    there = sorted(folder.glob("*.rrd"))
-    if not there:
+def _newest_recording(folder: Path, quiet: bool) -> Path:
+    """Return the newest recording in a folder; print the names of the others."""
+    recordings = sorted(folder.glob("*.rrd"))
+    if not recordings:
         raise OutputError(f"{folder}: the folder holds no recording; run with --save")
-    taken = max(there, key=lambda item: item.stat().st_mtime)
-    if len(there) > 1 and not quiet:
-        others = listing(item.name for item in there if item != taken)
-        print(f"{taken}: the newest; also there: {others}", file=sys.stderr)
-    return taken
+    newest = max(recordings, key=lambda path: path.stat().st_mtime)
+    if len(recordings) > 1 and not quiet:
+        others = listing(path.name for path in recordings if path != newest)
+        print(f"{newest}: the newest; also there: {others}", file=sys.stderr)
+    return newest
