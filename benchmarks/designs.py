@@ -10,8 +10,8 @@ import numpy as np
 
 import spherekit as sk
 from benchmarks.harness import Cell, Section, median, ratio, rounds
-from spherekit.designs.design_evaluation import FOLLOWED, Evaluator
-from spherekit.designs.design_variables import design_variable, designed
+from spherekit.designs.design_evaluation import MAX_TRACKED_DESIGNS, DesignEvaluator
+from spherekit.designs.design_variables import design_variable, make_design
 from spherekit.designs.figures_of_merit import DesignSamples
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.mechanism_reader import read
@@ -35,23 +35,23 @@ class Case:
     samples: int
     spread: float
 
-    def evaluator(self) -> Evaluator:
+    def evaluator(self) -> DesignEvaluator:
         """Return what computes the figures."""
         document = document_of(self.name)
         mechanism = read(document)
-        return Evaluator(
+        return DesignEvaluator(
             document,
             mechanism,
             [design_variable(document, key) for key in self.keys],
             [parse_merit(text, DEG) for text in self.merits],
-            DesignSamples.of(Study(self.name, mechanism, samples=self.samples)),
+            DesignSamples.from_study(Study(self.name, mechanism, samples=self.samples)),
         )
 
     def design(self, values: Sequence[float]) -> Mechanism:
         """Return the mechanism of one design."""
         document = document_of(self.name)
         own = [design_variable(document, key) for key in self.keys]
-        return designed(document, own, values)
+        return make_design(document, own, values)
 
     def designs(self, count: int) -> Any:
         """Return random designs (variables, count) about the file's own."""
@@ -119,8 +119,8 @@ def run(quick: bool) -> list[Section]:
     for case in CASES:
         evaluator = case.evaluator()
         count = 4096 if quick else 32768
-        if evaluator.is_followed:
-            count = FOLLOWED // 12 if quick else FOLLOWED
+        if evaluator.tracks_solutions:
+            count = MAX_TRACKED_DESIGNS // 12 if quick else MAX_TRACKED_DESIGNS
         designs = case.designs(count)
         changed = [case.design(values) for values in designs[:, :2].T]
         jobs = {
@@ -129,9 +129,9 @@ def run(quick: bool) -> list[Section]:
                 sk.run(each, "poles", samples=c.samples) for each in made
             ],
         }
-        closed_form = evaluator.kernel is not None and evaluator.kernel.closed_form
+        closed_form = evaluator.kernel is not None and evaluator.kernel.is_closed_form
         times = rounds(jobs, 3 if closed_form else 1, now=time.process_time)
-        found = evaluator.at(designs)
+        found = evaluator.evaluate(designs)
         closing = int(np.sum(found.closes > 0.0))
         each = median(times, "kernel") / count
         rows.append(
@@ -167,7 +167,7 @@ def _peers(case: Case, count: int) -> Section:
     """Return what a design costs where a peer makes a model of each."""
     evaluator, designs = case.evaluator(), case.designs(count)
     jobs: dict[str, Callable[[], object]] = {
-        "spherekit, both modes, three figures": lambda: evaluator.at(designs),
+        "spherekit, both modes, three figures": lambda: evaluator.evaluate(designs),
     }
     (unit,) = jobs
     if find_spec("mujoco") is not None:
@@ -178,7 +178,7 @@ def _peers(case: Case, count: int) -> Section:
         jobs["pylinkage, one mode of the planar limit: linkage, steps"] = _planar(
             case, count
         )
-    evaluator.at(designs)
+    evaluator.evaluate(designs)
     times = rounds(jobs, 3, now=time.process_time)
     rows = [
         (name, ratio(times, name, unit), 1e6 * median(times, name) / count) for name in jobs

@@ -12,7 +12,7 @@ import pytest
 from refusals import TABLES, check_call
 
 import spherekit as sk
-from spherekit.designs.design_variables import DESIGNED, design_variable, designed
+from spherekit.designs.design_variables import DESIGNED, design_variable, make_design
 from spherekit.display.pages.page import PageMaker
 from spherekit.errors import SpherekitError
 from spherekit.exchange.formula_maker import formulas
@@ -51,7 +51,7 @@ def changed_file(document, variable, inputs):
     for step in (size, -size, 1.0, -1.0):
         value = variable.value + step
         try:
-            made = designed(document, [variable], [value])
+            made = make_design(document, [variable], [value])
         except SpherekitError:
             continue
         return made.with_inputs(*inputs) if not made.inputs else made, value

@@ -16,7 +16,11 @@ from sources import ROOT
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.designs.design_variables import design_variable, designed, sizes_of
+from spherekit.designs.design_variables import (
+    default_size_keys,
+    design_variable,
+    make_design,
+)
 from spherekit.errors import SpherekitError
 from spherekit.exchange.formula_maker import formulas
 from spherekit.files.number_change import document_of
@@ -67,7 +71,7 @@ def keys_of(given):
     """Return what can vary: the sizes, or what the file allows of them, a mass, a load."""
     document = document_of(given)
     mechanism = sk.load(given) if isinstance(given, str) else given
-    keys = list(sizes_of(mechanism))[:4]
+    keys = list(default_size_keys(mechanism))[:4]
     mass = next(iter(document.data.get("mass", {})), None)
     keys += [f"mass.{mass}.mass", f"mass.{mass}.radius"]
     keys += [f"loads.{load}.stiffness" for load in document.data.get("loads", {})]
@@ -146,7 +150,7 @@ def test_arguments_are_numbers_of_the_file(name, keys):
     values = np.array([v.value for v in variables]) * np.linspace(0.99, 1.01, len(keys))
     quantities = ["theta_*", "velocity_coefficient_*"]
     quantities += ["B*"] * bool(sk.load(name).masses)
-    other = formulas(designed(document, variables, values), quantities)
+    other = formulas(make_design(document, variables, values), quantities)
     made = formulas(name, quantities, keys)
     motion, places, _ = samples(other)
     units = np.where([size.unit == "rad" for size in made.sizes], np.pi / 180.0, 1.0)

@@ -9,7 +9,8 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.designs.sensitivity import Sensitivity, SizeDeviations
+from spherekit.designs.sensitivity import Sensitivity
+from spherekit.designs.size_deviations import SizeDeviations
 from spherekit.files.library import find
 from spherekit.files.mechanism_reader import read
 from spherekit.files.number_change import document_of, number_at, number_path, with_numbers

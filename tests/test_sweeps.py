@@ -21,12 +21,13 @@ from refusals import text_of
 import spherekit as sk
 from spherekit.api.sweep import sweep_of
 from spherekit.cli.main import main
-from spherekit.designs.descent import FigureGradients, HeldMode
 from spherekit.designs.design_space import DesignSpace, variation
 from spherekit.designs.design_variables import design_variable
+from spherekit.designs.figure_gradients import FigureGradients
 from spherekit.designs.figures_of_merit import DesignSamples
 from spherekit.designs.sweep_identity import DEFINITION
 from spherekit.designs.sweep_parts import run_sweep
+from spherekit.designs.synthesis_modes import SynthesisMode
 from spherekit.errors import ModelError, OutputError
 from spherekit.files.library import find
 from spherekit.files.number_change import document_of
@@ -206,7 +207,9 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
     }
     reduce = ["peak=max(abs(torque))", "mean=mean(torque)", "most=max(B)"]
     sweep = sweep_of(path, DesignSpace.of([variation(*v) for v in vary.items()]), reduce)
-    sweep = replace(sweep, samples=DesignSamples.of(Study("", sweep.mechanism, samples=19)))
+    sweep = replace(
+        sweep, samples=DesignSamples.from_study(Study("", sweep.mechanism, samples=19))
+    )
     assert sweep.evaluator.kernel is not None
     found = run_sweep(sweep).frame()
     bad = found["mass_3_mass"] < 0.0
@@ -368,7 +371,7 @@ def test_a_folder_holds_one_sweep_that_is_known(tmp_path):
 @pytest.mark.parametrize("where", [(), "links_2_arc > 25"])
 def test_a_folder_is_one_data_set(where, tmp_path, monkeypatch):
     """Also where no row of the first part is left."""
-    monkeypatch.setattr("spherekit.designs.design_evaluation.PART", 2)
+    monkeypatch.setattr("spherekit.designs.design_evaluation.CLOSED_FORM_PART_SIZE", 2)
     vary = {"links.2.arc": [10.0, 20.0, 30.0, 200.0, 40.0]}
     how = {"where": where, "folder": tmp_path, "workers": 1}
     found = sk.sweep("four_bar", vary, "max(rate_41)", samples=5, **how)
@@ -463,8 +466,8 @@ def test_coils_are_wound_on_beyond_half_a_turn(pair, zero, range_, crank, sample
     rows = rows[rows["design"] == 0]
     assert np.allclose(np.sort(rows[["high", "low"]], axis=0), wanted, rtol=1e-9)
     gradients = FigureGradients(found.sweep.evaluator)
-    modes = [HeldMode(sign) for sign in "+-"]
-    highs = [gradients.at(np.array([crank]), mode)[0][0] for mode in modes]
+    modes = [SynthesisMode(sign) for sign in "+-"]
+    highs = [gradients.evaluate(np.array([crank]), mode).figures[0] for mode in modes]
     assert np.allclose(np.sort(highs), wanted[:, 0], rtol=1e-9)
 
 

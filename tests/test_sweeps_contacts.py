@@ -6,8 +6,9 @@ from common import with_values
 from refusals import text_of
 
 import spherekit as sk
-from spherekit.designs.descent import FigureGradients, HeldMode
+from spherekit.designs.figure_gradients import FigureGradients
 from spherekit.designs.sensitivity import Sensitivity
+from spherekit.designs.synthesis_modes import SynthesisMode
 
 WHEELS = text_of("three_wheels")
 
@@ -136,9 +137,12 @@ def test_gradients_of_figures_on_wheels_are_those_of_differences(tmp_path):
     found = sk.sweep(written(tmp_path, WHEELS), keys, merit, samples=5)
     gradients = FigureGradients(found.sweep.evaluator)
     place, step = np.array([70.0, 50.0]), 1e-3
-    mode = HeldMode("+")
-    _, exact, _ = gradients.at(place, mode)
+    mode = SynthesisMode("+")
+    exact = gradients.evaluate(place, mode).gradients
     for k, change in enumerate(step * np.eye(2)):
-        ends = [gradients.at(place + sense * change, mode)[0] for sense in (1.0, -1.0)]
+        ends = [
+            gradients.evaluate(place + sense * change, mode).figures
+            for sense in (1.0, -1.0)
+        ]
         slope = (ends[0] - ends[1]) / (2.0 * step)
         assert exact[:, k] == pytest.approx(slope, rel=1e-6, abs=1e-9)

@@ -9,10 +9,11 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.api.designs import specification_of
-from spherekit.designs.cutting_planes import least_greatest
-from spherekit.designs.descent import FigureGradients, HeldMode
-from spherekit.designs.synthesis import one_linkage
-from spherekit.designs.synthesis_requirements import nondominated
+from spherekit.designs.cutting_planes import LinearisedFunctions, minimize_largest
+from spherekit.designs.figure_gradients import FigureGradients
+from spherekit.designs.linkage_comparison import is_same_linkage
+from spherekit.designs.synthesis_modes import SynthesisMode
+from spherekit.designs.synthesis_requirements import select_nondominated
 from spherekit.errors import FileError
 from spherekit.files.library import find
 
@@ -24,7 +25,7 @@ def random_best(path, count):
     synthesis = specification_of(path, designs=count, seed=7)
     best = np.inf
     for number in range(synthesis.sweep.parts):
-        _, wanted = synthesis.rows_of(synthesis.sweep.part(number))
+        _, wanted = synthesis.select_rows(synthesis.sweep.part(number))
         best = np.min(wanted[:, 0], initial=best)
     return best
 
@@ -53,13 +54,13 @@ def test_a_linkage_is_listed_once():
     """Axes turned round, and the mirror image, are the same linkage, other arcs are not."""
     made = sk.load("stephenson")
     arcs = {"2": (np.pi - made.geometry.links["2"].arcs[0],)}
-    assert not one_linkage(made, made.with_sizes(arcs=arcs, angle_unit="rad"))
+    assert not is_same_linkage(made, made.with_sizes(arcs=arcs, angle_unit="rad"))
     across = sk.load("four_bar")
     sizes = across.geometry.links
     turned = {name: np.pi - sizes[name].arcs[0] for name in ("2", "3")}  # 32 turned round
     for other, same in ((turned, True), ({"2": turned["2"]}, False)):
         other = across.with_sizes(arcs=other, angle_unit="rad")
-        assert one_linkage(across, other) == same == one_linkage(other, across)
+        assert is_same_linkage(across, other) == same == is_same_linkage(other, across)
 
 
 @pytest.mark.slow
@@ -83,7 +84,7 @@ def check_front(name, designs, count, starts, seed=0):
     assert np.all(np.diff(found.objectives[:, 0]) >= 0.0)
     synthesis = specification_of(EXAMPLES / name, designs=count, seed=7)
     for number in range(synthesis.sweep.parts):
-        rows, wanted = synthesis.rows_of(synthesis.sweep.part(number))
+        rows, wanted = synthesis.select_rows(synthesis.sweep.part(number))
         for mode in set(found.modes):
             own = wanted[rows["mode"] == mode]
             front = found.objectives[np.array(found.modes) == mode]
@@ -126,11 +127,13 @@ def test_cutting_planes_find_the_centre_of_the_smallest_ball():
     def parts(y, least):
         away = y - points
         far = np.linalg.norm(away, axis=1)
-        return far, away / far[:, None], np.array([least - y[1]]), -limit
+        return LinearisedFunctions(
+            far, away / far[:, None], np.array([least - y[1]]), -limit
+        )
 
     for least, centre in ((-1.0, [0.5, 0.2, 0.3]), (0.5, [0.5, 0.5, 0.3])):
         for start in rng.uniform(0.5, 1.0, (4, 3)):
-            x, radius = least_greatest(lambda y: parts(y, least), start, 1e-12)  # noqa: B023
+            x, radius = minimize_largest(lambda y: parts(y, least), start, 1e-12)  # noqa: B023
             assert x == pytest.approx(centre, abs=1e-4)
             assert radius == pytest.approx(np.hypot(0.4, centre[1] - 0.2), abs=1e-8)
 
@@ -142,7 +145,7 @@ def test_rows_that_no_other_beats():
     modes = modes[: len(wanted)]
     beats = np.all(wanted[:, None] <= wanted, axis=2) & (modes[:, None] == modes)
     beaten = np.sum(beats, axis=0) > 1
-    assert nondominated(wanted, modes).tolist() == np.flatnonzero(~beaten).tolist()
+    assert select_nondominated(wanted, modes).tolist() == np.flatnonzero(~beaten).tolist()
 
 
 @pytest.mark.slow
@@ -166,16 +169,17 @@ def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
 
 def closes_with_gradients(evaluator, at, steps, mode, least):
     """Hold the gradients of all figures against differences; return how a mode closes."""
-    figures, slopes, closes = FigureGradients(evaluator).at(at, HeldMode(mode))
+    values = FigureGradients(evaluator).evaluate(at, SynthesisMode(mode))
+    figures, slopes = values.figures, values.gradients
     every = np.concatenate([np.diag(steps), -np.diag(steps)]) + at
-    found = evaluator.at(np.concatenate([at[None], every]).T)
+    found = evaluator.evaluate(np.concatenate([at[None], every]).T)
     rows, count = np.flatnonzero(found.mode == mode), len(at)
     for k, merit in enumerate(evaluator.figures.merits):
         own = found.merits[merit.name][rows]
         assert figures[k] == pytest.approx(own[0], rel=1e-12)
         difference = (own[1 : count + 1] - own[count + 1 :]) / (2.0 * steps)
         assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=least), merit.name
-    return closes
+    return values.closes
 
 
 def test_gradients_of_figures_are_those_of_differences(tmp_path):
@@ -211,10 +215,10 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
     evaluator = specification_of(path, designs=4).sweep.evaluator
     at, steps = np.array([41.0, 2.1, 0.25, 2.5, 31.0]), np.array([1e-4] + 4 * [1e-5])
     closes_with_gradients(evaluator, at, steps, "+", 1e-8)
-    design = evaluator.varied.design_at(at)
+    design = evaluator.varied_mechanism.evaluate_design(at)
     numbers, by_values = design.sizes, design.slopes
     # About O the tensor has m (|c|^2 1 - c c^T), whose derivatives are known.
-    place = list(evaluator.varied.differing).index(0)
+    place = list(evaluator.varied_mechanism.varied_numbers).index(0)
     assert numbers[1 + place] == pytest.approx(0.2 + 2.1 * (0.25**2 + 0.64), rel=1e-14)
     known = [0.0, 0.25**2 + 0.64, 2.0 * 2.1 * 0.25, 0.0, 0.0]
     assert by_values[1 + place] == pytest.approx(known, rel=1e-12, abs=1e-12)
@@ -223,11 +227,13 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
 def test_numbers_at_their_limits_have_slopes():
     """The rocker of the file is as light as a body with its other moments can be."""
     wanted = specification_of(EXAMPLES / "spring.toml", designs=4)
-    varied = wanted.sweep.evaluator.varied
+    varied = wanted.sweep.evaluator.varied_mechanism
     wanted = [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
-    slopes = varied.design_at(varied.values).slopes[len(varied.sized) :]
+    slopes = varied.evaluate_design(varied.nominal_values).slopes[
+        len(varied.size_variables) :
+    ]
     assert slopes == pytest.approx(np.array(wanted), rel=1e-12)
-    assert not any(steady is None for steady in varied.steady)
+    assert not any(steady is None for steady in varied.constant_slopes)
 
 
 @pytest.mark.parametrize("call", TABLES["syntheses"])

@@ -5,8 +5,9 @@ import pytest
 
 import spherekit as sk
 from spherekit.api.designs import specification_of
-from spherekit.designs.descent import FigureGradients, every_mode
-from spherekit.designs.design_variables import EIGHTH
+from spherekit.designs.design_variables import CENTRAL_WEIGHTS
+from spherekit.designs.figure_gradients import FigureGradients
+from spherekit.designs.synthesis_modes import find_all_modes
 from spherekit.files.library import find
 
 AXES = {
@@ -149,19 +150,22 @@ def check_gradients(tmp_path, name, vary, samples, figures):
     evaluator = specification_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
     at = 1.01 * np.array([variable.value for variable in evaluator.variables])
-    rows = evaluator.at(at[:, None])
-    modes = every_mode(evaluator, at[:, None])[0]
+    rows = evaluator.evaluate(at[:, None])
+    modes = find_all_modes(evaluator, at[:, None])[0]
     assert [mode.label for mode in modes] == rows.mode.tolist()
     whole = [k for k, closes in enumerate(rows.closes) if closes == 1.0]
     for k in whole[:4]:
-        figure, slopes, closes = gradients.at(at, modes[k])
+        values_at = gradients.evaluate(at, modes[k])
+        figure, slopes = values_at.figures, values_at.gradients
         values = [rows.merits[merit.name][k] for merit in evaluator.figures.merits]
-        assert closes == 1.0 and figure == pytest.approx(np.array(values), rel=1e-9)
+        assert values_at.closes == 1.0 and figure == pytest.approx(
+            np.array(values), rel=1e-9
+        )
         for place, step in enumerate(np.diag(5e-5 * np.abs(at))):
             difference = 0.0
-            for count, weight in enumerate(EIGHTH, 1):
+            for count, weight in enumerate(CENTRAL_WEIGHTS, 1):
                 ends = (at + count * step, at - count * step)
-                more, less = (gradients.at(end, modes[k])[0] for end in ends)
+                more, less = (gradients.evaluate(end, modes[k]).figures for end in ends)
                 difference = difference + weight * (more - less)
             size = np.max(np.abs(slopes), axis=1)
             off = np.abs(difference / step[place] - slopes[:, place])
@@ -176,12 +180,16 @@ def test_a_mode_ends_where_its_designs_do(tmp_path):
     path = written(tmp_path / "far.toml", "double_butterfly", "a", vary, figures, 9)
     evaluator = specification_of(path, designs=4).sweep.evaluator
     gradients = FigureGradients(evaluator)
-    modes = every_mode(evaluator, np.array([[-8.0]]))[0]
-    others = every_mode(evaluator, np.array([[20.0]]))[0]
+    modes = find_all_modes(evaluator, np.array([[-8.0]]))[0]
+    others = find_all_modes(evaluator, np.array([[20.0]]))[0]
     places = np.array([[-8.0], [20.0], [50.0]])
-    shares = np.array([[gradients.at(x, mode)[2] for x in places] for mode in modes])
+    shares = np.array(
+        [[gradients.evaluate(x, mode).closes for x in places] for mode in modes]
+    )
     assert np.all(np.diff(shares, axis=1) <= 0.0) and np.min(shares) < 0.5
-    here, there = (evaluator.varied.design_at(np.array([x])) for x in (-8.0, 20.0))
+    here, there = (
+        evaluator.varied_mechanism.evaluate_design(np.array([x])) for x in (-8.0, 20.0)
+    )
     for mode in modes:
         moved = mode.moved(there)
         assert sum(mode.goes_on_in(other) for other in others) >= 1

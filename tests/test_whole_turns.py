@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.designs.design_variables import design_variable, sizes_of
+from spherekit.designs.design_variables import default_size_keys, design_variable
 from spherekit.dynamics.forward_dynamics import simulate
 from spherekit.dynamics.inverse_dynamics import inverse_dynamics
 from spherekit.errors import SolveError
@@ -60,7 +60,7 @@ def generalised_forces(mechanism, q, mode):
         yield "inverse dynamics", -rest.torques[-1, 0]
     stored = sk.reduced_model(mechanism, assembly_mode=mode, poles=[])
     yield "stored", -stored.torque(q, 0.0, 0.0)
-    key, document = next(iter(sizes_of(mechanism))), document_of(mechanism)
+    key, document = next(iter(default_size_keys(mechanism))), document_of(mechanism)
     figure = f"there=at(torque - 0.5*dB_dq, {float(np.degrees(q))!r})"
     varied = {key: [design_variable(document, key).value]}
     swept = sk.sweep(mechanism, varied, [figure], samples=4)

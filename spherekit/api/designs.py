@@ -11,7 +11,7 @@ from spherekit.api.sweep import sweep_of
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
 from spherekit.designs.design_space import DesignSpace, between
-from spherekit.designs.synthesis import Synthesis, size
+from spherekit.designs.synthesis import Synthesis, synthesize_dimensions
 from spherekit.designs.synthesis_requirements import Specification
 from spherekit.errors import DesignError
 from spherekit.files.library import named_in
@@ -70,7 +70,7 @@ def synthesize(
     >>> sk.synthesize("wanted.toml", designs=64, starts=1).mechanism().name
     'four_bar'
     """
-    return size(specification_of(path, designs, seed), starts)
+    return synthesize_dimensions(specification_of(path, designs, seed), starts)
 
 
 def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Specification:

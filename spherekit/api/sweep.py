@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, Names
-from spherekit.designs.design_runs import OF_RUN
+from spherekit.designs.design_runs import RUN_MODE_PREFIX
 from spherekit.designs.design_space import DesignSpace, Scheme, variation
 from spherekit.designs.figures_of_merit import DesignSamples
 from spherekit.designs.sweep import Sweep
@@ -167,7 +167,7 @@ def sweep_of(
         )
     chosen = tuple(merits.values())
     without = (chosen or tables) and all(merit.table for merit in chosen)
-    through = None if without else DesignSamples.of(study)
+    through = None if without else DesignSamples.from_study(study)
     given = {analysis.name: analysis for analysis in analyses}
     wanted = dict.fromkeys(given if tables else ())
     wanted |= dict.fromkeys(merit.of_table[0] for merit in chosen if merit.table)
@@ -201,7 +201,7 @@ def _labels_of_mode(study: Study) -> Names:
     at_rest = replace(study, start=None, laws={}, duration=None)
     (mode,) = make_sampling(at_rest).position_analysis.assembly_modes
     number = str(mode.number)
-    return mode.label, f"{number} {mode.label}", number, f"{OF_RUN} {number}"
+    return mode.label, f"{number} {mode.label}", number, f"{RUN_MODE_PREFIX} {number}"
 
 
 def perform(

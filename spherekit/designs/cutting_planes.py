@@ -1,118 +1,174 @@
-"""The least maximum of several functions with kinks, within bounds."""
+"""Minimises the largest of several functions with kinks, within bounds and limits."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.geometry.vectors import max_abs
 
-Parts = tuple[Floats, Floats, Floats, Floats]
-"""Values (k,), gradients (k, n), limits' values (m,) and gradients (m, n) at a place."""
+FIRST_TRUST_RADIUS = 0.05
+"""First radius of the trust region, in units of the ranges of the variables."""
+
+MAX_TRUST_RADIUS = 0.25
+"""Largest radius of the trust region, in units of the ranges."""
+
+MIN_TRUST_RADIUS = 1e-9
+"""Radius of the trust region, in units of the ranges, below which a descent ends."""
+
+SERIOUS_DECREASE = 0.1
+"""A step is accepted if it decreases the maximum by this part of the predicted decrease."""
+
+LIMIT_ALLOWANCE = 0.1
+"""Distance from a limit, as a part of the predicted decrease, that a step must keep.
+
+Without it, a step along a limit that bends would end beyond the limit.
+"""
+
+MAX_CUTTING_STEPS = 200
+"""Largest number of trial steps of a descent."""
+
+MAX_STORED_POINTS = 40
+"""Largest number of points whose planes are used. The newest are kept."""
+
+PLANE_REACH = 4.0
+"""Planes of points are used up to this distance, in units of the trust radius."""
 
 
-FIRST = 0.05
+class LinearisedFunctions(NamedTuple):
+    """Objectives and limits at a point, with their gradients.
+
+    Attributes
+    ----------
+    objectives
+        (k,) functions whose maximum is minimised.
+    objective_gradients
+        (k, n) their derivatives by the n variables.
+    limits
+        (m,) functions that must not be positive.
+    limit_gradients
+        (m, n) their derivatives.
+    """
+
+    objectives: Floats
+    objective_gradients: Floats
+    limits: Floats
+    limit_gradients: Floats
 
 
-LONGEST = 0.25
-
-
-SHORTEST = 1e-9
-"""Longest step along an axis: of the first step, of any, and where a descent ends."""
-
-
-SERIOUS = 0.1
-"""Part of the decrease that the planes promise from which a step is taken."""
-
-
-ROOM = 0.1
-"""Part of a promised decrease by which limits are kept to."""
-
-
-MOST_STEPS = 200
-
-
-KEPT = 40
-"""Places whose planes are kept, the newest."""
-
-
-NEAR = 4.0
-"""Planes of places within this many steps are kept."""
-
-
-def least_greatest(
-    parts: Callable[[Floats], Parts | None], x: Floats, enough: float
+def minimize_largest(
+    functions: Callable[[Floats], LinearisedFunctions | None],
+    x: Floats,
+    min_decrease: float,
 ) -> tuple[Floats, float]:
-    """Return a place (n,) in the unit cube and the greatest of some functions there.
+    """Minimise the largest of some functions over the unit cube.
 
-    No step within a shrinking box about it makes the greatest smaller, as far as the planes
-    through the functions at all places tried tell (the cutting-plane method with a trust
-    region; Schramm and Zowe 1992). Planes that functions bend away from are moved down.
+    The cutting-plane method with a trust region is used (Schramm and Zowe 1992). The planes
+    through the functions at all points tried predict how much a step decreases the maximum.
+    Planes above a function that is not convex are moved down. The method ends where no step
+    within a shrinking box around the point is predicted to decrease the maximum.
 
     Parameters
     ----------
-    parts
-        Functions, and limits that are to stay <= 0, with gradients; None where there are
-        none. A gradient at a kink is that of one side.
+    functions
+        Function of a point (n,) that returns objectives and limits, or None where they are
+        not defined. A gradient at a kink is that of one side.
     x
-        (n,) where to begin; limits that are missed there may be missed as much.
-    enough
-        The descent ends where planes promise less.
+        (n,) first point. Limits that are violated there may remain violated as much.
+    min_decrease
+        The descent ends when the predicted decrease is smaller.
+
+    Returns
+    -------
+    x
+        (n,) last point.
+    largest
+        The largest objective there; infinite if it is not defined at the first point.
     """
-    begun = parts(x)
-    if begun is None:
+    start = functions(x)
+    if start is None:
         return x, np.inf
-    now = np.max(begun[0])
-    allowed = np.maximum(begun[2], 0.0)
-    looked = [(x, begun)]
-    radius = FIRST
-    for _ in range(MOST_STEPS):
-        step, promised = _step(looked, x, now, allowed, radius)
-        if promised < enough and radius <= FIRST * 1e-2:
+    largest = np.max(start.objectives)
+    allowed_limits = np.maximum(start.limits, 0.0)
+    points = [(x, start)]
+    radius = FIRST_TRUST_RADIUS
+    for _ in range(MAX_CUTTING_STEPS):
+        step, predicted_decrease = _predict_step(points, x, largest, allowed_limits, radius)
+        # A long step may look poor only because the planes bend within the box.
+        if predicted_decrease < min_decrease and radius <= FIRST_TRUST_RADIUS * 1e-2:
             break
-        tried = np.clip(x + step, 0.0, 1.0)
-        there = parts(tried) if promised > 0.0 else None
-        if there is not None:
-            looked.append((tried, there))
-            value = np.max(there[0])
-            if now - value >= SERIOUS * promised and np.all(there[2] <= allowed):
-                x = tried
-                now = value
-                radius = min(2.0 * radius, LONGEST)
+        trial_point = np.clip(x + step, 0.0, 1.0)
+        trial = functions(trial_point) if predicted_decrease > 0.0 else None
+        if trial is not None:
+            points.append((trial_point, trial))
+            trial_largest = np.max(trial.objectives)
+            decreases = largest - trial_largest >= SERIOUS_DECREASE * predicted_decrease
+            if decreases and np.all(trial.limits <= allowed_limits):
+                x = trial_point
+                largest = trial_largest
+                radius = min(2.0 * radius, MAX_TRUST_RADIUS)
                 continue
         radius *= 0.5
-        if radius < SHORTEST:
+        if radius < MIN_TRUST_RADIUS:
             break
-        looked = [item for item in looked if max_abs(item[0] - x) <= NEAR * radius][-KEPT:]
-    return x, now
+        reach = PLANE_REACH * radius
+        near_points = [item for item in points if max_abs(item[0] - x) <= reach]
+        points = near_points[-MAX_STORED_POINTS:]
+    return x, largest
 
 
-def _step(
-    looked: Sequence[tuple[Floats, Parts]],
+def _predict_step(
+    points: Sequence[tuple[Floats, LinearisedFunctions]],
     x: Floats,
-    now: float,
-    allowed: Floats,
+    largest: float,
+    allowed_limits: Floats,
     radius: float,
 ) -> tuple[Floats, float]:
-    """Return the step (n,) that planes promise most of, and how much."""
+    """Return the step of largest predicted decrease, by a linear program.
+
+    Its unknowns are the step and the decrease with opposite sign.
+
+    Parameters
+    ----------
+    points
+        Points (n,) that were tried, with the functions there.
+    x
+        (n,) present point.
+    largest
+        The largest objective there.
+    allowed_limits
+        (m,) values that the limits may have.
+    radius
+        Radius of the trust region.
+
+    Returns
+    -------
+    step
+        (n,) step, zero if the linear program has no solution.
+    predicted_decrease
+        The predicted decrease of the largest objective.
+    """
     from scipy.optimize import linprog
 
-    planes = []
-    right = []
-    for place, (values, gradients, limits, by_limits) in looked:
-        # A limit that bends is met with room, as much as the step promises.
-        for at, slopes, most, room in (
-            (values, gradients, now, 1.0),
-            (limits, by_limits, allowed, ROOM),
+    rows = []
+    right_sides = []
+    for point, functions in points:
+        # Objectives decrease by the unknown decrease, limits by a part of it.
+        for values, gradients, bounds, decrease_part in (
+            (functions.objectives, functions.objective_gradients, largest, 1.0),
+            (functions.limits, functions.limit_gradients, allowed_limits, LIMIT_ALLOWANCE),
         ):
-            planes.append(np.column_stack([slopes, np.full(len(at), -room)]))
-            right.append(most - np.minimum(at + slopes @ (x - place), most))
+            rows.append(np.column_stack([gradients, np.full(len(values), -decrease_part)]))
+            # A plane that is above the bound at x is moved down to it.
+            values_at_x = values + gradients @ (x - point)
+            right_sides.append(bounds - np.minimum(values_at_x, bounds))
     low = np.maximum(-radius, -x)
     high = np.minimum(radius, 1.0 - x)
     result = linprog(
         np.append(np.zeros_like(x), 1.0),
-        A_ub=np.vstack(planes),
-        b_ub=np.concatenate(right),
+        A_ub=np.vstack(rows),
+        b_ub=np.concatenate(right_sides),
         bounds=[*zip(low, high, strict=True), (None, 0.0)],
     )
     if result.x is None:

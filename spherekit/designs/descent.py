@@ -1,341 +1,271 @@
-"""Descents of syntheses by exact gradients, and the assembly modes that they hold on to."""
+"""Descents of a synthesis from a design to a local optimum, by exact gradients.
+
+Points are in units of the ranges of the variables: each coordinate goes from 0 to 1.
+"""
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.designs.cutting_planes import Parts, least_greatest
-from spherekit.designs.design_evaluation import Evaluator
-from spherekit.designs.design_kernel import DesignKernel
+from spherekit.designs.cutting_planes import LinearisedFunctions, minimize_largest
+from spherekit.designs.design_evaluation import DesignEvaluator
 from spherekit.designs.design_space import Columns
-from spherekit.designs.figures_of_merit import widest_swings
-from spherekit.designs.homotopy import LONG, SAME, apart, tracked
-from spherekit.designs.path_kernel import PathKernel
+from spherekit.designs.figure_gradients import FigureGradients, with_derivatives
+from spherekit.designs.synthesis_modes import SynthesisMode
 from spherekit.designs.synthesis_requirements import MATCH, Specification
-from spherekit.designs.varied_mechanism import DEG, DesignAt
-from spherekit.errors import SpherekitError
-from spherekit.geometry.vectors import all_finite, max_abs, nans
-from spherekit.symbolic.expression_derivatives import differentiate
-from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
-from spherekit.symbolic.expression_graph import Expr, ExpressionNode, symbols
+from spherekit.designs.varied_mechanism import RADIANS_PER_DEGREE
+from spherekit.geometry.vectors import all_finite, max_abs
+from spherekit.symbolic.expression_graph import Expr, symbols
 from spherekit.symbolic.parsed_expressions import convert_to_graph
 
+MAX_QUADRATIC_STEPS = 50
+"""Largest number of steps of sequential quadratic programming in one descent."""
 
-@dataclass(frozen=True, eq=False)
-class HeldMode:
-    """An assembly mode at the samples of a synthesis, then at the inputs of its figures.
+CONSTRAINT_TOLERANCE = 1e-9
+"""A constraint counts as satisfied if it is violated by less, relative to its size."""
 
-    Its `label` is its name among the modes of the design. Of groups that are all dyads it
-    has their signs, ``+-``. Others are `followed`: by Newton's step from a design and its
-    configurations (variables, count), NaN where it does not close. At other designs they
-    follow along the straight way between the numbers, in verified steps: what they are
-    depends on no design that was tried in between.
-    """
+UNDEFINED_OBJECTIVE = 1e6
+"""Objective, and violation of constraints, where a design is undefined.
 
-    label: str
-    followed: tuple[PathKernel, DesignAt, Floats] | None = None
+It is so large that a line search turns back.
+"""
 
-    def places(self, design: DesignAt, count: int = 1) -> Floats:
-        """Return what the kernel has of it (w, count) for a design: signs, or variables.
+OBJECTIVE_TOLERANCE = 1e-6
+"""Designs whose objectives differ by less are equally good.
 
-        Those are of all samples and inputs of figures; NaN where it does not close or
-        cannot be followed there.
-        """
-        if self.followed is None:
-            signs = np.array([1.0 if letter == "+" else -1.0 for letter in self.label])
-            return np.repeat(signs[:, None], count, axis=1)
-        newton, begun, configurations = self.followed
-        closes = np.flatnonzero(all_finite(configurations, 0))
-        profiles = None
-        sizes = begun.sizes[:, None], design.sizes[:, None]
-        if begun.profiles is not None:
-            profiles = begun.profiles.towards((design.values - begun.values)[:, None])
-        start = configurations[:, closes]
-        values, arrived = tracked(newton, start, sizes, profiles=profiles, contracts=LONG)
-        made = nans(configurations.shape)
-        made[:, closes[arrived]] = values[:, arrived]
-        return made
+The number is relative to the width of each objective along the front, or to its smallest
+value. Larger: fewer descents, and fronts are less exact. Smaller: more descents.
+"""
 
-    def moved(self, design: DesignAt) -> "HeldMode":
-        """Return the mode that is followed from another design from now on."""
-        if self.followed is None:
-            return self
-        return HeldMode(self.label, (self.followed[0], design, self.places(design)))
+MIN_RELATIVE_DECREASE = 0.1 * OBJECTIVE_TOLERANCE
+"""A descent ends if no objective decreases by more, relative in the same way."""
 
-    def goes_on_in(self, other: "HeldMode") -> bool:
-        """Return whether it is another, or becomes it when it is followed to its design.
+MAX_DESCENT_ROUNDS = 12
+"""Largest number of times that a descent is started again from its end."""
 
-        At all samples at which both close, and at one at least.
-        """
-        if other.followed is None:
-            return self.label == other.label
-        _, design, configurations = other.followed
-        values = self.places(design)
-        both = all_finite(values, 0) & all_finite(configurations, 0)
-        gaps = apart(values[:, both], configurations[:, both])
-        return bool(np.any(both) and np.max(gaps) < SAME)
+MAX_OTHER_STARTS = 3
+"""Number of other points from which a design of a front is challenged.
 
+They are those that are nearest to being better than it.
+"""
 
-def held_modes(
-    evaluator: Evaluator, designs: Floats, labels: Sequence[str]
-) -> list[HeldMode | None]:
-    """Return the modes with labels (n,) of designs (variables, n), in the file's units.
-
-    None where the configurations of a design are not all possible.
-    """
-    if not evaluator.follows_modes:
-        return [HeldMode(label) for label in labels]
-    unique, number = np.unique(designs, axis=1, return_inverse=True)
-    by_design = [
-        {mode.label: mode for mode in modes} for modes in every_mode(evaluator, unique)
-    ]
-    return [by_design[k].get(x) for k, x in zip(number, labels, strict=True)]
-
-
-def every_mode(evaluator: Evaluator, designs: Floats) -> list[list[HeldMode]]:
-    """Return all modes of each design (variables, n), which are followed ones."""
-    made: list[list[HeldMode]] = [[] for _ in designs.T]
-    there = map(evaluator.varied.design_at, designs.T)
-    possible = [(k, design) for k, design in enumerate(there) if design is not None]
-    if evaluator.varied.is_profiled:
-        for k, design in possible:
-            assert design.profiles is not None
-            with suppress(SpherekitError):
-                tracer, _, values = evaluator.traced(design.profiles.mechanism)
-                for row, mode in enumerate(tracer.assembly_modes):
-                    followed = evaluator.newton, design, values[:, :, row]
-                    made[k].append(HeldMode(f"{mode.number} {mode.label}", followed))
-    elif possible:
-        numbers, values, labels, _ = evaluator.configurations(
-            np.stack([design.sizes for _, design in possible], axis=1)
-        )
-        for row, number in enumerate(numbers):
-            k, design = possible[number]
-            followed = evaluator.newton, design, values[:, :, row]
-            made[k].append(HeldMode(labels[row], followed))
-    return made
-
-
-STEPS = 50
-"""Most steps of a descent by quadratic programming."""
-SLACK = 1e-9
-"""A condition that is missed by less, of its size, holds."""
-
-
-class FigureGradients:
-    """The figures of an evaluator with their derivatives by its variables.
-
-    Of the least and the greatest value it is the derivative at the sample where that is.
-    """
-
-    def __init__(self, evaluator: Evaluator) -> None:
-        self.evaluator, figures = evaluator, evaluator.figures
-        self._kernel = DesignKernel(
-            evaluator.varied.terms(), figures.columns, gradients=True
-        )
-        rows = symbols([*figures.sample, *figures.columns])
-        named = {x.arguments[0]: (x, x) for x in rows}
-        self._expressions = with_derivatives(
-            [convert_to_graph(item, named) for item in figures.expressions], rows
-        )
-
-    def at(self, values: Floats, mode: HeldMode) -> tuple[Floats, Floats, float]:
-        """Return figures (m,), gradients (m, variables), and the share that closes.
-
-        Values (variables,) are in the file's units, and derivatives by them; figures are in
-        rad and SI, NaN where there is no such design, or the mode cannot be followed to it.
-        """
-        of = self.evaluator.figures
-        figures = nans(len(of.merits))
-        gradients = nans((len(of.merits), len(values)))
-        design = self.evaluator.varied.design_at(values)
-        if design is None:
-            return figures, gradients, 0.0
-        samples = of.rows.T
-        places = mode.places(design, len(of.rows))
-        closed, made, changes = design.at(
-            self._kernel, samples, places, places.T, self._turns(design, places)
-        )
-        closed &= all_finite(places, 0)
-        with np.errstate(all="ignore"):
-            every = self._expressions(np.concatenate([samples, made]))
-        every = every.reshape(-1, len(of.merits), len(closed))
-        for k, merit in enumerate(of.merits):
-            rows = of.rows_of(merit)
-            value = np.where(closed[rows], every[0, k, rows], np.nan)
-            figures[k] = of.reduced(merit, value[:, None])[0]
-            share = self._share(merit.reduction, value, figures[k])
-            some = np.flatnonzero(share)
-            if not merit.reduction.startswith("arg") and len(some):
-                rows = rows[some]
-                partial = every[1 + len(of.sample) :, k, rows]
-                gradients[k] = np.einsum(
-                    "cn,vcn,n->v", partial, changes[:, :, rows], share[some]
-                )
-        return figures, gradients, float(np.mean(closed[: len(of.samples.rows)]))
-
-    def _share(self, kind: str, value: Floats, figure: float) -> Floats:
-        """Return the share (n,) of each value in the derivative of a figure."""
-        share = np.zeros(len(value))
-        closed = np.isfinite(value)
-        if not np.any(closed):
-            return share
-        if kind in ("mean", "sum", "at", "rms"):
-            share[closed] = 1.0 if kind == "sum" else 1.0 / np.sum(closed)
-            if kind == "rms":
-                share[closed] *= value[closed] / max(figure, 1e-300)
-            return share
-        low, high = (np.atleast_1d(end(value)) for end in (np.nanargmin, np.nanargmax))
-        if kind == "swing":
-            _, low, high = widest_swings(value[:, None], self.evaluator.samples.returns)
-        share[high] += kind != "min"
-        share[low] += {"min": 1.0, "max": 0.0}.get(kind, -1.0)
-        return share
-
-    def _turns(self, design: DesignAt, places: Floats) -> Floats:
-        """Return the turns (pairs, n), rad, at samples and points."""
-        kernel = self._kernel
-        evaluator = self.evaluator
-        if kernel.closed_form:
-            prepared = kernel.prepare(design.sizes[:, None])
-            return evaluator.turns(kernel, prepared, places[:, 0].tolist())[:, :, 0]
-        if not kernel.turning:
-            return np.zeros((0, places.shape[1]))
-        solver = evaluator.solver_of(evaluator.kernel_mechanism(design.values))
-        return evaluator.turns_at(kernel, solver, places[:, :, None])[:, :, 0]
-
-
-def with_derivatives(
-    items: Sequence[Expr], terms: Sequence[ExpressionNode]
-) -> ArrayFunction:
-    """Return a function of terms: items, then their derivatives term by term."""
-    partial = [slope for term in terms for slope in differentiate(items, {term: 1.0})]
-    return array_function([*items, *partial], terms)
-
-
-BEATEN = 1e-6
-"""Part of the width of each objective along a front by less than which none is beaten."""
-ENOUGH = 0.1 * BEATEN
-"""Part of it by less than which a descent goes on no more."""
-ROUNDS = 12
-"""Most times that a descent is taken up again."""
-OTHERS = 3
-"""Other starts from which a point is attacked, those that come nearest to beating it."""
-BESIDE = 0.1
-"""Starts nearer than this part of every range lead to the same place."""
+MIN_START_DISTANCE = 0.1
+"""Starting points that differ by less in all coordinates lead to the same optimum."""
 
 
 @dataclass(frozen=True)
 class LocalOptimum:
-    """Where a descent ended: mode, place in units of the ranges, objectives and figures."""
+    """A point at which a descent ended.
 
-    mode: HeldMode
+    Attributes
+    ----------
+    mode
+        The assembly mode.
+    x
+        (variables,) the point, in units of the ranges.
+    objectives
+        (k,) objectives there.
+    figures
+        (figures,) figures of merit there, angles in the unit of the file.
+    """
+
+    mode: SynthesisMode
     x: Floats
-    wanted: Floats
+    objectives: Floats
+    figures: Floats
+
+
+@dataclass(frozen=True)
+class DescentValues:
+    """Objectives and conditions of a design in a mode.
+
+    Attributes
+    ----------
+    functions
+        Objectives and conditions with their gradients by the coordinates. Conditions are
+        limits: by how much they are violated, negative where they are met.
+    closes
+        Fraction of the samples at which the mode closes.
+    figures
+        (figures,) figures of merit, angles in the unit of the file.
+    """
+
+    functions: LinearisedFunctions
+    closes: float
     figures: Floats
 
 
 class Descent:
-    """Descents of a synthesis to where objectives no longer fall, in units of the ranges.
+    """Descents to designs from which the objectives no longer decrease.
 
-    `rows` of a sweep, with objectives `wanted` (n, k), are tried as other starts: at
-    `places` (n, variables). Objectives are compared by their `size` (k,).
+    Parameters
+    ----------
+    specification
+        The objectives, the conditions and the ranges of the variables.
+    rows
+        Columns of the table of designs, with designs that are tried as other starts.
+    objectives
+        (n, k) objectives of these rows.
+
+    Attributes
+    ----------
+    points
+        (n, variables) the rows as points, in units of the ranges.
+    modes
+        (n,) labels of their assembly modes.
+    scales
+        (k,) scale of each objective, by which objectives are compared: its width along the
+        rows if there are several objectives, otherwise its smallest absolute value.
     """
 
-    def __init__(self, synthesis: Specification, rows: Columns, wanted: Floats) -> None:
-        sweep = self.sweep = synthesis.sweep
-        assert isinstance(sweep.evaluator, Evaluator)
-        self.figures = FigureGradients(sweep.evaluator)
-        self.low, high = np.array([(x.low, x.high) for x in sweep.space.variations]).T
-        self.width = high - self.low
-        varied = np.transpose([rows[variable.name] for variable in sweep.variables])
-        self.places = (varied - self.low) / self.width
-        self.modes, self.begun = rows["mode"], wanted
-        widths = np.ptp(wanted, axis=0)
-        several = (widths > 0.0) & (wanted.shape[1] > 1)
-        least = np.min(np.abs(wanted), axis=0)
-        self.size = np.where(several, widths, np.where(least > 0.0, least, 1.0))
-        terms = symbols(sweep.names)
-        named = {x.arguments[0]: (x, x) for x in terms}
-        if synthesis.matched:
-            missed = [named[name][0] for name in synthesis.matched]
-            size = np.sqrt(sum(x * x for x in missed) / synthesis.points)
-            named[MATCH] = (size, size)
-        items = [convert_to_graph(item, named) for item in synthesis.objectives]
-        self._wanted = len(items)
-        items += [
-            convert_to_graph(item.less, named) - convert_to_graph(item.more, named)
-            for item in sweep.conditions
-            if "closes" not in item.names
+    def __init__(
+        self, specification: Specification, rows: Columns, objectives: Floats
+    ) -> None:
+        sweep = specification.sweep
+        assert isinstance(sweep.evaluator, DesignEvaluator)
+        self.sweep = sweep
+        self._figure_gradients = FigureGradients(sweep.evaluator)
+        self._low = np.array([variation.low for variation in sweep.space.variations])
+        high = np.array([variation.high for variation in sweep.space.variations])
+        self._width = high - self._low
+        values = np.transpose([rows[variable.name] for variable in sweep.variables])
+        self.points = (values - self._low) / self._width
+        self.modes = rows["mode"]
+        self._row_objectives = objectives
+        self.scales = self._objective_scales(objectives)
+
+        symbols_by_name = {node.arguments[0]: node for node in symbols(sweep.names)}
+        # The same expression is used with and without whole revolutions.
+        named = {name: (node, node) for name, node in symbols_by_name.items()}
+        if specification.matched:
+            misses = [symbols_by_name[name] for name in specification.matched]
+            match = np.sqrt(sum(miss * miss for miss in misses) / specification.points)
+            named[MATCH] = (match, match)
+        expressions: list[Expr] = [
+            convert_to_graph(objective, named) for objective in specification.objectives
         ]
-        self._function = with_derivatives(items, terms)
+        self._objective_count = len(expressions)
+        # How often a mode closes is no smooth function; it is a constraint of its own.
+        expressions += [
+            convert_to_graph(condition.less, named)
+            - convert_to_graph(condition.more, named)
+            for condition in sweep.conditions
+            if "closes" not in condition.names
+        ]
+        self._function = with_derivatives(expressions, [*symbols_by_name.values()])
         units = [sweep.units()[merit.name] for merit in sweep.merits]
-        self.figure_unit = np.array([DEG if unit == "deg" else 1.0 for unit in units])
-        self._last: dict[tuple[bytes, HeldMode], tuple[Parts, float, Floats]] = {}
+        self._figure_units = np.array(
+            [RADIANS_PER_DEGREE if unit == "deg" else 1.0 for unit in units]
+        )
+        # The optimiser asks for values and gradients at the same point one by one.
+        self._last_values: dict[tuple[bytes, SynthesisMode], DescentValues] = {}
+
+    @staticmethod
+    def _objective_scales(objectives: Floats) -> Floats:
+        """Return the `scales` (k,) for objectives (n, k); 1 for objectives that are 0."""
+        widths = np.ptp(objectives, axis=0)
+        has_front = (widths > 0.0) & (objectives.shape[1] > 1)
+        smallest = np.min(np.abs(objectives), axis=0)
+        return np.where(has_front, widths, np.where(smallest > 0.0, smallest, 1.0))
 
     @property
     def tolerance(self) -> Floats:
-        """By how much of each objective (k,) a design has to be better to beat another."""
-        return BEATEN * self.size
+        """(k,) by how much an objective must be smaller for a design to be better."""
+        return OBJECTIVE_TOLERANCE * self.scales
 
-    def values(self, x: Floats) -> Floats:
-        """Return the numbers (variables,) of a place, in the file's units."""
-        return self.low + self.width * x
+    def file_values(self, x: Floats) -> Floats:
+        """Return the values (variables,) of a point, in the units of the file."""
+        return self._low + self._width * x
 
-    def moved(self, x: Floats, mode: HeldMode) -> HeldMode:
-        """Return a mode that is followed from x, where there is a design, from now on."""
-        design = self.figures.evaluator.varied.design_at(self.values(x))
-        return mode if design is None else mode.moved(design)
+    def track_mode_from(self, x: Floats, mode: SynthesisMode) -> SynthesisMode:
+        """Return a mode that is tracked from the design at x from now on."""
+        varied_mechanism = self._figure_gradients.evaluator.varied_mechanism
+        design = varied_mechanism.evaluate_design(self.file_values(x))
+        return mode if design is None else mode.with_origin(design)
 
-    def at(self, x: Floats, mode: HeldMode) -> tuple[Parts, float, Floats]:
-        """Return objectives and limits, the share that closes, and the figures (k,).
-
-        Limits are by how much conditions are missed, < 0 where they hold.
-        """
+    def evaluate(self, x: Floats, mode: SynthesisMode) -> DescentValues:
+        """Return objectives and conditions at a point (variables,) in a mode."""
         key = x.tobytes(), mode
-        if key not in self._last:
-            values = self.values(x)
-            figures, slopes, closes = self.figures.at(values, mode)
-            figures = figures / self.figure_unit
-            slopes = slopes * self.width / self.figure_unit[:, None]
-            by_x = np.nan_to_num(np.concatenate([np.diag(self.width), slopes]))
+        if key not in self._last_values:
+            values = self.file_values(x)
+            figure_values = self._figure_gradients.evaluate(values, mode)
+            figures = figure_values.figures / self._figure_units
+            figure_slopes = (
+                figure_values.gradients * self._width / self._figure_units[:, None]
+            )
+            # Derivatives of the values and of the figures by the coordinates.
+            by_coordinates = np.nan_to_num(
+                np.concatenate([np.diag(self._width), figure_slopes])
+            )
             with np.errstate(all="ignore"):
-                made = self._function(np.concatenate([values, figures])[:, None])
-            every = made.reshape(len(by_x) + 1, -1)
-            partial = np.where(np.isnan(every[1:]), 0.0, every[1:])
-            gradients = partial.T @ by_x
-            k = self._wanted
-            parts = every[0, :k], gradients[:k], every[0, k:], gradients[k:]
-            self._last = {key: (parts, closes, figures)}
-        return self._last[key]
+                outputs = self._function(np.concatenate([values, figures])[:, None])
+            # Index 0 has the expressions, then their derivatives by values and figures.
+            outputs = outputs.reshape(len(by_coordinates) + 1, -1)
+            partial_slopes = np.where(np.isnan(outputs[1:]), 0.0, outputs[1:])
+            gradients = partial_slopes.T @ by_coordinates
+            k = self._objective_count
+            functions = LinearisedFunctions(
+                outputs[0, :k], gradients[:k], outputs[0, k:], gradients[k:]
+            )
+            self._last_values = {
+                key: DescentValues(functions, figure_values.closes, figures)
+            }
+        return self._last_values[key]
 
-    def go(self, x: Floats, mode: HeldMode) -> Floats:
-        """Return where a descent of the first objective from x ends.
+    def objectives(self, x: Floats, mode: SynthesisMode) -> Floats:
+        """Return the objectives (k,) at a point in a mode."""
+        return self.evaluate(x, mode).functions.objectives
 
-        The others may not grow (the epsilon-constraint method: Haimes, Lasdon and Wismer
-        1971).
+    def minimize_first_objective(self, x: Floats, mode: SynthesisMode) -> Floats:
+        """Return the point at which a descent of the first objective ends.
+
+        The other objectives must not increase (the epsilon-constraint method; Haimes,
+        Lasdon and Wismer 1971). The mode must close at as many samples as at the start.
+
+        Parameters
+        ----------
+        x
+            (variables,) the first point.
+        mode
+            The assembly mode.
+
+        Returns
+        -------
+        (variables,) the last point, or the first one if the last one is not better.
         """
         from scipy.optimize import minimize
 
-        (begun, *_), closes, _ = self.at(x, mode)
+        start = self.evaluate(x, mode)
+        start_objectives = start.functions.objectives
 
         def objective(y: Floats) -> tuple[float, Floats]:
-            wanted, gradients, *_ = self.at(y, mode)[0]
-            if not np.isfinite(wanted[0]):
-                return 1e6, np.zeros_like(y)
-            return wanted[0], gradients[0]
+            """Return the first objective and its gradient."""
+            functions = self.evaluate(y, mode).functions
+            if not np.isfinite(functions.objectives[0]):
+                return UNDEFINED_OBJECTIVE, np.zeros_like(y)
+            return functions.objectives[0], functions.objective_gradients[0]
 
         def slack(y: Floats) -> Floats:
-            (wanted, _, limits, _), closed, _ = self.at(y, mode)
-            made = np.concatenate([[closed - closes], -limits, begun[1:] - wanted[1:]])
-            return np.nan_to_num(made, nan=-1e6)
+            """Return numbers that must not be negative."""
+            values = self.evaluate(y, mode)
+            decreases = start_objectives[1:] - values.functions.objectives[1:]
+            slacks = np.concatenate(
+                [[values.closes - start.closes], -values.functions.limits, decreases]
+            )
+            return np.nan_to_num(slacks, nan=-UNDEFINED_OBJECTIVE)
 
-        def slopes(y: Floats) -> Floats:
-            _, gradients, _, by_limits = self.at(y, mode)[0]
-            return np.concatenate([np.zeros((1, len(y))), -by_limits, -gradients[1:]])
+        def slack_gradients(y: Floats) -> Floats:
+            """Return the gradients of these numbers; that of a fraction is zero."""
+            functions = self.evaluate(y, mode).functions
+            return np.concatenate(
+                [
+                    np.zeros((1, len(y))),
+                    -functions.limit_gradients,
+                    -functions.objective_gradients[1:],
+                ]
+            )
 
         result = minimize(  # type: ignore[call-overload]
             objective,
@@ -343,96 +273,159 @@ class Descent:
             jac=True,
             method="SLSQP",
             bounds=[(0.0, 1.0)] * len(x),
-            constraints=[{"type": "ineq", "fun": slack, "jac": slopes}],
-            options={"maxiter": STEPS, "ftol": 1e-14},
+            constraints=[{"type": "ineq", "fun": slack, "jac": slack_gradients}],
+            options={"maxiter": MAX_QUADRATIC_STEPS, "ftol": 1e-14},
         )
-        ends: Floats = np.clip(result.x, 0.0, 1.0)
-        better = objective(ends)[0] <= objective(x)[0]
-        holds = np.all(slack(ends) >= -SLACK * (1.0 + np.abs(slack(x))))
-        return ends if better and holds else x
+        end: Floats = np.clip(result.x, 0.0, 1.0)
+        is_better = objective(end)[0] <= objective(x)[0]
+        tolerances = CONSTRAINT_TOLERANCE * (1.0 + np.abs(slack(x)))
+        meets_constraints = np.all(slack(end) >= -tolerances)
+        return end if is_better and meets_constraints else x
 
-    def towards(self, x: Floats, mode: HeldMode, aim: Floats) -> tuple[Floats, float]:
-        """Return where objectives come nearest to an aim (k,) from x, and by how much.
+    def approach_aim(
+        self, x: Floats, mode: SynthesisMode, aim: Floats
+    ) -> tuple[Floats, float]:
+        """Bring all objectives as near to an aim as possible, or below it.
 
-        By how many sizes (k,) the objective that misses its aim most does, < 0 where all
-        are less: the scalarisation of Pascoletti and Serafini 1984. Where the aim is what
-        the objectives are at x, this is a descent of all of them, and ends where nothing
-        beside makes all smaller.
+        The largest difference of an objective from its aim is minimised (the scalarisation
+        of Pascoletti and Serafini 1984). If the aim is the objectives at x, this is a
+        descent of all objectives. It ends where no step decreases all of them.
+
+        Parameters
+        ----------
+        x
+            (variables,) the first point.
+        mode
+            The assembly mode, which must close at as many samples as there.
+        aim
+            (k,) aims of the objectives.
+
+        Returns
+        -------
+        x
+            (variables,) the last point.
+        largest_excess
+            The largest difference from the aim there, in units of the scale of the
+            objective. It is negative if all objectives are below the aim.
         """
-        least = self.at(x, mode)[1]
+        min_closes = self.evaluate(x, mode).closes
 
-        def parts(y: Floats) -> Parts | None:
-            (wanted, gradients, limits, slopes), closes, _ = self.at(y, mode)
-            if closes < least:
+        def scaled_functions(y: Floats) -> LinearisedFunctions | None:
+            """Return differences from the aim, or None where they are not defined."""
+            values = self.evaluate(y, mode)
+            if values.closes < min_closes:
                 return None
-            made = (
-                (wanted - aim) / self.size,
-                gradients / self.size[:, None],
-                limits,
-                slopes,
+            functions = values.functions
+            scaled = LinearisedFunctions(
+                (functions.objectives - aim) / self.scales,
+                functions.objective_gradients / self.scales[:, None],
+                functions.limits,
+                functions.limit_gradients,
             )
-            return made if all(map(all_finite, made)) else None
+            return scaled if all(map(all_finite, scaled)) else None
 
-        return least_greatest(parts, x, ENOUGH)
+        return minimize_largest(scaled_functions, x, MIN_RELATIVE_DECREASE)
 
-    def down(self, mode: HeldMode, x: Floats) -> LocalOptimum:
-        """Return where descents from x end for good, those of one objective and of all."""
-        for _ in range(ROUNDS):
-            before = self.at(x, mode)[0][0]
-            x = self.go(x, mode)
-            mode = self.moved(x, mode)
-            x, _ = self.towards(x, mode, self.at(x, mode)[0][0])
-            mode = self.moved(x, mode)
-            if not np.max((before - self.at(x, mode)[0][0]) / self.size) > ENOUGH:
+    def descend(self, mode: SynthesisMode, x: Floats) -> LocalOptimum:
+        """Return the local optimum to which descents from a point lead.
+
+        Descents of the first objective and of all objectives alternate.
+        """
+        for _ in range(MAX_DESCENT_ROUNDS):
+            start_objectives = self.objectives(x, mode)
+            x = self.minimize_first_objective(x, mode)
+            mode = self.track_mode_from(x, mode)
+            x, _ = self.approach_aim(x, mode, aim=self.objectives(x, mode))
+            mode = self.track_mode_from(x, mode)
+            decrease = (start_objectives - self.objectives(x, mode)) / self.scales
+            # Written so that NaN ends the descent.
+            if not np.max(decrease) > MIN_RELATIVE_DECREASE:
                 break
-        return self.here(mode, x)
+        return self.as_optimum(mode, x)
 
-    def here(self, mode: HeldMode, x: Floats) -> LocalOptimum:
-        """Return a place as the end of a descent."""
-        (wanted, *_), _, figures = self.at(x, mode)
-        return LocalOptimum(mode, x, wanted, figures)
+    def as_optimum(self, mode: SynthesisMode, x: Floats) -> LocalOptimum:
+        """Return a point in a mode with its objectives and figures."""
+        values = self.evaluate(x, mode)
+        return LocalOptimum(mode, x, values.functions.objectives, values.figures)
 
-    def attacked(self, end: LocalOptimum, ends: Sequence[LocalOptimum]) -> LocalOptimum:
-        """Return what is left where a design, also from other starts, beats an end."""
-        for _ in range(ROUNDS):
-            for start in self._others(end, ends):
-                x, missed = self.towards(start, end.mode, end.wanted)
-                if missed < -BEATEN:
-                    end = self.down(end.mode, x)
+    def challenge(
+        self, optimum: LocalOptimum, optima: Sequence[LocalOptimum]
+    ) -> LocalOptimum:
+        """Look for a design that is better in all objectives, from other starts.
+
+        Parameters
+        ----------
+        optimum
+            The design that is challenged.
+        optima
+            All optima of the synthesis, which are among the other starts.
+
+        Returns
+        -------
+        The optimum, or the last of those that were better than the one before.
+        """
+        for _ in range(MAX_DESCENT_ROUNDS):
+            for start in self._other_starts(optimum, optima):
+                x, largest_excess = self.approach_aim(
+                    start, optimum.mode, aim=optimum.objectives
+                )
+                if largest_excess < -OBJECTIVE_TOLERANCE:
+                    optimum = self.descend(optimum.mode, x)
                     break
             else:
                 break
-        return end
+        return optimum
 
-    def _others(self, end: LocalOptimum, ends: Sequence[LocalOptimum]) -> Iterator[Floats]:
-        """Yield places apart from an end, those that come nearest to beating it first."""
-        rows = self.modes == end.mode.label
-        others = [other for other in ends if other.mode.goes_on_in(end.mode)]
-        places = np.vstack([self.places[rows], *(other.x for other in others)])
-        wanted = np.vstack([self.begun[rows], *(other.wanted for other in others)])
-        missed = np.max((wanted - end.wanted) / self.size, axis=1)
-        taken = [end.x]
-        for k in np.argsort(missed, kind="stable"):
-            if len(taken) > OTHERS:
+    def _other_starts(
+        self, optimum: LocalOptimum, optima: Sequence[LocalOptimum]
+    ) -> Iterator[Floats]:
+        """Yield points away from an optimum, those nearest to being better first."""
+        rows = self.modes == optimum.mode.label
+        others = [other for other in optima if other.mode.continues_in(optimum.mode)]
+        points = np.vstack([self.points[rows], *(other.x for other in others)])
+        objectives = np.vstack(
+            [self._row_objectives[rows], *(other.objectives for other in others)]
+        )
+        largest_excess = np.max((objectives - optimum.objectives) / self.scales, axis=1)
+        used_points = [optimum.x]
+        for k in np.argsort(largest_excess, kind="stable"):
+            if len(used_points) > MAX_OTHER_STARTS:
                 return
-            if all(max_abs(places[k] - place) >= BESIDE for place in taken):
-                taken.append(places[k])
-                yield places[k]
+            distances = [max_abs(points[k] - point) for point in used_points]
+            if all(distance >= MIN_START_DISTANCE for distance in distances):
+                used_points.append(points[k])
+                yield points[k]
 
 
-def unbeaten(ends: Sequence[LocalOptimum], tolerance: Floats) -> list[LocalOptimum]:
-    """Return the ends that none of their mode beats within a tolerance (k,).
+def is_better(
+    optimum: LocalOptimum, other_optimum: LocalOptimum, tolerance: Floats
+) -> bool:
+    """Return whether an optimum is better than another one, within a tolerance (k,).
 
-    One beats another that is less in an objective by more than the tolerance, and in
-    none greater by more.
+    It is smaller in an objective by more than the tolerance, and larger in none by more.
     """
+    decrease = other_optimum.objectives - optimum.objectives
+    return bool(np.all(decrease >= -tolerance) and np.any(decrease > tolerance))
 
-    def beats(one: LocalOptimum, other: LocalOptimum) -> bool:
-        less = other.wanted - one.wanted
-        return bool(np.all(less >= -tolerance) and np.any(less > tolerance))
 
-    return [
-        end
-        for end in ends
-        if not any(other.mode.goes_on_in(end.mode) and beats(other, end) for other in ends)
-    ]
+def select_unbeaten(
+    optima: Sequence[LocalOptimum], tolerance: Floats
+) -> list[LocalOptimum]:
+    """Return the optima than which none of the same mode is better.
+
+    Parameters
+    ----------
+    optima
+        The optima.
+    tolerance
+        (k,) differences of objectives that do not count.
+    """
+    unbeaten = []
+    for optimum in optima:
+        is_beaten = any(
+            other.mode.continues_in(optimum.mode) and is_better(other, optimum, tolerance)
+            for other in optima
+        )
+        if not is_beaten:
+            unbeaten.append(optimum)
+    return unbeaten

@@ -1,12 +1,7 @@
-"""Figures of merit of designs: by a kernel for all of them at once, or one by one.
+"""Figures of merit of designs: by one kernel for all designs at once, or one by one."""
 
-Turns of the pairs of a kernel in closed form: by the rule of `positions.angle_unwrapping`.
-
-Angles of all designs are followed at once, between inputs so near that none moves far.
-"""
-
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -16,34 +11,37 @@ from numpy.typing import NDArray
 
 from spherekit.arrays import Floats, Indices
 from spherekit.completeness import Guarantee
-from spherekit.conventions import TURN, Names
+from spherekit.conventions import TURN
 from spherekit.designs.design_kernel import DesignKernel, RedundantKernel, arc_function
-from spherekit.designs.design_variables import ACTIONS, OK, DesignVariable, designed
+from spherekit.designs.design_revolutions import (
+    unwrap_along_one_input,
+    unwrap_along_several_inputs,
+)
+from spherekit.designs.design_variables import ACTIONS, OK, DesignVariable, make_design
 from spherekit.designs.figures_of_merit import (
-    BLOCK,
+    DESIGNS_PER_BLOCK,
     IMPOSSIBLE,
     INERTIAL,
-    NEVER,
     NEVER_CLOSES,
+    NEVER_CLOSES_REASON,
     DesignSamples,
-    Evaluated,
+    DesignTable,
     KernelFigures,
-    refused,
+    failed_design,
 )
-from spherekit.designs.homotopy import StartSolutions, start_set
-from spherekit.designs.mode_tracking import followed_modes
+from spherekit.designs.homotopy import StartSolutions, find_start_solutions
+from spherekit.designs.mode_tracking import TrackedModes, track_assembly_modes
 from spherekit.designs.path_kernel import PathKernel
-from spherekit.designs.profile_numbers import tracks_of
-from spherekit.designs.varied_mechanism import UNLIKE, VariedMechanism
+from spherekit.designs.profile_numbers import make_contact_profiles
+from spherekit.designs.varied_mechanism import OTHER_FORM, VariedMechanism
 from spherekit.errors import CountError, DesignError, SpherekitError
 from spherekit.files.toml_document import Document
 from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.elements import SizeGeometry
 from spherekit.mechanism.load_dependence import need_tabulated
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import plan_assembly
-from spherekit.positions.angle_unwrapping import AngleUnwrapping, count_revolutions
+from spherekit.positions.angle_unwrapping import AngleUnwrapping
 from spherekit.positions.input_grid import InputGrid
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -56,181 +54,98 @@ from spherekit.velocities.equivalent_linkage import find_equivalent_linkage
 from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.wording import listing
 
-STRIDE = np.radians(3.0)
-"""Inputs at which angles are looked at are nearer (rad) than this."""
-SWING = 1.0
-"""Where an angle moves by more (rad) between two, it is looked at between them."""
-HALVINGS = 12
-"""How often at most; an angle that moves as far even then is not followed there."""
-EDGE = 30
-"""Halvings that lead to the end of an assembly mode."""
+ROWS_PER_ANGLE_BLOCK = 16384
+"""Rows whose angles are evaluated together. Larger: they leave the cache of the core."""
 
-TOGETHER = 16384
-"""Rows that are looked at together: they stay in the cache."""
+CLOSED_FORM_PART_SIZE = 16384
+"""Designs in a part of a sweep if positions are in closed form."""
+
+MAX_TRACKED_DESIGNS = 768
+"""Largest number of designs whose modes are tracked together, and of a part of a sweep.
+
+Larger: more memory, and less work for other processes. Smaller: more calls.
+"""
+
+SINGLE_DESIGN_PART_SIZE = 16
+"""Designs in a part of a sweep if designs are analysed one by one."""
+
+MIN_TRACKED_DESIGNS = 256
+"""Smallest number of designs in a part of a sweep if modes are tracked.
+
+Smaller: tracking so few designs together takes longer for each.
+"""
+
+TRACKED_PART_COUNT = 8
+"""Parts into which a sweep with many designs is divided if modes are tracked.
+
+Larger: more processes have work. Smaller: more designs are tracked together.
+"""
+
+MAX_FIGURE_VALUES = 2**24
+"""Largest number of values of figures at samples that are in memory at once."""
+
+MAX_TRACKED_VALUES = 2**25
+"""Largest number of variables, over all solutions and samples, in memory while tracking."""
+
+COMPLETE_CLAIM = Guarantee.COMPLETE.value
+"""Claim for designs of which no assembly mode is missing."""
+
+SAMPLED_CLAIM = Guarantee.SAMPLED.value
+"""Claim for designs of which an assembly mode may be missing."""
+
+POINT_TOLERANCE_RAD = 1e-9
+"""Inputs (rad) that differ by less belong to the same sample."""
 
 
-Angles = Callable[[Indices, Floats], Floats]
-"""Angles (pairs, m) of designs (m,) at inputs (m, inputs), NaN where they do not close."""
+@dataclass(frozen=True)
+class DesignMotion:
+    """The assembly modes of one design, found by a search as in a run.
 
-
-def _along(angles: Angles, n: int, q: Floats) -> tuple[Floats, Floats]:
-    """Return the angles (pairs, k, n) of all designs at inputs (k, inputs).
-
-    And by how much they grow (pairs, k - 1, n) to the next.
+    Attributes
+    ----------
+    position_analysis
+        The search, with the modes.
+    motion
+        The configurations at the samples.
+    values
+        (variables, samples + points, modes) pair variables (rad) at the samples and at the
+        points of figures; NaN where a mode does not close.
     """
-    who = np.tile(np.arange(n), len(q))
-    rows = np.repeat(q, n, axis=0)
-    at = angles(who, rows)
-    steps = _grown(angles, who[n:], (rows[:-n], rows[n:]), (at[:, :-n], at[:, n:]))
-    return at.reshape(len(at), -1, n), steps.reshape(len(at), -1, n)
+
+    position_analysis: PositionAnalysis
+    motion: Motion
+    values: Floats
 
 
-def _grown(
-    angles: Angles,
-    who: Indices,
-    inputs: tuple[Floats, Floats],
-    ends: tuple[Floats, Floats],
-    halvings: int = HALVINGS,
-) -> Floats:
-    """Return by how much angles of designs (m,) grow from inputs to others.
+class DesignEvaluator:
+    """Computes figures of merit of designs of one topology.
 
-    NaN where they are not followed.
-    """
-    step = wrap(ends[1] - ends[0])
-    far = np.flatnonzero(max_abs(step, axis=0) > SWING)
-    step[:, far] = np.nan
-    if len(far) and halvings:
-        low, high = (q[far] for q in inputs)
-        first, last = (end[:, far] for end in ends)
-        between = 0.5 * (low + high)
-        here = angles(who[far], between)
-        parts = ((low, between), (first, here)), ((between, high), (here, last))
-        step[:, far] = sum(_grown(angles, who[far], *x, halvings - 1) for x in parts)
-    return step
+    One kernel serves all designs if the varied numbers are sizes of R pairs, masses or
+    loads. If every group is a dyad, the kernel is in closed form. Otherwise all complex
+    solutions of the closure equations are tracked from design to design. Designs that no
+    kernel covers, and designs of which a solution is lost, are analysed one by one.
 
+    Parameters
+    ----------
+    document
+        The mechanism file whose numbers are varied.
+    mechanism
+        The mechanism of this file.
+    variables
+        The numbers that are varied.
+    merits
+        The figures of merit.
+    samples
+        The samples of the inputs over which they are reduced.
 
-def turns_along_one(
-    angles: Angles, n: int, anchor: float, q: Floats, returns: bool
-) -> Floats:
-    """Return turns (pairs, k, n), rad, to be added to the angles of n designs.
-
-    At values (k,) of a single input that goes on from an anchor; one that `returns` has
-    come back to where it was after a turn.
-    """
-    laps = np.floor((q - anchor) / TURN) * returns
-    place = q - laps * TURN
-    ends = [anchor, *place, *[anchor + TURN] * returns]
-    fill = np.linspace(min(ends), max(ends), 2 + int(np.ptp(ends) / STRIDE))
-    stations = np.unique([*ends, *fill])
-    there, steps = _along(angles, n, stations[:, None])
-    start = np.searchsorted(stations, anchor)
-    whole = np.empty_like(there)
-    for way, along in (
-        (slice(start, None), steps[:, start:]),
-        (slice(start, None, -1), -steps[:, :start][:, ::-1]),
-    ):
-        whole[:, way] = _followed(angles, stations[way], there[:, way], along)
-    grown = np.zeros_like(whole[:, 0])
-    if returns:
-        grown = np.round((whole[:, -1] - whole[:, 0]) / TURN) * TURN
-        # A mode that ends goes on to either side of the anchor.
-        last = np.isfinite(np.cumsum(steps[0, ::-1], axis=0))[::-1]
-        whole[:, :-1] -= np.where(last & ~last[0], grown[:, None], 0.0)
-        grown = np.where(last[0], grown, 0.0)
-        whole[:, -1] = whole[:, 0] + grown
-    at = np.searchsorted(stations, place)
-    return np.nan_to_num(whole[:, at] + laps[:, None] * grown[:, None] - there[:, at])
-
-
-def _followed(angles: Angles, stations: Floats, there: Floats, steps: Floats) -> Floats:
-    """Return angles (pairs, k, n) that go on from the first, or from a mode's end."""
-    whole = there - TURN * count_revolutions(there)
-    for k in range(1, len(stations)):
-        onward = whole[:, k - 1] + steps[:, k - 1]
-        who = np.flatnonzero(np.isnan(onward[0]) & np.isfinite(there[0, k]))
-        if len(who):
-            onward[:, who] = _begun(angles, who, stations[k - 1 : k + 1], there[:, k, who])
-        whole[:, k] = onward
-    return whole
-
-
-def _begun(angles: Angles, who: Indices, ends: Floats, last: Floats) -> Floats:
-    """Return angles (pairs, m) that begin in (-pi, pi] where a mode does.
-
-    It has the `last` at the second of two inputs (2,), and is not at the first.
-    """
-    open_, closed = (np.full((len(who), 1), end) for end in ends)
-    at = closed
-    first = last
-    for _ in range(EDGE):
-        between = 0.5 * (open_ + at)
-        here = angles(who, between)
-        inside = np.isfinite(here[0])
-        at = np.where(inside[:, None], between, at)
-        open_ = np.where(inside[:, None], open_, between)
-        first = np.where(inside, here, first)
-    grown = np.nan_to_num(_grown(angles, who, (at, closed), (first, last)))
-    return first - TURN * count_revolutions(first) + grown
-
-
-def turns_along_several(
-    angles: Angles, n: int, anchor: Floats, q: Floats, points: Floats
-) -> Floats:
-    """Return turns (pairs, k + m, n), rad, to be added to the angles of n designs.
-
-    At samples (k, inputs), each from the one before on, the first from an `anchor`
-    (inputs,); then at points (m, inputs), each from the nearest sample on. Or from the
-    anchor, where these do not lead there; angles are in (-pi, pi] where neither does.
-    """
-    every = np.concatenate([q, points])
-    origins = [*range(-1, len(q) - 1)]
-    origins += [int(np.argmin(max_abs(q - point, axis=1))) for point in points]
-    home = -TURN * count_revolutions(angles(np.arange(n), np.tile(anchor, (n, 1))))
-    turns = np.zeros((len(home), len(every), n))
-    for k, (there, origin) in enumerate(zip(every, origins, strict=True)):
-        made = np.full_like(home, np.nan)
-        before = (every[origin], turns[:, origin]) if k else (anchor, home)
-        for begin, turned in (before, (anchor, home)):
-            way = np.linspace(begin, there, 2 + int(max_abs(there - begin) / STRIDE))
-            at, steps = _along(angles, n, way)
-            turned = turned + np.sum(steps, axis=1) - (at[:, -1] - at[:, 0])
-            made = np.where(np.isnan(made), turned, made)
-            if not np.any(np.isnan(made) & np.isfinite(at[:, -1])):
-                break
-        made = np.where(np.isnan(made), -TURN * count_revolutions(at[:, -1]), made)
-        turns[:, k] = np.nan_to_num(TURN * np.round(made / TURN))
-    return turns
-
-
-PART = 16384
-FOLLOWED = 768
-SINGLY = 16
-"""Designs in a part: in closed form, followed, and one by one."""
-
-FEWEST = 256
-PARTS = 8
-"""Designs that are followed in a part at least, and parts that are made of more."""
-
-HELD = 2**24
-"""Values of figures at samples that are held together."""
-
-ON_THE_WAY = 2**25
-"""Variables of all solutions of designs that are followed together, at all samples."""
-
-COMPLETE = Guarantee.COMPLETE.value
-SAMPLED = Guarantee.SAMPLED.value
-
-SAME_INPUT = 1e-9
-"""Inputs (rad) that differ by less are those of one sample."""
-
-
-class Evaluator:
-    """The figures of merit of designs of one topology.
-
-    Sizes that kernels take are varied in one kernel for all designs: in closed form where
-    every group is a dyad, else with all solutions followed from design to design. Numbers
-    of masses and loads are inputs of the kernel too, read design by design. Mechanisms in
-    contact and designs of which a solution was lost are taken one by one.
+    Attributes
+    ----------
+    figures
+        The figures of merit with their expressions and points.
+    varied_mechanism
+        Computes the sizes of the kernel for each design.
+    kernel
+        The kernel of all designs, or None if they are analysed one by one.
     """
 
     def __init__(
@@ -241,41 +156,55 @@ class Evaluator:
         merits: Sequence[FigureOfMerit],
         samples: DesignSamples,
     ) -> None:
-        self.document, self.mechanism, self.inputs = document, mechanism, samples.inputs
-        self.variables, self.samples = tuple(variables), samples
+        self.document = document
+        self.mechanism = mechanism
+        self.inputs = samples.inputs
+        self.variables = tuple(variables)
+        self.samples = samples
         self.figures = KernelFigures(mechanism, merits, samples)
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.figures.columns):
             need_tabulated(mechanism, samples.rows[:, -1])
-        contacts = find_equivalent_linkage(mechanism, self.inputs)
-        self.varied = VariedMechanism(
-            document, mechanism, self.variables, self.inputs, contacts, self._masses_follow
+        self.varied_mechanism = VariedMechanism(
+            document,
+            mechanism,
+            self.variables,
+            self.inputs,
+            equivalent_linkage=find_equivalent_linkage(mechanism, self.inputs),
+            masses_follow_sizes=self._masses_follow_sizes,
         )
-        self._paths: tuple[PathKernel, StartSolutions] | None = None
-        self.kernel = self._kernel()
+        # The closure equations and start solutions if solutions are tracked.
+        self._tracking: tuple[PathKernel, StartSolutions] | None = None
+        self.kernel = self._make_kernel()
 
-    def _kernel(self) -> DesignKernel | None:
-        """Return the kernel of all designs, None where they have none.
+    def _make_kernel(self) -> DesignKernel | None:
+        """Return the kernel of all designs, or None if there is none.
 
-        Modes that follow smooth curves through crossings have none: their signs change at
-        inputs that differ from design to design. Where constraints repeat each other, the
-        equations of a kernel close some loops only, and others stay open in designs whose
-        sizes do not agree. So each of these designs is searched by itself, as a run does.
+        Modes that follow smooth curves through crossings have no kernel, because their
+        signs change at inputs that differ from design to design. Mechanisms with redundant
+        constraints have none either: the equations of a kernel close some loops only, and
+        other loops stay open if the sizes of a design do not agree.
         """
         if self.samples.crossings == "pass" or self._is_over_constrained:
             return None
         if self.mechanism.has_contacts:
-            if self.varied.contacts is None or self.varied.points:
+            varied_mechanism = self.varied_mechanism
+            if (
+                varied_mechanism.equivalent_linkage is None
+                or varied_mechanism.varies_outputs
+            ):
                 return None
         elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
             return None
-        terms = self.varied.terms()
-        if not terms.has_closed_form:
-            paths = PathKernel(terms)
-            start = start_set(paths, self.varied.nominal)
-            if start is None:
+        expressions = self.varied_mechanism.make_expressions()
+        if not expressions.has_closed_form:
+            path_kernel = PathKernel(expressions)
+            start_solutions = find_start_solutions(
+                path_kernel, self.varied_mechanism.nominal_sizes
+            )
+            if start_solutions is None:
                 return None
-            self._paths = paths, start
-        return DesignKernel(terms, self.figures.columns)
+            self._tracking = path_kernel, start_solutions
+        return DesignKernel(expressions, self.figures.columns)
 
     @cached_property
     def _is_over_constrained(self) -> bool:
@@ -288,338 +217,513 @@ class Evaluator:
 
     @property
     def has_gradients(self) -> bool:
-        """Whether the kernel knows how figures change with the variables."""
-        of_profiles = self.varied.is_profiled and all(
+        """Whether derivatives of the figures by the variables can be computed."""
+        varies_profiles = self.varied_mechanism.has_shaped_profiles and all(
             v.slot is not None or "profiles" in v.path for v in self.variables
         )
-        return self.kernel is not None or (of_profiles and not self._masses_follow)
+        if self.kernel is not None:
+            return True
+        return varies_profiles and not self._masses_follow_sizes
 
     @property
-    def _masses_follow(self) -> bool:
-        """Whether figures read masses, which the file states by sizes of links."""
+    def _masses_follow_sizes(self) -> bool:
+        """Whether figures depend on masses that the file states by sizes of links."""
         masses = self.document.data.get("mass", {})
-        return any("tensor" not in mass for mass in masses.values()) and any(
+        stated_by_sizes = any("tensor" not in mass for mass in masses.values())
+        return stated_by_sizes and any(
             name.startswith(INERTIAL) for name in self.figures.columns
         )
 
-    def classes(self, values: Floats) -> NDArray[np.str_] | None:
-        """Return the Grashof class of four-bars (variables, n), None for others."""
-        places = four_bar_links(self.mechanism)
-        if places is None or self.kernel is None:
+    def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
+        """Return the Grashof class (n,) of each design.
+
+        Parameters
+        ----------
+        values
+            (variables, n) values of the variables, in the units of the file.
+
+        Returns
+        -------
+        The classes; None if the mechanism is not a four-bar or has no kernel.
+        """
+        links_of_four_bar = four_bar_links(self.mechanism)
+        if links_of_four_bar is None or self.kernel is None:
             return None
-        links, arcs = arc_function(self.varied.terms())
-        of_links = (values * self.varied.scale[:, None])[self.varied.sized]
-        others = len(self.varied.nominal) - len(of_links)  # no arc is one of them
-        sizes = np.pad(of_links, ((0, others), (0, 0)))
-        lengths = dict(zip(links, arcs(sizes), strict=True))
-        return class_of(*(lengths[k] for k in places))
+        varied_mechanism = self.varied_mechanism
+        links, arcs = arc_function(varied_mechanism.make_expressions())
+        scaled = values * varied_mechanism.unit_scales[:, None]
+        link_sizes = scaled[varied_mechanism.size_variables]
+        # Arcs do not depend on the other sizes of the kernel, masses and loads.
+        other_count = len(varied_mechanism.nominal_sizes) - len(link_sizes)
+        sizes = np.pad(link_sizes, ((0, other_count), (0, 0)))
+        arc_of_link = dict(zip(links, arcs(sizes), strict=True))
+        return class_of(*(arc_of_link[link] for link in links_of_four_bar))
 
-    def at(self, values: Floats) -> Evaluated:
-        """Return the figures of merit of designs (variables, n), in the file's units."""
-        held = HELD // (len(self.figures.merits) * len(self.figures.rows))
-        together = min(BLOCK, held + 1) if self._paths is None else self._followed_together
+    def evaluate(self, values: Floats) -> DesignTable:
+        """Compute the figures of merit of designs.
+
+        Parameters
+        ----------
+        values
+            (variables, n) values of the variables, in the units of the file.
+
+        Returns
+        -------
+        The rows of all designs; `DesignTable.design` is the column of `values`.
+        """
+        figure_values = len(self.figures.merits) * len(self.figures.rows)
+        fitting_count = MAX_FIGURE_VALUES // figure_values + 1
+        block_size = min(DESIGNS_PER_BLOCK, fitting_count)
+        if self._tracking is not None:
+            block_size = self._designs_tracked_together
         parts = []
-        for start in range(0, values.shape[1], together):
-            some = values[:, start : start + together]
-            made = self._together(self.kernel, some) if self.kernel else self._singly(some)
-            parts.append(replace(made, design=made.design + start))
-        return Evaluated.in_order(parts, self.figures.names)
+        for start in range(0, values.shape[1], block_size):
+            block = values[:, start : start + block_size]
+            if self.kernel:
+                part = self._evaluate_by_kernel(self.kernel, block)
+            else:
+                part = self._evaluate_one_by_one(block)
+            parts.append(replace(part, design=part.design + start))
+        return DesignTable.join_by_design(parts, self.figures.names)
 
-    def part(self, count: int) -> int:
-        """Return how many of so many designs pay together."""
+    def part_size(self, count: int) -> int:
+        """Return how many of `count` designs a part of a sweep should have."""
         if self.kernel is None:
-            return SINGLY
-        if self._paths is None:
-            return PART
-        return min(max(FEWEST, count // PARTS), self._followed_together)
+            return SINGLE_DESIGN_PART_SIZE
+        if self._tracking is None:
+            return CLOSED_FORM_PART_SIZE
+        wanted_size = max(MIN_TRACKED_DESIGNS, count // TRACKED_PART_COUNT)
+        return min(wanted_size, self._designs_tracked_together)
 
     @property
-    def is_followed(self) -> bool:
-        """Whether all solutions are followed from design to design."""
-        return self._paths is not None
+    def tracks_solutions(self) -> bool:
+        """Whether all complex solutions are tracked from design to design."""
+        return self._tracking is not None
 
     @property
-    def follows_modes(self) -> bool:
-        """Whether modes are told by their configurations, and have no signs."""
-        return self.is_followed or self.varied.is_profiled
+    def has_unsigned_modes(self) -> bool:
+        """Whether modes are identified by configurations and not by signs of dyads."""
+        return self.tracks_solutions or self.varied_mechanism.has_shaped_profiles
 
     @cached_property
-    def newton(self) -> PathKernel:
-        """Newton's step alone, by which configurations follow to other designs."""
-        return PathKernel(self.varied.terms())
+    def path_kernel(self) -> PathKernel:
+        """The closure equations, by which configurations are tracked to other designs."""
+        return PathKernel(self.varied_mechanism.make_expressions())
 
     @property
-    def _followed_together(self) -> int:
-        """How many designs are followed together: what they are on the way stays small."""
-        assert self._paths is not None
-        per_design = self._paths[1].values.size * len(self.samples.rows)
-        return max(1, min(FOLLOWED, ON_THE_WAY // per_design))
+    def _designs_tracked_together(self) -> int:
+        """Number of designs that are tracked together without using too much memory."""
+        assert self._tracking is not None
+        _, start_solutions = self._tracking
+        values_per_design = start_solutions.values.size * len(self.samples.rows)
+        return max(1, min(MAX_TRACKED_DESIGNS, MAX_TRACKED_VALUES // values_per_design))
 
     # All designs in one kernel.
 
-    def _together(self, kernel: DesignKernel, values: Floats) -> Evaluated:
+    def _evaluate_by_kernel(self, kernel: DesignKernel, values: Floats) -> DesignTable:
+        """Return the rows of designs (variables, n), in the units of the file."""
         names = self.figures.names
-        sizes, reason = self.varied.sizes(values)
-        self._judge_arcs(values, reason)
-        singly = np.flatnonzero(reason == UNLIKE)
-        possible = np.flatnonzero(reason == OK)
-        lacking = np.flatnonzero((reason != OK) & (reason != UNLIKE))
-        parts = [Evaluated.of(lacking, names, status=IMPOSSIBLE, reason=reason[lacking])]
+        sizes, reasons = self.varied_mechanism.kernel_sizes(values)
+        self._reject_impossible_arcs(values, reasons)
+        one_by_one = np.flatnonzero(reasons == OTHER_FORM)
+        possible = np.flatnonzero(reasons == OK)
+        impossible = np.flatnonzero((reasons != OK) & (reasons != OTHER_FORM))
+        parts = [
+            DesignTable.from_columns(
+                impossible, names, status=IMPOSSIBLE, reason=reasons[impossible]
+            )
+        ]
         if len(possible):
-            if self._paths is None:
-                made = self._modes(kernel, sizes[:, possible])
+            if self._tracking is None:
+                part = self._evaluate_signed_modes(kernel, sizes[:, possible])
             else:
-                made, lost = self._followed(kernel, sizes[:, possible], values[:, possible])
-                singly = np.append(singly, possible[lost])
-            parts.append(_numbered(made, possible))
-        parts.append(_numbered(self._singly(values[:, singly]), singly))
-        return Evaluated.in_order(parts, names)
+                part, lost_designs = self._evaluate_tracked_modes(
+                    kernel, sizes[:, possible], values[:, possible]
+                )
+                one_by_one = np.append(one_by_one, possible[lost_designs])
+            parts.append(_renumber_designs(part, possible))
+        part = self._evaluate_one_by_one(values[:, one_by_one])
+        parts.append(_renumber_designs(part, one_by_one))
+        return DesignTable.join_by_design(parts, names)
 
-    def _judge_arcs(self, values: Floats, reason: NDArray[np.object_]) -> None:
-        """Say of designs (variables, n) which arcs are impossible."""
+    def _reject_impossible_arcs(self, values: Floats, reasons: NDArray[np.object_]) -> None:
+        """Set the reason of designs with arcs that are not between 0 and 180 degrees.
+
+        Parameters
+        ----------
+        values
+            (variables, n) values of the variables, in the units of the file.
+        reasons
+            (n,) reasons why designs are impossible, changed in place.
+        """
         geometry = self.mechanism.geometry
-        scales = self.varied.scale
-        for variable, given, scale in zip(self.variables, values, scales, strict=True):
+        scales = self.varied_mechanism.unit_scales
+        for variable, arcs, scale in zip(self.variables, values, scales, strict=True):
             match variable.slot:
                 case ("arcs", (link, _)) if isinstance(geometry, SizeGeometry):
-                    outside = ~((given > 0.0) & (given * scale < np.pi))
-                    for k in np.flatnonzero(outside & (not geometry.links[link].signed)):
-                        reason[k] = (
-                            f"{variable.key} = {given[k]:g}: not between 0 and 180 deg"
+                    if geometry.links[link].signed:
+                        continue
+                    outside = ~((arcs > 0.0) & (arcs * scale < np.pi))
+                    for k in np.flatnonzero(outside):
+                        reasons[k] = (
+                            f"{variable.key} = {arcs[k]:g}: not between 0 and 180 deg"
                         )
 
-    def _with_others(self, parts: list[Evaluated], n: int, claim: str) -> Evaluated:
-        """Return parts with a row for each of n designs that is in none of them."""
+    def _add_missing_designs(
+        self, parts: list[DesignTable], design_count: int, claim: str
+    ) -> DesignTable:
+        """Return tables joined, with a row for each design that is in none of them."""
         names = self.figures.names
-        others = np.setdiff1d(np.arange(n), np.concatenate([x.design for x in parts]))
-        none = Evaluated.of(others, names, status=NEVER_CLOSES, reason=NEVER, claim=claim)
-        return Evaluated.in_order([*parts, none], names)
+        present = np.concatenate([part.design for part in parts])
+        missing = DesignTable.from_columns(
+            np.setdiff1d(np.arange(design_count), present),
+            names,
+            status=NEVER_CLOSES,
+            reason=NEVER_CLOSES_REASON,
+            claim=claim,
+        )
+        return DesignTable.join_by_design([*parts, missing], names)
 
-    def _modes(self, kernel: DesignKernel, sizes: Floats) -> Evaluated:
-        """Return designs (variables, n) of a kernel in all their modes."""
+    def _evaluate_signed_modes(self, kernel: DesignKernel, sizes: Floats) -> DesignTable:
+        """Return the rows of designs in the modes of all signs of their dyads.
+
+        Parameters
+        ----------
+        kernel
+            A kernel in closed form.
+        sizes
+            (sizes, n) sizes of the designs.
+        """
         parts = []
         prepared = kernel.prepare(sizes)
-        shape = len(kernel.places), len(self.figures.rows), sizes.shape[1]
-        for signs in product((1.0, -1.0), repeat=len(kernel.places)):
-            label = "".join("+" if sign > 0 else "-" for sign in signs)
-            turns = self.turns(kernel, prepared, signs)
-            places = np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape)
-            parts.append(self.figures.of(kernel, prepared, places, turns, label, COMPLETE))
-        return self._with_others(parts, sizes.shape[1], COMPLETE)
-
-    def _followed(
-        self, kernel: DesignKernel, sizes: Floats, of_file: Floats
-    ) -> tuple[Evaluated, Indices]:
-        """Return designs (variables, n) in all their modes, and those that got lost.
-
-        `of_file` (variables, n) are their values in the file's units.
-        """
-        assert self._paths is not None
-        claim = COMPLETE if self._paths[1].counted else SAMPLED
-        number, values, labels, lost = self.configurations(sizes)
-        prepared = kernel.prepare(sizes[:, number])
-        turns = np.zeros((len(kernel.turning), *values.shape[1:]))
-        for design in np.unique(number) if kernel.turning else ():
-            here = np.flatnonzero(number == design)
-            mechanism = self.kernel_mechanism(of_file[:, design])
-            turns[:, :, here] = self.turns_at(
-                kernel, self.solver_of(mechanism), values[:, :, here]
+        dyad_count = len(kernel.position_arguments)
+        shape = dyad_count, len(self.figures.rows), sizes.shape[1]
+        for signs in product((1.0, -1.0), repeat=dyad_count):
+            table = self.figures.evaluate_modes(
+                kernel,
+                prepared,
+                position_arguments=np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape),
+                revolution_offsets=self.unwrap_signed_mode(kernel, prepared, signs),
+                labels="".join("+" if sign > 0 else "-" for sign in signs),
+                claim=COMPLETE_CLAIM,
             )
-        made = self.figures.of(kernel, prepared, values, turns, labels, claim)
-        every = self._with_others([_numbered(made, number)], sizes.shape[1], claim)
-        return every.rows(~np.isin(every.design, lost)), lost
+            parts.append(table)
+        return self._add_missing_designs(parts, sizes.shape[1], COMPLETE_CLAIM)
 
-    def configurations(self, sizes: Floats) -> tuple[Indices, Floats, Names, Indices]:
-        """Return all modes of designs with the kernel's sizes (k, n), by following.
+    def _evaluate_tracked_modes(
+        self, kernel: DesignKernel, sizes: Floats, file_values: Floats
+    ) -> tuple[DesignTable, Indices]:
+        """Return the rows of designs in all their modes, which are tracked.
 
-        At the samples, then at the points of figures; see `followed_modes`.
+        Parameters
+        ----------
+        kernel
+            A kernel of the variables of pairs.
+        sizes
+            (sizes, n) sizes of the designs.
+        file_values
+            (variables, n) values of the variables, in the units of the file.
+
+        Returns
+        -------
+        table
+            The rows of all designs that are not lost.
+        lost_designs
+            Indices of the designs of which a solution was lost.
         """
-        assert self._paths is not None
-        lattice, place = self._followed_inputs
-        design, values, labels, lost = followed_modes(*self._paths, sizes, lattice)
-        return design, values[:, place], labels, lost
+        assert self._tracking is not None
+        _, start_solutions = self._tracking
+        claim = COMPLETE_CLAIM if start_solutions.is_complete else SAMPLED_CLAIM
+        modes = self.track_modes(sizes)
+        revolution_offsets = np.zeros(
+            (len(kernel.unwrapped_pairs), *modes.values.shape[1:])
+        )
+        if kernel.unwrapped_pairs:
+            for design in np.unique(modes.design):
+                rows = np.flatnonzero(modes.design == design)
+                mechanism = self.make_kernel_mechanism(file_values[:, design])
+                revolution_offsets[:, :, rows] = self.unwrap_configurations(
+                    kernel, self.make_solver(mechanism), modes.values[:, :, rows]
+                )
+        table = self.figures.evaluate_modes(
+            kernel,
+            kernel.prepare(sizes[:, modes.design]),
+            position_arguments=modes.values,
+            revolution_offsets=revolution_offsets,
+            labels=modes.labels,
+            claim=claim,
+        )
+        table = self._add_missing_designs(
+            [_renumber_designs(table, modes.design)], sizes.shape[1], claim
+        )
+        is_lost = np.isin(table.design, modes.lost_designs)
+        return table.rows(~is_lost), modes.lost_designs
 
-    def traced(self, mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, Floats]:
-        """Return what traced one design, and its motion.
+    def track_modes(self, sizes: Floats) -> TrackedModes:
+        """Track all modes of designs with the sizes (sizes, n) of the kernel.
 
-        With the variables (v, samples and points, modes), NaN where a mode does not close.
+        The configurations are those at the samples, followed by those at the points of
+        figures.
         """
-        lattice = self.samples.lattice
+        assert self._tracking is not None
+        path_kernel, start_solutions = self._tracking
+        input_grid, row_indices = self._tracking_inputs
+        modes = track_assembly_modes(path_kernel, start_solutions, sizes, input_grid)
+        return replace(modes, values=modes.values[:, row_indices])
+
+    def analyse_positions(self, mechanism: Mechanism) -> DesignMotion:
+        """Find the assembly modes of the mechanism of one design by a search."""
+        input_grid = self.samples.input_grid
         points = self.figures.points
-        given: dict[str, Any] = {"path": lattice.q}
-        if not lattice.is_path:
-            given = {"samples": lattice.shape}
-        given["crossings"] = self.samples.crossings
-        tracer = PositionAnalysis(mechanism, self.inputs, **given)
-        motions = [tracer.motion()]
+        sampling: dict[str, Any] = {"path": input_grid.q}
+        if not input_grid.is_path:
+            sampling = {"samples": input_grid.shape}
+        position_analysis = PositionAnalysis(
+            mechanism, self.inputs, **sampling, crossings=self.samples.crossings
+        )
+        motions = [position_analysis.motion()]
         if len(points) and len(self.inputs) == 1:
-            motions.append(tracer.at(points[:, :1]))
+            motions.append(position_analysis.at(points[:, :1]))
         elif len(points):
-            _, place = self._followed_inputs
-            motions.append(tracer.samples(place[len(self.samples.rows) :]))
-        parts = [x.values.reshape(-1, x.samples, x.values.shape[1]) for x in motions]
-        return tracer, motions[0], np.transpose(np.concatenate(parts, axis=1), (2, 1, 0))
+            _, row_indices = self._tracking_inputs
+            point_samples = row_indices[len(self.samples.rows) :]
+            motions.append(position_analysis.samples(point_samples))
+        # The rows of a motion are sorted by mode and then by sample.
+        parts = [
+            motion.values.reshape(-1, motion.samples, motion.values.shape[1])
+            for motion in motions
+        ]
+        values = np.transpose(np.concatenate(parts, axis=1), (2, 1, 0))
+        return DesignMotion(position_analysis, motions[0], values)
 
     @cached_property
     def _anchor(self) -> Floats:
-        """(inputs,) rad, from where turns count."""
+        """(inputs,) inputs (rad) at which passive angles are in (-pi, pi]."""
         mechanism = self.mechanism.with_inputs(*self.inputs)
         return PositionSolver(mechanism, plan_assembly(mechanism)).anchor
 
-    def turns(
+    def unwrap_signed_mode(
         self, kernel: DesignKernel, prepared: Floats, signs: Sequence[float]
     ) -> Floats:
-        """Return the turns (pairs, samples and points, n) of a kernel's pairs in a mode.
+        """Return the revolution offsets of a mode of designs whose groups are all dyads.
 
-        In rad, of designs prepared (k, n), all groups being dyads.
+        Parameters
+        ----------
+        kernel
+            A kernel in closed form.
+        prepared
+            (k, n) what ``kernel.prepare`` returns for the designs.
+        signs
+            The sign of each dyad.
+
+        Returns
+        -------
+        (unwrapped pairs, samples + points, n) offsets (rad).
         """
         rows = self.figures.rows
-        count = len(self.inputs)
-        n = prepared.shape[1]
-        if not kernel.turning:
-            return np.zeros((0, len(rows), n))
-        first = rows.shape[1] + len(signs)
-        function = kernel.angles
-        last = first + len(kernel.turning)
+        input_count = len(self.inputs)
+        design_count = prepared.shape[1]
+        if not kernel.unwrapped_pairs:
+            return np.zeros((0, len(rows), design_count))
+        evaluate_angles = kernel.evaluate_angles
+        signs_start = rows.shape[1]
+        signs_end = signs_start + len(signs)
+        prepared_start = signs_end + len(kernel.unwrapped_pairs)
+        argument_count = prepared_start + len(prepared)
 
-        def angles(who: Indices, q: Floats) -> Floats:
+        def angles_at(designs: Indices, q: Floats) -> Floats:
+            """Return the angles (pairs, m) of designs (m,) at inputs (m, inputs)."""
             parts = []
-            for k in range(0, len(who), TOGETHER):
-                some = who[k : k + TOGETHER]
-                given = np.zeros((last + len(prepared), len(some)))
-                given[:count] = q[k : k + TOGETHER].T
-                given[rows.shape[1] : first] = np.reshape(signs, (-1, 1))
-                given[last:] = prepared[:, some]
-                outputs = function(given)
-                closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
-                parts.append(np.where(closed, outputs[kernel.reaches :], np.nan))
+            for start in range(0, len(designs), ROWS_PER_ANGLE_BLOCK):
+                block = designs[start : start + ROWS_PER_ANGLE_BLOCK]
+                # Angles do not depend on rates, accelerations and time, which stay zero.
+                arguments = np.zeros((argument_count, len(block)))
+                arguments[:input_count] = q[start : start + ROWS_PER_ANGLE_BLOCK].T
+                arguments[signs_start:signs_end] = np.reshape(signs, (-1, 1))
+                arguments[prepared_start:] = prepared[:, block]
+                outputs = evaluate_angles(arguments)
+                closed = np.all(outputs[: kernel.reach_count] >= 0.0, axis=0)
+                parts.append(np.where(closed, outputs[kernel.reach_count :], np.nan))
             return np.concatenate(parts, axis=1)
 
-        q = rows[:, :count]
-        contacts = self.varied.contacts
-        returns = contacts is None or contacts.train is None
+        q = rows[:, :input_count]
+        linkage = self.varied_mechanism.equivalent_linkage
+        repeats = linkage is None or linkage.train is None
         with np.errstate(all="ignore"):
-            if count == 1:
-                return turns_along_one(angles, n, self._anchor[0], q[:, 0], returns)
-            parts = np.split(q, [len(self.samples.rows)])
-            return turns_along_several(angles, n, self._anchor, *parts)
+            if input_count == 1:
+                return unwrap_along_one_input(
+                    angles_at, design_count, self._anchor[0], q[:, 0], repeats
+                )
+            sample_inputs, point_inputs = np.split(q, [len(self.samples.rows)])
+            return unwrap_along_several_inputs(
+                angles_at, design_count, self._anchor, sample_inputs, point_inputs
+            )
 
-    def kernel_mechanism(self, design: Floats) -> Mechanism:
-        """Return the mechanism of a design (variables,) as the kernel has it."""
-        mechanism = designed(self.document, self.variables, design)
-        if self.varied.contacts is None:
+    def make_kernel_mechanism(self, values: Floats) -> Mechanism:
+        """Return the mechanism of a design, with links instead of sliding contacts.
+
+        Parameters
+        ----------
+        values
+            (variables,) values of the variables, in the units of the file.
+        """
+        mechanism = make_design(self.document, self.variables, values)
+        if self.varied_mechanism.equivalent_linkage is None:
             return mechanism
-        contacts = find_equivalent_linkage(mechanism, self.inputs)
-        assert contacts is not None
-        return contacts.mechanism
+        equivalent_linkage = find_equivalent_linkage(mechanism, self.inputs)
+        assert equivalent_linkage is not None
+        return equivalent_linkage.mechanism
 
-    def solver_of(self, mechanism: Mechanism) -> PositionSolver:
-        """Return the solver of a mechanism with the inputs of the designs."""
+    def make_solver(self, mechanism: Mechanism) -> PositionSolver:
+        """Return the position solver of a mechanism with the inputs of the designs."""
         mechanism = mechanism.with_inputs(*self.inputs)
         return PositionSolver(mechanism, plan_assembly(mechanism))
 
-    def turns_at(
+    def unwrap_configurations(
         self, kernel: DesignKernel | RedundantKernel, solver: PositionSolver, values: Floats
     ) -> Floats:
-        """Return the turns (pairs, k, modes), rad, of a kernel's pairs.
+        """Return the revolution offsets of the modes of one design.
 
-        Of the mechanism of a solver, where its modes have these values (variables, k,
-        modes) in the order of samples.
+        Parameters
+        ----------
+        kernel
+            Its `unwrapped_pairs` are those whose offsets are needed.
+        solver
+            The position solver of the design.
+        values
+            (variables, k, modes) pair variables (rad) at k successive samples, NaN where a
+            mode does not close.
+
+        Returns
+        -------
+        (unwrapped pairs, k, modes) offsets (rad).
         """
-        made = np.zeros((len(kernel.turning), *values.shape[1:]))
-        if not kernel.turning:
-            return made
-        pairs = [solver.mechanism.angles[name] for name in kernel.turning]
+        offsets = np.zeros((len(kernel.unwrapped_pairs), *values.shape[1:]))
+        if not kernel.unwrapped_pairs:
+            return offsets
+        variables = [solver.mechanism.angles[name] for name in kernel.unwrapped_pairs]
         unwrapping = AngleUnwrapping(solver)
-        for mode, of_mode in enumerate(np.moveaxis(values, 2, 0)):
-            rows = np.flatnonzero(all_finite(of_mode, 0))
-            at = of_mode[:, rows].T
-            turned = unwrapping.count(mode, at, at[:, solver.driven], pairs)
-            made[:, rows, mode] = TURN * turned[:, pairs].T
-        return made
+        for mode in range(values.shape[2]):
+            mode_values = values[:, :, mode]
+            rows = np.flatnonzero(all_finite(mode_values, 0))
+            configurations = mode_values[:, rows].T
+            revolutions = unwrapping.count(
+                mode, configurations, configurations[:, solver.driven], variables
+            )
+            offsets[:, rows, mode] = TURN * revolutions[:, variables].T
+        return offsets
 
     @cached_property
-    def _followed_inputs(self) -> tuple[InputGrid, Indices]:
-        """The inputs to follow modes over, and where samples and points are there.
+    def _tracking_inputs(self) -> tuple[InputGrid, Indices]:
+        """The inputs at which modes are tracked, and the indices of samples and points.
 
-        One input is followed as it grows; several from sample to neighbouring sample, so
-        that points are samples.
+        A single input is tracked as it increases, through samples and points. Several
+        inputs are tracked from sample to neighbouring sample, so that points must be
+        samples.
+
+        Raises
+        ------
+        DesignError
+            If there are several inputs and a point is not a sample.
         """
-        lattice = self.samples.lattice
-        k = len(self.inputs)
-        if k == 1:
-            q, place = np.unique(self.figures.rows[:, 0], return_inverse=True)
-            return InputGrid(q[:, None], (len(q),)), place
-        points = self.figures.points[:, :k]
-        away = max_abs(points - lattice.q[:, None], axis=2)
-        for point in points[np.min(away, axis=0) > SAME_INPUT]:
+        input_grid = self.samples.input_grid
+        input_count = len(self.inputs)
+        if input_count == 1:
+            q, row_indices = np.unique(self.figures.rows[:, 0], return_inverse=True)
+            return InputGrid(q[:, None], (len(q),)), row_indices
+        points = self.figures.points[:, :input_count]
+        distances = max_abs(points - input_grid.q[:, None], axis=2)
+        for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
             inputs = listing(f"{angle:.6g}" for angle in point)
             raise DesignError(
                 f"{self.mechanism.name}: at inputs {inputs} rad: with several inputs "
                 "and groups beyond dyads figures are those at samples; choose one"
             )
-        return lattice, np.append(np.arange(len(lattice)), np.argmin(away, axis=0))
+        point_samples = np.argmin(distances, axis=0)
+        return input_grid, np.append(np.arange(len(input_grid)), point_samples)
 
     # One design after the other.
 
-    def _singly(self, values: Floats) -> Evaluated:
+    def _evaluate_one_by_one(self, values: Floats) -> DesignTable:
+        """Return the rows of designs (variables, n), in the units of the file."""
         parts = []
-        for k, design in enumerate(values.T):
+        for number, design in enumerate(values.T):
             try:
-                of_design = self._single(designed(self.document, self.variables, design))
+                mechanism = make_design(self.document, self.variables, design)
+                table = self._evaluate_mechanism(mechanism)
             except SpherekitError as problem:
-                of_design = refused(problem, self.figures.names)
-            parts.append(replace(of_design, design=of_design.design + k))
-        return Evaluated.in_order(parts, self.figures.names)
+                table = failed_design(problem, self.figures.names)
+            parts.append(replace(table, design=table.design + number))
+        return DesignTable.join_by_design(parts, self.figures.names)
 
-    def _single(self, mechanism: Mechanism) -> Evaluated:
+    def _evaluate_mechanism(self, mechanism: Mechanism) -> DesignTable:
+        """Return the rows of the mechanism of one design, with a kernel of its own."""
         if not self._is_over_constrained and self.samples.crossings == "end":
             assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
             if assembly.has_closed_form:
-                terms = DesignExpressions(mechanism, self.inputs)
-                of_signs = DesignKernel(terms, self.figures.columns, compiled=False)
-                return self._modes(of_signs, np.empty((0, 1)))
-        tracer, motion, values = self.traced(mechanism)
-        profiled = self.varied.is_profiled
-        modes = tracer.assembly_modes
+                closed_form_kernel = DesignKernel(
+                    DesignExpressions(mechanism, self.inputs),
+                    self.figures.columns,
+                    compiled=False,
+                )
+                return self._evaluate_signed_modes(closed_form_kernel, np.empty((0, 1)))
+        design_motion = self.analyse_positions(mechanism)
+        position_analysis = design_motion.position_analysis
+        motion = design_motion.motion
+        has_shaped_profiles = self.varied_mechanism.has_shaped_profiles
+        modes = position_analysis.assembly_modes
 
-        def terms_at(configuration: Floats | None) -> DesignExpressions:
+        def make_expressions(configuration: Floats | None) -> DesignExpressions:
+            """Return expressions with equations that are independent there."""
             return DesignExpressions(
                 mechanism,
                 self.inputs,
-                make_pairs=lambda _: pair_rotations(mechanism, as_columns=profiled),
+                make_pairs=lambda _: pair_rotations(
+                    mechanism, as_columns=has_shaped_profiles
+                ),
                 closed_form=False,
                 closed=configuration,
-                by_rank=tracer.by_rank,
+                by_rank=position_analysis.by_rank,
             )
 
         kernel: DesignKernel | RedundantKernel
-        if tracer.by_rank:
+        if position_analysis.by_rank:
             # Equations that are independent in one mode may not be so in another one.
-            terms_of_modes = [terms_at(x) for x in most_regular_configurations(motion)]
-            if not terms_of_modes:
-                names = self.figures.names
-                return Evaluated.of([0], names, status=NEVER_CLOSES, reason=NEVER)
-            kernel = RedundantKernel(terms_of_modes, self.figures.columns)
+            configurations = most_regular_configurations(motion)
+            if not configurations:
+                return DesignTable.from_columns(
+                    [0],
+                    self.figures.names,
+                    status=NEVER_CLOSES,
+                    reason=NEVER_CLOSES_REASON,
+                )
+            expressions_of_modes = [
+                make_expressions(configuration) for configuration in configurations
+            ]
+            kernel = RedundantKernel(expressions_of_modes, self.figures.columns)
         else:
-            configuration = next(iter(motion.values[~motion.failed]), None)
-            of_variables = terms_at(configuration)
-            kernel = DesignKernel(of_variables, self.figures.columns, compiled=False)
-        claim = tracer.claim.guarantee.value
-        made = self.figures.of(
+            first_configuration = next(iter(motion.values[~motion.failed]), None)
+            expressions = make_expressions(first_configuration)
+            kernel = DesignKernel(expressions, self.figures.columns, compiled=False)
+        claim = position_analysis.claim.guarantee.value
+        table = self.figures.evaluate_modes(
             kernel,
             kernel.prepare(np.empty((0, len(modes)))),
-            values,
-            self.turns_at(kernel, tracer.solver, values),
-            [f"{mode.number} {mode.label}" for mode in modes],
-            claim,
-            tracks_of(mechanism) if profiled else (),
+            position_arguments=design_motion.values,
+            revolution_offsets=self.unwrap_configurations(
+                kernel, position_analysis.solver, design_motion.values
+            ),
+            labels=[f"{mode.number} {mode.label}" for mode in modes],
+            claim=claim,
+            profiles=make_contact_profiles(mechanism) if has_shaped_profiles else (),
         )
-        return self._with_others([replace(made, design=0 * made.design)], 1, claim)
+        # All modes belong to the only design, with the index 0.
+        table = replace(table, design=np.zeros_like(table.design))
+        return self._add_missing_designs([table], 1, claim)
 
 
 def most_regular_configurations(motion: Motion) -> list[Floats]:
-    """Return of each assembly mode the configuration farthest from a singular one.
+    """Return the configuration of each assembly mode that is farthest from a singular one.
 
     Parameters
     ----------
@@ -628,19 +732,23 @@ def most_regular_configurations(motion: Motion) -> list[Floats]:
 
     Returns
     -------
-    (variables,) rad of each mode that closes at a sample: where the least singular value of
-    the closure equations, the inputs locked, is largest.
+    (variables,) rad for each mode that closes at a sample: the configuration at which the
+    least singular value of the closure equations, with the inputs locked, is largest.
     """
     closed = np.flatnonzero(~motion.failed)
     if not len(closed):
         return []
     jacobians = motion.linearisation.jacobian[closed][:, :, list(motion.passive_variables)]
-    least = np.linalg.svd(jacobians, compute_uv=False)[:, -1]
-    modes = motion.assembly_mode[closed]
-    best = [np.flatnonzero(modes == mode) for mode in np.unique(modes)]
-    return [motion.values[closed[rows[np.argmax(least[rows])]]] for rows in best]
+    least_singular_values = np.linalg.svd(jacobians, compute_uv=False)[:, -1]
+    mode_of_row = motion.assembly_mode[closed]
+    configurations = []
+    for mode in np.unique(mode_of_row):
+        rows = np.flatnonzero(mode_of_row == mode)
+        best_row = rows[np.argmax(least_singular_values[rows])]
+        configurations.append(motion.values[closed[best_row]])
+    return configurations
 
 
-def _numbered(made: Evaluated, numbers: Indices) -> Evaluated:
-    """Return rows whose designs have these numbers among others."""
-    return replace(made, design=numbers[made.design])
+def _renumber_designs(table: DesignTable, numbers: Indices) -> DesignTable:
+    """Return a table in which design k has the number ``numbers[k]``."""
+    return replace(table, design=numbers[table.design])

@@ -1,9 +1,8 @@
-"""Kernels of which sizes are inputs: one for a topology, whatever its geometry.
+"""Functions that evaluate quantities of all designs of one topology at once.
 
-What does not depend on the configuration is computed once a design (`prepare`), the rest
-at every row (`evaluate`): a row is one sample of one design in one assembly mode. Closure
-equations are there at complex inputs too: they are analytic, and off the real axis their
-solutions neither meet nor vanish; compiled, real and imaginary parts are terms.
+The sizes of the designs are arguments of these functions. A row of their arguments is one
+sample of one design in one assembly mode. Everything that depends on the sizes alone is
+computed once for each design (`prepare`) and not again at every row (`evaluate`).
 """
 
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from spherekit.symbolic.compiler import available
 from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
 from spherekit.symbolic.expression_function import expression_function
 from spherekit.symbolic.expression_graph import (
+    Expr,
     dot,
     function,
     iterate_nodes,
@@ -25,188 +25,287 @@ from spherekit.symbolic.expression_graph import (
 from spherekit.symbolic.vector_algebra import Exprs, constants, cross
 from spherekit.velocities.design_expressions import DesignExpressions
 
+MAX_LOOP_RESIDUAL = 1e-9
+"""Largest part of the rates by which the rates may violate the equations of some loop.
+
+Larger: rates have fewer digits. Smaller: rows near singular configurations, where some
+digits are lost, have no rates.
+"""
+
 
 class DesignKernel:
-    """A function of designs and samples of a topology that is written in `terms`.
+    """A function of designs, samples and assembly modes that returns quantities.
 
-    `prepare` takes the sizes (variables, n) to what is the same at all samples of a design.
-    `evaluate` takes a sample, the places of the links (then the columns of profiles that
-    are handed in) and what is prepared to the
-    `columns`, then to their derivatives, size by size, where `gradients` are asked for, and
-    last to `DesignExpressions.relative_loop_residual`, where that is asked for.
-    Columns are names of `row_quantities`, `EngineError` where there is none of it. Places
-    are the sign of each dyad in closed form; then the first outputs, one for each dyad, are
-    not negative where it closes. Otherwise they are the variables of all pairs. It is
-    `compiled` where heyoka is installed, or ready at once.
+    `prepare` takes the sizes (sizes, n) of designs and returns everything that is the same
+    at all samples of a design, (k, n). `evaluate` takes the rows of these arguments, one
+    below the other:
 
-    Tables of torques over time are read at the samples.
+    1. the sample: inputs, their rates and accelerations, and the time (`sample_names`),
+    2. the `position_arguments`,
+    3. the columns of profiles, if profiles are not circles,
+    4. the revolution offsets (rad) of the `unwrapped_pairs`,
+    5. what `prepare` returns.
 
-    Loads that count turns take those (rad) of the pairs `turning`, after the places and the
-    columns of profiles. `angles` is the function of the same rows that gives the first
-    outputs and then the variables of these pairs less the turns.
+    It returns first the `reach_count` numbers that are not negative if every dyad closes,
+    then the `columns`, then their derivatives by each size if `gradients` were asked for,
+    and last `DesignExpressions.relative_loop_residual` if it was asked for.
+
+    Parameters
+    ----------
+    expressions
+        The mechanism as expressions of sizes, samples and position arguments.
+    columns
+        Names of quantities, as in `row_quantities`.
+    gradients
+        Whether derivatives of the columns by the sizes are computed, loops kept closed.
+    compiled
+        Whether heyoka compiles the functions, if it is installed. Otherwise they are
+        available at once and run on NumPy arrays.
+    with_loop_residual
+        Whether it is computed by how much rates violate the equations of the loops.
+
+    Attributes
+    ----------
+    position_arguments
+        Variables that determine the positions of the links at a sample. In closed form they
+        are the signs of the dyads, otherwise the variables of all pairs (rad).
+    unwrapped_pairs
+        Names of the pairs whose revolutions matter, because loads depend on them.
+    prepare
+        The function of sizes, see above.
+
+    Raises
+    ------
+    EngineError
+        If the mechanism does not have one of the quantities.
     """
 
     def __init__(
         self,
-        terms: DesignExpressions,
+        expressions: DesignExpressions,
         columns: Sequence[str],
         gradients: bool = False,
         compiled: bool = True,
-        with_rates_left_over: bool = False,
+        with_loop_residual: bool = False,
     ) -> None:
-        outputs = [terms.quantity(name) for name in columns]
+        outputs = [expressions.quantity(name) for name in columns]
         if gradients:
             outputs += [
                 slope
-                for slopes in terms.differentiate_by_sizes(outputs)
+                for slopes in expressions.differentiate_by_sizes(outputs)
                 for slope in slopes
             ]
-        if with_rates_left_over:
-            outputs.append(terms.relative_loop_residual())
-        self.places, self.columns = terms.configuration_symbols, tuple(columns)
-        self.closed_form, self._compiled = terms.has_closed_form, compiled and available()
-        used = set(iterate_nodes(outputs))
-        turns = {pair: x for pair, x in terms.revolution_symbols.items() if x in used}
-        self.turning = tuple(turns)
-        moving = [
-            *terms.sample_symbols,
-            *terms.configuration_symbols,
-            *terms.profile_symbols,
-            *turns.values(),
+        if with_loop_residual:
+            outputs.append(expressions.relative_loop_residual())
+        self.position_arguments = expressions.configuration_symbols
+        self.columns = tuple(columns)
+        self.is_closed_form = expressions.has_closed_form
+        self._is_compiled = compiled and available()
+
+        used_nodes = set(iterate_nodes(outputs))
+        revolution_offsets = {
+            pair: offset
+            for pair, offset in expressions.revolution_symbols.items()
+            if offset in used_nodes
+        }
+        self.unwrapped_pairs = tuple(revolution_offsets)
+        # Torques that are tabulated over time are interpolated outside the expressions.
+        table_torques = {
+            name: torque
+            for name, torque in expressions.table_symbols.items()
+            if torque in used_nodes
+        }
+        self._torque_tables = [
+            load
+            for load in expressions.mechanism.loads
+            if isinstance(load, TorqueTable) and load.name in table_torques
         ]
-        tables = {name: x for name, x in terms.table_symbols.items() if x in used}
-        loads = (x for x in terms.mechanism.loads if isinstance(x, TorqueTable))
-        self._tables = [load for load in loads if load.name in tables]
-        self._time = len(terms.sample_symbols) - 1
-        items = [*terms.triple_squares, *outputs, *(terms.angle(pair) for pair in turns)]
-        self._rows, fixed = separate_constant_parts(items, [*tables.values(), *moving])
-        self._given, self._reached = [*moving, *fixed], len(terms.triple_squares)
-        self._count = self._reached + len(outputs)
-        self.prepare = expression_function(
-            [*fixed.values()], terms.size_symbols, self._compiled
+        self._time_row = len(expressions.sample_symbols) - 1
+
+        moving = [
+            *expressions.sample_symbols,
+            *expressions.configuration_symbols,
+            *expressions.profile_symbols,
+            *revolution_offsets.values(),
+        ]
+        passive_angles = [expressions.angle(pair) for pair in revolution_offsets]
+        # `prepared` are the parts of the expressions that depend on the sizes alone.
+        self._output_expressions, prepared = separate_constant_parts(
+            [*expressions.triple_squares, *outputs, *passive_angles],
+            [*table_torques.values(), *moving],
         )
-        given = [*tables.values(), *self._given]
+        self._arguments = [*moving, *prepared]
+        self._square_count = len(expressions.triple_squares)
+        self._output_end = self._square_count + len(outputs)
+        self.prepare = expression_function(
+            [*prepared.values()], expressions.size_symbols, self._is_compiled
+        )
         self._evaluate = expression_function(
-            self._rows[: self._count], given, self._compiled
+            self._output_expressions[: self._output_end],
+            [*table_torques.values(), *self._arguments],
+            self._is_compiled,
         )
 
     def evaluate(self, rows: Floats) -> Floats:
-        """See above."""
-        torques = [table.at(rows[self._time])[None] for table in self._tables]
+        """Return the outputs (outputs, n) at arguments (arguments, n), see the class."""
+        torques = [table.at(rows[self._time_row])[None] for table in self._torque_tables]
         return self._evaluate(np.concatenate([*torques, rows]) if torques else rows)
 
     @cached_property
-    def angles(self) -> ArrayFunction:
-        """See above."""
-        rows = [*self._rows[: self._reached], *self._rows[self._count :]]
-        return expression_function(rows, self._given, self._compiled)
+    def evaluate_angles(self) -> ArrayFunction:
+        """Function of the arguments of `evaluate` that returns angles of passive pairs.
+
+        It returns the `reach_count` numbers as `evaluate` does, then the variables (rad) of
+        the `unwrapped_pairs` without revolutions. It ignores the revolution offsets.
+        """
+        expressions = [
+            *self._output_expressions[: self._square_count],
+            *self._output_expressions[self._output_end :],
+        ]
+        return expression_function(expressions, self._arguments, self._is_compiled)
 
     @property
-    def reaches(self) -> int:
-        """How many outputs come before the columns."""
-        return len(self.places) if self.closed_form else 0
+    def reach_count(self) -> int:
+        """Number of outputs before the columns: one for each dyad in closed form."""
+        return len(self.position_arguments) if self.is_closed_form else 0
 
-    def at(
+    def evaluate_samples(
         self,
         samples: Floats,
-        places: Floats,
+        position_arguments: Floats,
         sizes: Floats,
-        columns: Floats | None = None,
-        turns: Floats | None = None,
+        profile_columns: Floats | None = None,
+        revolution_offsets: Floats | None = None,
     ) -> Floats:
-        """Return what `evaluate` gives at samples (k, n) and places, of sizes (s, n or 1).
+        """Return the outputs of `evaluate` at samples of designs with these sizes.
 
-        With the columns of profiles that are handed in, and turns (pairs, n) rad, if any.
+        Parameters
+        ----------
+        samples
+            (3 inputs + 1, n) inputs (rad), their rates and accelerations, and the time.
+        position_arguments
+            (w, n) signs of dyads, or pair variables (rad).
+        sizes
+            (sizes, n), or (sizes, 1) if all samples belong to one design.
+        profile_columns
+            (9 profiles, n) columns of profiles, if profiles are not circles.
+        revolution_offsets
+            (unwrapped pairs, n) offsets (rad), by default zero.
+
+        Returns
+        -------
+        (outputs, n) outputs.
         """
-        n, prepared = samples.shape[1], self.prepare(sizes)
-        parts = [samples, places, *([] if columns is None else [columns])]
-        parts.append(np.zeros((len(self.turning), n)) if turns is None else turns)
-        parts.append(np.broadcast_to(prepared, (len(prepared), n)))
+        count = samples.shape[1]
+        prepared = self.prepare(sizes)
+        arguments = [samples, position_arguments]
+        if profile_columns is not None:
+            arguments.append(profile_columns)
+        if revolution_offsets is None:
+            revolution_offsets = np.zeros((len(self.unwrapped_pairs), count))
+        arguments.append(revolution_offsets)
+        arguments.append(np.broadcast_to(prepared, (len(prepared), count)))
         with np.errstate(all="ignore"):
-            return self.evaluate(np.concatenate(parts))
-
-
-MAX_RATES_LEFT_OVER = 1e-9
-"""Largest part of the rates that may be left over in loops. Larger: rates have fewer
-digits; smaller: rows near singular configurations, which lose some digits, have none."""
+            return self.evaluate(np.concatenate(arguments))
 
 
 class RedundantKernel:
-    """The `DesignKernel` of one design in which constraints repeat each other.
+    """A kernel of one design with redundant constraints; it is used like `DesignKernel`.
 
-    Rates follow from independent equations that are chosen at a configuration. Elsewhere
-    these may depend on each other, though all equations together determine the rates. So
-    there is a kernel for each choice, and each row is taken from the one whose rates leave
-    the least over in all loops. Columns of rates are NaN where all leave more than
-    `MAX_RATES_LEFT_OVER`; angles and axes do not depend on the choice.
+    Rates follow from independent equations that are chosen at a configuration. At other
+    configurations the chosen equations may depend on each other, although all equations
+    together determine the rates. Therefore there is a kernel for each choice, and each row
+    is taken from the kernel whose rates violate the equations of all loops least. Columns
+    that follow from rates are NaN if every kernel exceeds `MAX_LOOP_RESIDUAL`. Angles
+    and axes do not depend on the choice.
 
     Parameters
     ----------
-    terms
-        Terms of the same design, of the variables of pairs, whose equations are chosen at
-        configurations of different modes.
+    expressions
+        Expressions of the same design, as functions of the variables of pairs. Their
+        equations are chosen at configurations of different modes.
     columns
-        Names of `row_quantities`.
+        Names of quantities, as in `row_quantities`.
     """
 
-    def __init__(self, terms: Sequence[DesignExpressions], columns: Sequence[str]) -> None:
+    def __init__(
+        self, expressions: Sequence[DesignExpressions], columns: Sequence[str]
+    ) -> None:
         # Everything that follows from rates is divided by the scale of the rates.
-        scale = terms[0].coordinate_rates.scale
+        scale = expressions[0].coordinate_rates.scale
         self._follows_from_rates = np.array(
-            [scale in set(iterate_nodes([terms[0].quantity(name)])) for name in columns],
+            [
+                scale in set(iterate_nodes([expressions[0].quantity(name)]))
+                for name in columns
+            ],
             bool,
         )
-        by_choice: dict[str, DesignExpressions] = {}
-        for item in terms:
-            groups = item.structure.groups
+        expressions_by_choice: dict[str, DesignExpressions] = {}
+        for candidate in expressions:
+            groups = candidate.structure.groups
             choice = repr(
                 [(group.private_variables, group.chosen_equations) for group in groups]
             )
-            by_choice.setdefault(choice, item)
+            expressions_by_choice.setdefault(choice, candidate)
         self._kernels = [
-            DesignKernel(item, columns, compiled=False, with_rates_left_over=True)
-            for item in by_choice.values()
+            DesignKernel(chosen, columns, compiled=False, with_loop_residual=True)
+            for chosen in expressions_by_choice.values()
         ]
-        self.turning = self._kernels[0].turning
-        self.reaches = 0
+        self.unwrapped_pairs = self._kernels[0].unwrapped_pairs
+        self.reach_count = 0
         no_sizes = np.empty((0, 1))
         self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
 
     def prepare(self, sizes: Floats) -> Floats:
-        """Return no rows (0, n): each kernel has prepared its own for the one design."""
+        """Return an empty array (0, n): the one design was prepared by the constructor."""
         return np.empty((0, sizes.shape[1]))
 
     def evaluate(self, rows: Floats) -> Floats:
-        """Return the columns (columns, n) of rows (k, n), as `DesignKernel` has them."""
+        """Return the columns (columns, n) at arguments (arguments, n)."""
         count = rows.shape[1]
         columns = np.full((len(self._follows_from_rates), count), np.nan)
-        least = np.full(count, np.inf)
+        smallest_residual = np.full(count, np.inf)
         for kernel, prepared in zip(self._kernels, self._prepared, strict=True):
-            fixed = np.broadcast_to(prepared, (len(prepared), count))
-            outputs = kernel.evaluate(np.concatenate([rows, fixed]))
-            left_over = outputs[-1]
-            is_better = (left_over < least) & (left_over <= MAX_RATES_LEFT_OVER)
+            repeated = np.broadcast_to(prepared, (len(prepared), count))
+            outputs = kernel.evaluate(np.concatenate([rows, repeated]))
+            residual = outputs[-1]
+            is_better = (residual < smallest_residual) & (residual <= MAX_LOOP_RESIDUAL)
             columns[:, is_better] = outputs[:-1, is_better]
-            same = ~self._follows_from_rates
-            columns[same] = outputs[:-1][same]
-            least[is_better] = left_over[is_better]
+            is_independent = ~self._follows_from_rates
+            columns[is_independent] = outputs[:-1][is_independent]
+            smallest_residual[is_better] = residual[is_better]
         return columns
 
 
-def arc_function(terms: DesignExpressions) -> tuple[tuple[int, ...], ArrayFunction]:
-    """Return the links with two axes, and the function of sizes that gives their arcs.
+def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], ArrayFunction]:
+    """Return a function that computes the arcs of links with two axes.
 
-    The arcs (links, n) are in [0, pi] rad.
+    Parameters
+    ----------
+    expressions
+        The mechanism as expressions of sizes.
+
+    Returns
+    -------
+    links
+        Numbers of the links with two axes.
+    function
+        Function of sizes (sizes, n) that returns the arcs (links, n), in [0, pi] rad.
     """
-    mechanism, pairs = terms.mechanism, terms.structure.pairs
-    axes: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
+    mechanism = expressions.mechanism
+    pairs = expressions.structure.pairs
+    axes_by_link: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
     for pair, ends in enumerate(mechanism.ends):
         if pair not in pairs.sides:
             for link, axis in zip(ends, pairs.axes(pair), strict=True):
-                axes[link].append(constants(axis))
-    both = {link: (*held, cross(*held)) for link, held in axes.items() if len(held) == 2}
-    arcs = [
-        function("atan2", np.sqrt(dot(normal, normal)), dot(one, other))
-        for one, other, normal in both.values()
-    ]
-    return tuple(both), array_function(arcs, terms.size_symbols)
+                axes_by_link[link].append(constants(axis))
+    links = []
+    arcs: list[Expr] = []
+    for link, axes in axes_by_link.items():
+        if len(axes) == 2:
+            first, second = axes
+            normal = cross(first, second)
+            sine = np.sqrt(dot(normal, normal))
+            links.append(link)
+            arcs.append(function("atan2", sine, dot(first, second)))
+    return tuple(links), array_function(arcs, expressions.size_symbols)

@@ -1,22 +1,27 @@
-"""Designs that are run one by one: tables of analyses, and figures of merit from them."""
+"""Runs of designs, one by one: tables of analyses, and figures of merit from these."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Facts
-from spherekit.designs.design_evaluation import SINGLY, Evaluator
-from spherekit.designs.design_variables import OK, DesignVariable, designed
-from spherekit.designs.figures_of_merit import IMPOSSIBLE, Evaluated, reduced, refused
+from spherekit.designs.design_evaluation import SINGLE_DESIGN_PART_SIZE, DesignEvaluator
+from spherekit.designs.design_variables import OK, DesignVariable, make_design
+from spherekit.designs.figures_of_merit import (
+    IMPOSSIBLE,
+    DesignTable,
+    failed_design,
+    reduce_samples,
+)
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.study import Study
 from spherekit.files.toml_document import Document
 from spherekit.geometry.vectors import max_abs, nans
-from spherekit.numerics.angles import return_after_revolutions
+from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions
 from spherekit.runs.contract import Analyses
 from spherekit.runs.execution import Execution
 from spherekit.runs.figure_of_merit import FigureOfMerit
@@ -29,42 +34,101 @@ from spherekit.wording import choices, counted, listing
 if TYPE_CHECKING:
     import pandas as pd
 
-WORKING = "working"
-OF_RUN = "run"
-"""Before the names of modes that are not the assembly modes of the kernel."""
+WORKING_MODE_PREFIX = "working"
+"""Beginning of the label of a working mode, in tables that have modes of a kernel too."""
+
+RUN_MODE_PREFIX = "run"
+"""Beginning of the label of an assembly mode of a run that is no mode of the kernel."""
+
 ASSEMBLY = "assembly_mode"
-MODES = (ASSEMBLY, "working_mode")
-"""Columns by which the rows of a table are those of modes."""
+"""Column of tables with the number of the assembly mode."""
 
-Mode = tuple[str, str]
-"""The column that says of which mode a row is, and which."""
-WHOLE: Mode = "", ""
-"""Instead of a mode: what is of none."""
-
-RunTable = tuple[str, Table, TableArrays]
-"""What a run's file is called, its table, and the columns of that."""
+MODE_COLUMNS = (ASSEMBLY, "working_mode")
+"""Columns of tables that say to which mode a row belongs."""
 
 
-Figures = Mapping[str, Mapping[Mode, float]]
-"""By name, in each mode of the table, or of `WHOLE` where that has none."""
+class TableMode(NamedTuple):
+    """A mode to which rows of a table belong.
+
+    Attributes
+    ----------
+    column
+        One of `MODE_COLUMNS`.
+    label
+        The entry of the mode in this column, as a text.
+    """
+
+    column: str
+    label: str
+
+
+NO_TABLE_MODE = TableMode("", "")
+"""Stands for the mode of rows in a table that has no modes."""
+
+FiguresByMode = Mapping[str, Mapping[TableMode, float]]
+"""Figures of merit: name -> mode of the table -> number."""
 
 NAN = float("nan")
+"""A figure that does not exist."""
+
+
+class RunTable(NamedTuple):
+    """A table of a run.
+
+    Attributes
+    ----------
+    stem
+        Name of its file without the ending.
+    table
+        Its description.
+    data
+        Its columns.
+    """
+
+    stem: str
+    table: Table
+    data: TableArrays
 
 
 class DesignRuns:
-    """Figures and tables of runs, joined mode by mode with the figures of a kernel.
+    """Runs designs and computes figures of merit from the tables of the runs.
 
-    Analyses may be of any mechanism, with several inputs too. Runs count assembly modes,
-    kernels name them by the signs of dyads. Where both are the same for certain their
-    figures share a row; other modes have rows of their own.
+    Any analysis of any mechanism is possible. Figures of a kernel can be added. Runs give
+    numbers to assembly modes, whereas kernels identify them by the signs of dyads. If a
+    mode of both is certainly the same, its figures share a row. Other modes have rows of
+    their own.
+
+    Parameters
+    ----------
+    document
+        The mechanism file whose numbers are varied.
+    study
+        The study by which each design is run.
+    variables
+        The numbers that are varied.
+    merits
+        The figures of merit that are computed from tables.
+    analyses
+        The analyses of each run.
+    tables
+        Whether all tables of the runs are wanted.
+    kernel_evaluator
+        Computes figures of merit without runs; None if there are none.
+
+    Attributes
+    ----------
+    units
+        Name of a figure -> column of its table -> unit.
+    names
+        Names of all figures of merit.
 
     Raises
     ------
     DesignError
-        If a table, or a column of an expression, is not known.
+        If a figure refers to an unknown table or column.
     """
 
-    kernel = None  # none has all figures
+    kernel = None  # No kernel computes all figures.
 
     def __init__(
         self,
@@ -74,65 +138,94 @@ class DesignRuns:
         merits: Sequence[FigureOfMerit],
         analyses: Analyses,
         tables: bool,
-        kernel_figures: Evaluator | None,
+        kernel_evaluator: DesignEvaluator | None,
     ) -> None:
-        self.document, self.study = document, study
-        self.variables, self.merits, self.analyses = variables, merits, analyses
-        self.tables, self.kernel_figures = tables, kernel_figures
-        self.units = {m.name: _units(m, analyses, study) for m in merits}
+        self.document = document
+        self.study = study
+        self.variables = variables
+        self.merits = merits
+        self.analyses = analyses
+        self.tables = tables
+        self.kernel_evaluator = kernel_evaluator
+        self.units = {merit.name: _column_units(merit, analyses, study) for merit in merits}
         for merit in merits:
             merit.parsed(self.units[merit.name])
-        self._of_kernel = kernel_figures.figures.names if kernel_figures else []
-        self.names = [*self._of_kernel, *self.units, *([ASSEMBLY] if tables else [])]
+        self._kernel_names = kernel_evaluator.figures.names if kernel_evaluator else []
+        self.names = [*self._kernel_names, *self.units, *([ASSEMBLY] if tables else [])]
 
-    def classes(self, values: Floats) -> NDArray[np.str_] | None:
-        """Return the Grashof classes of designs, where the kernel knows them."""
-        figures = self.kernel_figures
-        return None if figures is None else figures.classes(values)
+    def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
+        """Return the Grashof classes (n,) of designs (variables, n), if a kernel can."""
+        if self.kernel_evaluator is None:
+            return None
+        return self.kernel_evaluator.grashof_classes(values)
 
-    def part(self, count: int) -> int:
-        """Return how many of so many designs are taken together."""
-        return min(count, SINGLY)
+    def part_size(self, count: int) -> int:
+        """Return how many of `count` designs a part of a sweep should have."""
+        return min(count, SINGLE_DESIGN_PART_SIZE)
 
-    def at(self, values: Floats) -> Evaluated:
-        """Return the figures of merit of designs (variables, n), in the file's units."""
-        return Evaluated.in_order(
-            [of_design for of_design, _ in self.runs_of(values)], self.names
+    def evaluate(self, values: Floats) -> DesignTable:
+        """Return the figures of merit of designs (variables, n), in units of the file."""
+        return DesignTable.join_by_design(
+            [design_table for design_table, _ in self.run_designs(values)], self.names
         )
 
-    def runs_of(
-        self, values: Floats, worth: Callable[[Floats, Evaluated], bool] | None = None
-    ) -> Iterator[tuple[Evaluated, tuple[RunTable, ...]]]:
-        """Yield the rows of each design (variables, n), and its tables if it has some.
+    def run_designs(
+        self,
+        values: Floats,
+        is_needed: Callable[[Floats, DesignTable], bool] | None = None,
+    ) -> Iterator[tuple[DesignTable, tuple[RunTable, ...]]]:
+        """Run designs one after the other.
 
-        Those are left out that by the rows of the kernel are not `worth` it.
+        Parameters
+        ----------
+        values
+            (variables, n) values of the variables, in the units of the file.
+        is_needed
+            Function of a design (variables,) and its rows by the kernel. If it returns
+            False, the design is not run. It is not called without a kernel.
+
+        Yields
+        ------
+        design_table
+            The rows of a design.
+        tables
+            The tables of its run, if they are wanted and the run succeeded.
         """
-        kernel = None if self.kernel_figures is None else self.kernel_figures.at(values)
+        kernel_table = None
+        if self.kernel_evaluator is not None:
+            kernel_table = self.kernel_evaluator.evaluate(values)
         for number, design in enumerate(values.T):
-            rows = None if kernel is None else kernel.rows(kernel.design == number)
-            if rows is not None and worth is not None and not worth(design, rows):
-                continue
+            kernel_rows = None
+            if kernel_table is not None:
+                kernel_rows = kernel_table.rows(kernel_table.design == number)
+                if is_needed is not None and not is_needed(design, kernel_rows):
+                    continue
             tables: tuple[RunTable, ...] = ()
             try:
-                if rows is not None and np.all(rows.status == IMPOSSIBLE):
-                    raise DesignError(rows.reason[0])
-                run = self.run(design)
-                made = self._joined(rows, run)
+                if kernel_rows is not None and np.all(kernel_rows.status == IMPOSSIBLE):
+                    raise DesignError(kernel_rows.reason[0])
+                run = self.run_design(design)
+                table = self._join_run(kernel_rows, run)
                 if self.tables:
-                    tables = _tables(run)
+                    tables = _tables_of_run(run)
             except SpherekitError as problem:
-                made = self._failed(rows, problem)
-            yield replace(made, design=np.full(len(made.design), number)), tables
+                table = self._join_failure(kernel_rows, problem)
+            yield replace(table, design=np.full(len(table.design), number)), tables
 
-    def run(self, values: Floats) -> RunResult:
-        """Return the run of a design (variables,), in the file's units.
+    def run_design(self, values: Floats) -> RunResult:
+        """Run the analyses of one design.
+
+        Parameters
+        ----------
+        values
+            (variables,) values of the variables, in the units of the file.
 
         Raises
         ------
         SpherekitError
-            If there is no such design, or an analysis of it fails.
+            If the design is impossible, or one of its analyses fails.
         """
-        mechanism = designed(self.document, self.variables, values)
+        mechanism = make_design(self.document, self.variables, values)
         mechanism = mechanism.with_inputs(*self.study.mechanism.input_pairs)
         study = replace(self.study, mechanism=mechanism)
         run = run_study(study, self.analyses, Execution())
@@ -140,136 +233,231 @@ class DesignRuns:
             raise AnalysisError(next(iter(run.failures.values())))
         return run
 
-    def _failed(self, rows: Evaluated | None, problem: SpherekitError) -> Evaluated:
-        """Return the rows of a design whose run failed, by those of the kernel, if any."""
-        why = refused(problem, self.names)
-        if rows is None:
-            return why
-        count = len(rows.design)
-        made = self._with_figures(rows, [WHOLE] * count, {})
-        if not np.all(rows.status == OK):
-            return made
-        status = np.repeat(why.status, count)
-        reason = np.repeat(why.reason, count)
-        return replace(made, status=status, reason=reason)
+    def _join_failure(
+        self, kernel_rows: DesignTable | None, problem: SpherekitError
+    ) -> DesignTable:
+        """Return the rows of a design whose run failed.
 
-    def _joined(self, rows: Evaluated | None, run: RunResult) -> Evaluated:
-        """Return the rows of a design from its run and from those of the kernel, if any."""
-        figures = {merit.name: self._by_mode(run, merit) for merit in self.merits}
-        assembled = {str(x["number"]): x for x in run.summary.get("assembly_modes", ())}
-        figured = set[Mode]().union(*figures.values()) - {WHOLE}
-        numbered = {(ASSEMBLY, number) for number in assembled}
-        shown = figured | numbered if self.tables else figured
-        modes = sorted(shown, key=lambda mode: mode[1]) or [WHOLE]
-        words = str(run.summary.get("search", ""))
-        claim = words.partition(":")[0] if MOTION in run.results and ":" in words else ""
-        labels = [number for _, number in modes]
-        place = dict[int, Mode]()
-        if rows is not None:
-            every = {mode: self._place(rows, mode, assembled) for mode in modes}
-            place = {row: mode for mode, row in every.items() if row is not None}
-            modes = [m for m, row in every.items() if row is None and m in figured]
-            labels = [f"{OF_RUN if m[0] == ASSEMBLY else WORKING} {m[1]}" for m in modes]
+        Parameters
+        ----------
+        kernel_rows
+            Its rows by the kernel, None without a kernel.
+        problem
+            Why the run failed.
+        """
+        failure = failed_design(problem, self.names)
+        if kernel_rows is None:
+            return failure
+        count = len(kernel_rows.design)
+        table = self._add_figures(kernel_rows, [NO_TABLE_MODE] * count, {})
+        # Rows that have no figures already say why.
+        if not np.all(kernel_rows.status == OK):
+            return table
+        status = np.repeat(failure.status, count)
+        reason = np.repeat(failure.reason, count)
+        return replace(table, status=status, reason=reason)
+
+    def _join_run(self, kernel_rows: DesignTable | None, run: RunResult) -> DesignTable:
+        """Return the rows of a design with figures of its run and of the kernel.
+
+        Parameters
+        ----------
+        kernel_rows
+            Its rows by the kernel, None without a kernel.
+        run
+            The run of the design.
+        """
+        figures = {merit.name: self._reduce_by_mode(run, merit) for merit in self.merits}
+        assembly_modes = {
+            str(mode["number"]): mode for mode in run.summary.get("assembly_modes", ())
+        }
+        modes_with_figures = set[TableMode]().union(*figures.values()) - {NO_TABLE_MODE}
+        modes_of_run = {TableMode(ASSEMBLY, number) for number in assembly_modes}
+        shown = modes_with_figures | modes_of_run if self.tables else modes_with_figures
+        modes = sorted(shown, key=lambda mode: mode.label) or [NO_TABLE_MODE]
+        labels = [mode.label for mode in modes]
+        mode_of_row = dict[int, TableMode]()
+        if kernel_rows is not None:
+            row_of_mode = {
+                mode: self._find_kernel_row(kernel_rows, mode, assembly_modes)
+                for mode in modes
+            }
+            mode_of_row = {
+                row: mode for mode, row in row_of_mode.items() if row is not None
+            }
+            # Modes of the run that are no modes of the kernel get rows of their own.
+            modes = [
+                mode
+                for mode, row in row_of_mode.items()
+                if row is None and mode in modes_with_figures
+            ]
+            labels = [_label_beside_kernel(mode) for mode in modes]
         closes = [
-            _share(assembled[m[1]]["status"]) if m in numbered else NAN for m in modes
+            _closing_fraction(assembly_modes[mode.label]["status"])
+            if mode in modes_of_run
+            else NAN
+            for mode in modes
         ]
-        made = Evaluated.of(np.zeros(len(modes)), (), labels, closes, claim=claim)
-        made = self._with_figures(made, modes, figures)
-        if rows is None:
-            return made
-        on = [place.get(row, WHOLE) for row in range(len(rows.design))]
-        return Evaluated.joined([self._with_figures(rows, on, figures), made])
-
-    def _with_figures(
-        self, rows: Evaluated, modes: Sequence[Mode], figures: Figures
-    ) -> Evaluated:
-        """Return rows with the figures of a run in its modes, and the numbers of these."""
-        count = len(modes)
-        made = {name: nans(count) for name in self._of_kernel} | dict(rows.merits)
-        for name in self.units:
-            of = figures.get(name, {})
-            made[name] = np.array([of.get(m, of.get(WHOLE, NAN)) for m in modes])
-        if self.tables:
-            made[ASSEMBLY] = np.array(
-                [float(m) if column == ASSEMBLY else NAN for column, m in modes]
-            )
-        return replace(rows, merits=made)
-
-    def _place(self, rows: Evaluated, mode: Mode, assembled: Facts) -> int | None:
-        """Return the row of the kernel that a mode of the run is, None if none is."""
-        made = self.kernel_figures
-        column, number = mode
-        if made is None or made.is_followed or column != ASSEMBLY:
-            return None
-        if made.kernel and made.varied.contacts:
-            return None
-        label = str(assembled[number]["mode"])
-        places = np.flatnonzero(
-            np.isin(rows.mode.astype(str), [label, f"{number} {label}"])
+        run_rows = DesignTable.from_columns(
+            np.zeros(len(modes)), (), labels, closes, claim=_claim_of_search(run)
         )
-        return places[0] if len(places) == 1 else None
+        run_rows = self._add_figures(run_rows, modes, figures)
+        if kernel_rows is None:
+            return run_rows
+        kernel_modes = [
+            mode_of_row.get(row, NO_TABLE_MODE) for row in range(len(kernel_rows.design))
+        ]
+        kernel_rows = self._add_figures(kernel_rows, kernel_modes, figures)
+        return DesignTable.joined([kernel_rows, run_rows])
 
-    def _by_mode(self, run: RunResult, merit: FigureOfMerit) -> dict[Mode, float]:
-        """Return a figure for each mode of its table; of `WHOLE` where it has no modes."""
+    def _add_figures(
+        self, rows: DesignTable, modes: Sequence[TableMode], figures: FiguresByMode
+    ) -> DesignTable:
+        """Return rows with the figures of a run, and with the numbers of its modes.
+
+        Parameters
+        ----------
+        rows
+            The n rows, which may have figures of a kernel.
+        modes
+            (n,) the mode of the run to which each row belongs.
+        figures
+            The figures of the run.
+        """
+        merits = {name: nans(len(modes)) for name in self._kernel_names} | dict(rows.merits)
+        for name in self.units:
+            by_mode = figures.get(name, {})
+            # A figure of a table without modes applies to every mode.
+            common = by_mode.get(NO_TABLE_MODE, NAN)
+            merits[name] = np.array([by_mode.get(mode, common) for mode in modes])
+        if self.tables:
+            merits[ASSEMBLY] = np.array(
+                [float(mode.label) if mode.column == ASSEMBLY else NAN for mode in modes]
+            )
+        return replace(rows, merits=merits)
+
+    def _find_kernel_row(
+        self, kernel_rows: DesignTable, mode: TableMode, assembly_modes: Facts
+    ) -> int | None:
+        """Return the row of the kernel that is certainly the same mode, or None.
+
+        Parameters
+        ----------
+        kernel_rows
+            Rows of a design by the kernel.
+        mode
+            A mode of the run of this design.
+        assembly_modes
+            The modes of the run as in its summary, by their numbers.
+        """
+        evaluator = self.kernel_evaluator
+        if evaluator is None or evaluator.tracks_solutions or mode.column != ASSEMBLY:
+            return None
+        if evaluator.kernel and evaluator.varied_mechanism.equivalent_linkage:
+            return None  # signs of links between centres are not those of the run
+        signs = str(assembly_modes[mode.label]["mode"])
+        possible_labels = [signs, f"{mode.label} {signs}"]
+        rows = np.flatnonzero(np.isin(kernel_rows.mode.astype(str), possible_labels))
+        return rows[0] if len(rows) == 1 else None
+
+    def _reduce_by_mode(
+        self, run: RunResult, merit: FigureOfMerit
+    ) -> dict[TableMode, float]:
+        """Return a figure for each mode of its table.
+
+        The only key is `NO_TABLE_MODE` if the table has no modes.
+        """
         rows = run.frame(*merit.of_table)
         for column, value in merit.only:
             rows = rows[rows[column].astype(str) == value]
-        for column in MODES:
+        for column in MODE_COLUMNS:
             if column in rows:
-                modes = rows[column].astype(str)
+                labels = rows[column].astype(str)
                 return {
-                    (column, m): self._reduced(merit, rows[modes == m])
-                    for m in modes.unique()
+                    TableMode(column, label): self._reduce_rows(
+                        merit, rows[labels == label]
+                    )
+                    for label in labels.unique()
                 }
-        return {WHOLE: self._reduced(merit, rows)}
+        return {NO_TABLE_MODE: self._reduce_rows(merit, rows)}
 
-    def _reduced(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> float:
+    def _reduce_rows(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> float:
+        """Return a figure of merit of the rows of one mode in a table.
+
+        Raises
+        ------
+        DesignError
+            If a figure at given inputs has another number of inputs than the table.
+        """
         expression = merit.parsed(self.units[merit.name])
         columns = {name: rows[name].to_numpy(dtype=float) for name in expression.names}
         values = np.broadcast_to(expression.evaluate(columns), len(rows))
-        if "status" in rows and np.any(
-            np.isnan(values) & (rows["status"] == Status.OVERFLOW.name)
-        ):
-            return np.inf  # as by a kernel: of the rest it would be a number that is wrong
-        names = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
-        present = [name for name in names if name in rows]
-        q = (
-            rows[present].to_numpy(dtype=float)
-            if present
-            else np.arange(len(rows))[:, None]
-        )
+        if "status" in rows:
+            overflows = rows["status"] == Status.OVERFLOW.name
+            if np.any(np.isnan(values) & overflows):
+                return np.inf  # as by a kernel; a figure of the other rows would be wrong
+        input_columns = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
+        present = [name for name in input_columns if name in rows]
+        # A table without inputs is reduced over its row numbers.
+        q = np.arange(len(rows))[:, None]
+        if present:
+            q = rows[present].to_numpy(dtype=float)
         if merit.point and len(merit.point) != q.shape[1]:
             raise DesignError(
                 f"{merit.name}: at needs {counted(q.shape[1], 'input')}, not "
                 f"{len(merit.point)}"
             )
-        place = f"q_{merit.place}"
-        chosen = present.index(place) if place in present else 0
-        returns = len(q) > 0 and return_after_revolutions(q[0], q[-1])
-        here = np.ones(len(q), bool)
+        input_column = f"q_{merit.place}"
+        chosen = present.index(input_column) if input_column in present else 0
+        is_closed_path = len(q) > 0 and return_after_revolutions(q[0], q[-1])
+        counts = np.ones(len(q), bool)
         if merit.point:
-            here = max_abs(q - merit.point, axis=1) < 1e-9
-        return reduced(merit.reduction, q[here, chosen], values[here, None], returns).item()
+            counts = max_abs(q - merit.point, axis=1) < SAME_ANGLE_RAD
+        figure = reduce_samples(
+            merit.reduction, q[counts, chosen], values[counts, None], is_closed_path
+        )
+        return figure.item()
 
 
-def _tables(run: RunResult) -> tuple[RunTable, ...]:
+def _label_beside_kernel(mode: TableMode) -> str:
+    """Return the label of a mode in a row beside those of a kernel, such as "run 2"."""
+    prefix = RUN_MODE_PREFIX if mode.column == ASSEMBLY else WORKING_MODE_PREFIX
+    return f"{prefix} {mode.label}"
+
+
+def _claim_of_search(run: RunResult) -> str:
+    """Return what the search of a run guarantees about its modes, or an empty text."""
+    search = str(run.summary.get("search", ""))
+    if MOTION not in run.results or ":" not in search:
+        return ""
+    claim, _, _ = search.partition(":")
+    return claim
+
+
+def _tables_of_run(run: RunResult) -> tuple[RunTable, ...]:
     """Return all tables of a run."""
-    declared = {name: result.tables for name, result in run.results.items()}
+    tables_by_analysis = {name: result.tables for name, result in run.results.items()}
     return tuple(
-        (stem, table, run.results[name].data[table.name])
-        for stem, (name, table) in stems(declared).items()
+        RunTable(stem, table, run.results[analysis].data[table.name])
+        for stem, (analysis, table) in stems(tables_by_analysis).items()
     )
 
 
-def _units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
-    """Return the unit of each column of numbers in the table of a figure."""
+def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
+    """Return the unit of each column with numbers in the table of a figure.
+
+    Raises
+    ------
+    DesignError
+        If there is no such table, or no column by which the figure selects rows.
+    """
     analysis, table = merit.of_table
     if analysis == MOTION:
         raise DesignError(
             f"{merit.name}: {analysis}.{table} is of no analysis; name a table of one"
         )
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
-    tables = {made.name: made.of(study.mechanism) for made in chosen.tables}
+    tables = {candidate.name: candidate.of(study.mechanism) for candidate in chosen.tables}
     if table not in tables:
         raise DesignError(
             f'{merit.name}: {analysis} has no table "{table}"'
@@ -283,10 +471,18 @@ def _units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
                 f"{merit.name}: {analysis}.{table} has no column {column}; its columns: "
                 f"{listing(names)}"
             )
-    return {item.name: item.unit for item in columns if item.kind == "number"}
+    return {column.name: column.unit for column in columns if column.kind == "number"}
 
 
-def _share(statuses: Mapping[str, int]) -> float:
-    """Return the share of samples at which an assembly mode closes, by its statuses."""
-    closed = sum(statuses.get(s.name, 0) for s in (Status.OK, Status.AT_SINGULARITY))
-    return closed / total if (total := sum(statuses.values())) else NAN
+def _closing_fraction(count_by_status: Mapping[str, int]) -> float:
+    """Return the fraction of samples at which an assembly mode closes.
+
+    Parameters
+    ----------
+    count_by_status
+        Number of samples of each status.
+    """
+    total = sum(count_by_status.values())
+    closing = (Status.OK, Status.AT_SINGULARITY)
+    closed = sum(count_by_status.get(status.name, 0) for status in closing)
+    return closed / total if total else NAN

@@ -1,4 +1,4 @@
-"""What is varied: numbers of a mechanism file, and where kernels take them."""
+"""Design variables: numbers of a mechanism file that are varied."""
 
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -25,12 +25,37 @@ from spherekit.velocities.row_quantities import row_quantities
 from spherekit.wording import listing
 
 DESIGNED = ("links", "pairs", "outputs", "mass", "loads")
-"""Tables of a file whose numbers make a design."""
+"""Tables of a mechanism file whose numbers can be varied."""
 
 ACTIONS = ("mass", "loads")
+"""Tables among them that have no influence on positions."""
+
 POINTED = "pointed"
-"""The kind of sizes that say where outputs point."""
-"""Those that say nothing of where links are."""
+"""Kind of the sizes that are angles of the direction of an output."""
+
+OK = "OK"
+"""Status of a design that closes at a sample, and reason of a design that is possible."""
+
+CENTRAL_WEIGHTS = (0.8, -0.2, 4.0 / 105.0, -1.0 / 280.0)
+"""Weights of a central difference quotient of the eighth order, at 1, 2, 3 and 4 steps.
+
+The weights at -1 to -4 steps are the opposite.
+"""
+
+ONE_SIDED_WEIGHTS = (
+    8.0,
+    -14.0,
+    56.0 / 3.0,
+    -17.5,
+    11.2,
+    -14.0 / 3.0,
+    8.0 / 7.0,
+    -0.125,
+)
+"""Weights of a one-sided difference quotient of the eighth order, at 1 to 8 steps."""
+
+_FILE_LOCATION = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ", re.MULTILINE)
+"""The name of a file, and perhaps a line number, at the beginning of an error message."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +65,16 @@ class DesignVariable:
     Attributes
     ----------
     key
-        As users name it, ``links.2.arc``.
+        Its key as users write it. An example is ``"links.2.arc"``.
     path
-        Where it stands in the file.
+        Its location in the file.
     value
-        What the file says, in the file's unit.
+        Its value in the file, in the unit of the file.
     is_angle
-        Whether it is an angle, in the file's unit of angles.
+        Whether it is an angle.
     slot
-        Which size of a kernel it is, if it is one.
+        The size of a kernel that it is, as its kind and location; None if it is none.
+        Examples are ``("arcs", ("2", "32"))`` and ``("zeros", "41")``.
     """
 
     key: str
@@ -59,17 +85,26 @@ class DesignVariable:
 
     @property
     def name(self) -> str:
-        """Its name in tables and expressions."""
+        """Its name in tables and expressions, such as ``links_2_arc``."""
         return self.key.replace(".", "_").replace("-", "_")
 
 
 def design_variable(document: Document, key: str) -> DesignVariable:
-    """Return the variable of a key.
+    """Return the design variable of a key.
+
+    Parameters
+    ----------
+    document
+        The mechanism file.
+    key
+        Key of a number in it, such as ``"links.2.arc"``.
 
     Raises
     ------
-    FileError, DesignError
-        If the file has no such number, or it is none of a design.
+    FileError
+        If the file has no such number.
+    DesignError
+        If the number is not one that can be varied.
     """
     path = number_path(document, key)
     if path[0] not in DESIGNED:
@@ -78,13 +113,23 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             f"and joint limits "
             f"are the same for all; vary numbers of {listing(DESIGNED)}"
         )
-    slot = _slot(document, path)
+    slot = _kernel_slot(document, path)
     return DesignVariable(key, path, number_at(document, path), slot is not None, slot)
 
 
-def _slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
+def _kernel_slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
+    """Return the kind and location of a size of kernels, or None for other numbers.
+
+    Parameters
+    ----------
+    document
+        The mechanism file.
+    path
+        Location of the number in it.
+    """
     match path:
         case ("links", str(link), "arcs" | "angles" as kind, int(k)):
+            # The first arc leads to the second axis, the first angle to the third axis.
             axes = document.data["links"][link]["axes"]
             return kind, (link, axes[k + (1 if kind == "arcs" else 2)])
         case ("pairs", str(pair), "zero" | "value" as kind):
@@ -101,83 +146,102 @@ def is_angle_of_load(document: Document, key: str) -> bool:
     table, name, *rest = number_path(document, key)
     if table != "loads" or len(rest) != 1:
         return False
-    kind = LOADS[document.data["loads"][name].get("kind", PairTorque.kind)]
-    return kind.keys.get(str(rest[0])) in ("angle", "rate")
+    load_kind = LOADS[document.data["loads"][name].get("kind", PairTorque.kind)]
+    return load_kind.keys.get(str(rest[0])) in ("angle", "rate")
 
 
-def designed(
+def make_design(
     document: Document, variables: Sequence[DesignVariable], values: Iterable[float]
 ) -> Mechanism:
-    """Return the mechanism of a design, with values in the file's units.
+    """Return the mechanism of a design.
 
-    Of a document that fits the format, only the values are held against it.
+    Parameters
+    ----------
+    document
+        The mechanism file. It must fit the file format; only the values are checked.
+    variables
+        The numbers that are varied.
+    values
+        (variables,) their values, in the units of the file.
 
     Raises
     ------
     FileError
         If there is no such mechanism.
     """
-    numbers = dict(zip([v.path for v in variables], map(float, values), strict=True))
-    changed = with_numbers(document, numbers)
-    check_numbers(changed, numbers)
-    return mechanism_from_document(changed)
+    value_by_path = dict(zip([v.path for v in variables], map(float, values), strict=True))
+    changed_document = with_numbers(document, value_by_path)
+    check_numbers(changed_document, value_by_path)
+    return mechanism_from_document(changed_document)
 
 
 def check_variables(document: Document, variables: Sequence[DesignVariable]) -> None:
-    """Raise `DesignError` where a number is named twice."""
-    seen: dict[KeyPath, str] = {}
+    """Raise `DesignError` if two variables are the same number of the file."""
+    key_by_path: dict[KeyPath, str] = {}
     for variable in variables:
-        if variable.path in seen:
+        if variable.path in key_by_path:
             raise DesignError(
-                f"{document.name}: {variable.key} and {seen[variable.path]} are the same "
-                "number; vary it once"
+                f"{document.name}: {variable.key} and {key_by_path[variable.path]} are the "
+                "same number; vary it once"
             )
-        seen[variable.path] = variable.key
+        key_by_path[variable.path] = variable.key
 
 
 def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
-    """Return the arcs and angles (rad) of the links of a reference pose by their keys.
+    """Return the arcs and angles of links that follow from a reference pose, by key.
 
-    They are named as in a file of sizes. Mechanisms with contacts have none here: their
-    profiles stand in the axes of the pose.
+    The keys are those of a file that states sizes instead of a pose. The dictionary is
+    empty if the file states sizes, or if there are contacts: their profiles are stated in
+    the axes of the pose.
     """
     if not isinstance(mechanism.geometry, PoseGeometry) or mechanism.has_contacts:
         return {}
-    made = {}
+    variables = {}
     for link in mechanism.links:
         sizes = pose_sizes(mechanism, link)
+        kinds = [kind for kind, *_ in sizes]
         for kind, pair, value, _ in sizes:
-            alone = sum(other == kind for other, *_ in sizes) == 1
-            key = f"links.{link}.{kind[:-1] if alone else f'{kind}.{pair}'}"
+            # The only arc of a link has the key "arc", one of several "arcs.PAIR".
+            size_key = kind[:-1] if kinds.count(kind) == 1 else f"{kind}.{pair}"
+            key = f"links.{link}.{size_key}"
             path = ("links", link, kind, pair)
-            made[key] = DesignVariable(key, path, value, True, (kind, (link, pair)))
-    return made
+            variables[key] = DesignVariable(key, path, value, True, (kind, (link, pair)))
+    return variables
 
 
-def sizes_of(mechanism: Mechanism) -> Names:
+def default_size_keys(mechanism: Mechanism) -> Names:
     """Return the keys of all arcs and angles, or of all axes in a reference pose.
 
-    Without those of links with two axes on one line, which no small size parts.
+    Links with two axes on one line are left out, because no small change of their sizes
+    keeps the axes on one line.
     """
-    if isinstance(mechanism.geometry, SizeGeometry):
-        coaxial = coaxial_links(mechanism.geometry)
-        return tuple(
-            f"links.{link}.{kind}" + (f"s.{pair}" if len(axes) > 1 else "")
-            for link, sizes in mechanism.geometry.links.items()
-            if link not in coaxial
-            for kind, axes in (("arc", sizes.axes[1:]), ("angle", sizes.axes[2:]))
-            for pair in axes
-        )
-    return tuple(
-        f"pairs.{pair.name}.{kind}"
-        for pair in mechanism.pairs
-        if pair.kind.has_axis
-        for kind in ("longitude", "latitude")
-    )
+    geometry = mechanism.geometry
+    if isinstance(geometry, SizeGeometry):
+        return _arc_and_angle_keys(geometry)
+    keys = []
+    for pair in mechanism.pairs:
+        if pair.kind.has_axis:
+            keys += [f"pairs.{pair.name}.longitude", f"pairs.{pair.name}.latitude"]
+    return tuple(keys)
+
+
+def _arc_and_angle_keys(geometry: SizeGeometry) -> Names:
+    """Return the keys of the arcs and angles of links without axes on one line."""
+    keys = []
+    coaxial = coaxial_links(geometry)
+    for link, sizes in geometry.links.items():
+        if link in coaxial:
+            continue
+        # Arcs belong to all axes but the first, angles to all but the first two.
+        for kind, axes in (("arc", sizes.axes[1:]), ("angle", sizes.axes[2:])):
+            for pair in axes:
+                size_key = f"{kind}s.{pair}" if len(axes) > 1 else kind
+                keys.append(f"links.{link}.{size_key}")
+    return tuple(keys)
 
 
 def coaxial_links(geometry: SizeGeometry) -> Names:
-    """Return the links with an axis on one line with the first."""
+    """Return the links that have an axis on one line with their first axis."""
     return tuple(
         link
         for link, sizes in geometry.links.items()
@@ -185,69 +249,82 @@ def coaxial_links(geometry: SizeGeometry) -> Names:
     )
 
 
-def quantities_of(mechanism: Mechanism) -> Names:
-    """Return the angles that say where outputs are, else those of all passive pairs.
+def default_quantities(mechanism: Mechanism) -> Names:
+    """Return the quantities whose sensitivities are computed by default.
 
-    Without any, how outputs turn while the inputs move.
+    They are the angles of passive pairs between an output and the link from which it is
+    seen. If there are none, they are the angles of all passive pairs. If there are no such
+    pairs either, they are the velocity coefficients of the outputs.
     """
     driven = mechanism.input_pairs
-    ends = {frozenset((output.link, output.relative_to)) for output in mechanism.outputs}
+    output_ends = {
+        frozenset((output.link, output.relative_to)) for output in mechanism.outputs
+    }
     passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
-    chosen = [p for p in passive if frozenset(p.links) in ends] or passive
+    at_outputs = [p for p in passive if frozenset(p.links) in output_ends]
+    chosen = at_outputs or passive
     if chosen:
         return tuple(f"theta_{pair.name}" for pair in chosen)
-    speeds = [f"velocity_coefficient_{o.link}_{o.relative_to}" for o in mechanism.outputs]
+    coefficients = [
+        f"velocity_coefficient_{output.link}_{output.relative_to}"
+        for output in mechanism.outputs
+    ]
+    # With several inputs there is a coefficient by each.
     return tuple(
         name
         for name in row_quantities(mechanism)
-        if any(name == speed or name.startswith(f"{speed}_by_") for speed in speeds)
+        if any(name == x or name.startswith(f"{x}_by_") for x in coefficients)
     )
 
 
-OK = "OK"
-EIGHTH = (0.8, -0.2, 4.0 / 105.0, -1.0 / 280.0)
-"""Weights of central differences of the eighth order, from the nearest on."""
-ONE_SIDED = (
-    8.0,
-    -14.0,
-    56.0 / 3.0,
-    -17.5,
-    11.2,
-    -14.0 / 3.0,
-    8.0 / 7.0,
-    -0.125,
-)
-"""Weights of differences of the same order from the value on, where it is a limit."""
-_PLACE = re.compile(r"^[^\s:]+\.toml(?::\d+)?: ", re.MULTILINE)
-"""A file's name, and perhaps a line, before what is wrong."""
-
-
-def slope_by(
-    read: Callable[[Floats], Floats], values: Floats, k: int, steps: Floats
+def differentiate_by_variable(
+    read_numbers: Callable[[Floats], Floats], values: Floats, k: int, steps: Floats
 ) -> Floats | None:
-    """Return the derivatives (n,) of numbers by one of the values (variables,).
+    """Return derivatives of numbers by one variable, by difference quotients.
 
-    By differences of the eighth order, exact for polynomials, with the first of the steps,
-    central or to one side, at which `read` raises no `SpherekitError` at any place; None
-    without.
+    The quotients are of the eighth order, so they are exact for polynomials up to this
+    degree. A central quotient is tried first, then those to either side, which apply if the
+    value is at a limit.
+
+    Parameters
+    ----------
+    read_numbers
+        Function of values (variables,) that returns the numbers (n,).
+    values
+        (variables,) values at which the derivatives are computed.
+    k
+        Index of the variable.
+    steps
+        Steps of the variable. The first one is used with which `read_numbers` raises no
+        `SpherekitError`.
+
+    Returns
+    -------
+    (n,) derivatives, or None if every step fails.
     """
     ahead = np.arange(9.0)
-    weights = np.array([-np.sum(ONE_SIDED), *ONE_SIDED])
+    ahead_weights = np.array([-np.sum(ONE_SIDED_WEIGHTS), *ONE_SIDED_WEIGHTS])
     near = ahead[1:5]
-    central = np.concatenate([near, -near]), np.concatenate([EIGHTH, np.negative(EIGHTH)])
-    stencils = central, (ahead, weights), (-ahead, -weights)
+    central = np.concatenate([near, -near])
+    central_weights = np.concatenate([CENTRAL_WEIGHTS, np.negative(CENTRAL_WEIGHTS)])
+    stencils = (
+        (central, central_weights),
+        (ahead, ahead_weights),
+        (-ahead, -ahead_weights),
+    )
     for step in steps:
-        for places, weighing in stencils:
+        for offsets, weights in stencils:
             total = np.zeros(())
             with suppress(SpherekitError):
-                for place, weight in zip(places[::-1], weighing[::-1], strict=True):
-                    beside = values.copy()
-                    beside[k] += step * place
-                    total = total + weight * read(beside)
+                # The farthest values come first: a step that is too long fails early.
+                for offset, weight in zip(offsets[::-1], weights[::-1], strict=True):
+                    changed_values = values.copy()
+                    changed_values[k] += step * offset
+                    total = total + weight * read_numbers(changed_values)
                 return total / step
     return None
 
 
 def reason_of(problem: SpherekitError) -> str:
-    """Return what is wrong with a design in one line, without the file's name."""
-    return " ".join(_PLACE.sub("", str(problem)).split())
+    """Return the message of an error in one line, without the name of the file."""
+    return " ".join(_FILE_LOCATION.sub("", str(problem)).split())

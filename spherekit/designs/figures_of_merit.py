@@ -1,4 +1,4 @@
-"""Figures of merit of designs in their assembly modes, from the samples of a kernel."""
+"""Figures of merit of designs in their assembly modes, from samples of a kernel."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from spherekit.arrays import Array, Floats, Indices, Integers
 from spherekit.conventions import Names
 from spherekit.designs.design_kernel import DesignKernel, RedundantKernel
 from spherekit.designs.design_variables import OK, reason_of
-from spherekit.designs.profile_numbers import columns_of
+from spherekit.designs.profile_numbers import evaluate_profile_columns
 from spherekit.errors import (
     DesignError,
     FileError,
@@ -36,25 +36,44 @@ from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.velocities.row_quantities import row_quantities, sample_names
 from spherekit.wording import counted, listing
 
-BLOCK = 4096
-"""Designs evaluated together: their rows stay in the cache."""
+DESIGNS_PER_BLOCK = 4096
+"""Number of designs, times samples, that are evaluated together.
+
+Larger: intermediate values leave the cache. Smaller: more calls.
+"""
+
 INERTIAL = ("B", "dB_dq", "kinetic_energy", *LOAD_DEPENDENT_PREFIXES)
-"""How quantities begin that depend on masses or loads."""
+"""Beginnings of the names of quantities that depend on masses or loads."""
+
 NEVER_CLOSES = "NEVER_CLOSES"
+"""Status of a design that closes at no sample."""
+
 IMPOSSIBLE = "IMPOSSIBLE"
-"""The numbers of a design make no mechanism that moves as the file's does."""
-FAILED = "FAILED"
-"""The design may be fine; what was asked of it failed."""
-NEVER = "does not close at any sample"
+"""Status of a design whose numbers make no mechanism that moves as that of the file."""
+
+DESIGN_FAILED = "FAILED"
+"""Status of a design of which an analysis failed, although the design may be possible."""
+
+NEVER_CLOSES_REASON = "does not close at any sample"
+"""Text in the column `reason` that belongs to the status `NEVER_CLOSES`."""
 
 
 @dataclass(frozen=True)
 class DesignSamples:
-    """The inputs at every sample.
+    """Samples of the inputs at which all designs are evaluated.
 
-    `rows` (samples, 3 inputs + 1): angles (rad) of the `inputs`, rates, accelerations, and
-    the time. `shape` counts the samples along a path, or along each axis of a grid.
-    `crossings` says whether modes follow smooth curves where curves cross ("pass").
+    Attributes
+    ----------
+    inputs
+        Names of the driven pairs.
+    rows
+        (samples, 3 inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
+        (rad/s2), and the time (s).
+    shape
+        Number of samples along a path, or along each axis of a grid.
+    crossings
+        ``"pass"`` if modes follow smooth curves where curves of configurations cross, or
+        ``"end"`` if they keep the signs of their dyads.
     """
 
     inputs: Names
@@ -63,15 +82,15 @@ class DesignSamples:
     crossings: Crossings = "end"
 
     @staticmethod
-    def of(study: Study) -> "DesignSamples":
-        """Return the samples of a study, by its laws if it has some.
+    def from_study(study: Study) -> "DesignSamples":
+        """Return the samples of a study, which follow its time laws if it has some.
 
         Raises
         ------
         DesignError
-            If it is a simulation.
+            If the study is a simulation.
         SolveError
-            If a range is empty, or so many samples are of another number of inputs.
+            If a range is empty, or the samples do not fit the number of inputs.
         """
         mechanism = driven_at(study.mechanism)
         if study.start is not None:
@@ -84,6 +103,7 @@ class DesignSamples:
         if study.duration is not None:
             assert isinstance(study.samples, int)
             t = np.linspace(0.0, study.duration, study.samples)
+            # Inputs without a law move at 1 rad/s.
             laws = {
                 driven.pair: ConstantSpeed(driven.sense, driven.start)
                 for driven in mechanism.inputs
@@ -91,53 +111,80 @@ class DesignSamples:
             q, timing = evaluate_time_laws(names, {**laws, **study.laws}, t)
             rows = np.column_stack([q, timing.dq, timing.ddq, t])
             return DesignSamples(names, rows, (len(t),), study.crossings)
-        lattice = make_input_grid(mechanism, study.samples, study.grid, study.path)
+        input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
         start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
         if study.path is not None:
-            start = np.min(lattice.q, axis=0) if len(names) == 1 else lattice.q[0]
+            # Time is zero at the smallest input, or at the first sample of several inputs.
+            single = len(names) == 1
+            start = np.min(input_grid.q, axis=0) if single else input_grid.q[0]
             sense = np.ones(len(names))
-        samples = DesignSamples.at(names, lattice.q, start, sense, lattice.shape)
+        samples = DesignSamples.at_unit_speed(
+            names, input_grid.q, start, sense, input_grid.shape
+        )
         return replace(samples, crossings=study.crossings)
 
     @staticmethod
-    def at(
+    def at_unit_speed(
         inputs: Names,
         q: Floats,
         start: Floats,
         sense: Floats,
         shape: tuple[int, ...] | None = None,
     ) -> "DesignSamples":
-        """Return samples q (n, inputs) of inputs that turn at 1 rad/s from a start.
+        """Return samples of inputs that move at 1 rad/s.
 
-        `sense` (inputs,) is 1 of those that rise and -1 of those that fall.
+        Parameters
+        ----------
+        inputs
+            Names of the driven pairs.
+        q
+            (n, inputs) inputs (rad).
+        start
+            (inputs,) inputs (rad) at time 0. The time follows from the first input.
+        sense
+            (inputs,) 1 for inputs that increase and -1 for inputs that decrease.
+        shape
+            Number of samples along each axis, by default those of a path.
         """
         rates = np.broadcast_to(sense, q.shape)
         time = (q[:, 0] - start[0]) * sense[0]
-        return DesignSamples(
-            inputs, np.column_stack([q, rates, np.zeros_like(q), time]), shape or (len(q),)
-        )
+        rows = np.column_stack([q, rates, np.zeros_like(q), time])
+        return DesignSamples(inputs, rows, shape or (len(q),))
 
     @property
-    def returns(self) -> bool:
-        """Whether a path ends at the inputs of its start, after whole turns."""
+    def is_closed_path(self) -> bool:
+        """Whether the samples are a path that ends, after revolutions, where it started."""
         first, last = self.rows[[0, -1], : len(self.inputs)]
         return len(self.shape) == 1 and return_after_revolutions(first, last)
 
     @property
-    def lattice(self) -> InputGrid:
-        """The inputs with their neighbours."""
+    def input_grid(self) -> InputGrid:
+        """The inputs (rad) with their neighbours."""
         return InputGrid(self.rows[:, : len(self.inputs)], self.shape)
 
 
 @dataclass(frozen=True)
-class Evaluated(ArrayRows):
-    """Designs in their assembly modes: one row for each that closes, one for the others.
+class DesignTable(ArrayRows):
+    """Figures of merit of designs: a row for each assembly mode in which a design closes.
 
-    `design` (n,) counts within what was given, `mode` (n,) says which assembly mode, ""
-    where none closes; `closes` (n,) is the share of samples that do, `status` (n,) a word,
-    `reason` (n,) why there are no figures, "" where there are, `claim` (n,) what is
-    guaranteed of the modes of the design at the samples, `merits` the figures (n,) by name,
-    in rad and SI.
+    A design that closes in no mode has one row without figures.
+
+    Attributes
+    ----------
+    design
+        (n,) index of the design among those that were evaluated together.
+    mode
+        (n,) label of the assembly mode, empty if the design closes in none.
+    closes
+        (n,) fraction of the samples at which the design closes in this mode.
+    status
+        (n,) `OK`, `NEVER_CLOSES`, `IMPOSSIBLE` or `DESIGN_FAILED`.
+    reason
+        (n,) why there are no figures, empty if there are.
+    claim
+        (n,) what is guaranteed about the modes of the design, see `Guarantee`.
+    merits
+        The figures of merit (n,) by name, in rad and SI units.
     """
 
     design: Integers
@@ -149,7 +196,7 @@ class Evaluated(ArrayRows):
     merits: Mapping[str, Floats]
 
     @staticmethod
-    def of(
+    def from_columns(
         design: Any,
         merits: Mapping[str, Floats] | Sequence[str],
         mode: Any = "",
@@ -157,218 +204,376 @@ class Evaluated(ArrayRows):
         status: Any = OK,
         reason: Any = "",
         claim: Any = "",
-    ) -> "Evaluated":
-        """Return rows, what is one for all said once; of figures by name alone none is."""
+    ) -> "DesignTable":
+        """Return a table; a scalar argument is the same in all rows.
+
+        Parameters
+        ----------
+        design
+            (n,) index of the design of each row.
+        merits
+            The figures of merit (n,) by name, or only their names if all are NaN.
+        mode, closes, status, reason, claim
+            The other columns, (n,) or one value for all rows.
+        """
         numbers = np.asarray(design, np.int64)
         if not isinstance(merits, Mapping):
             merits = {name: nans(len(numbers)) for name in merits}
 
-        def each(item: Any, kind: type = object) -> Array:
-            return np.broadcast_to(np.asarray(item, kind), len(numbers))
+        def as_column(values: Any, kind: type = object) -> Array:
+            return np.broadcast_to(np.asarray(values, kind), len(numbers))
 
-        shares = each(closes, float)
-        words = (each(status), each(reason), each(claim))
-        return Evaluated(numbers, each(mode), shares, *words, merits)
+        return DesignTable(
+            design=numbers,
+            mode=as_column(mode),
+            closes=as_column(closes, float),
+            status=as_column(status),
+            reason=as_column(reason),
+            claim=as_column(claim),
+            merits=merits,
+        )
 
     @staticmethod
-    def in_order(parts: "Sequence[Evaluated]", names: Sequence[str]) -> "Evaluated":
-        """Return several with figures of these names by design, then as they come."""
-        made = Evaluated.joined([Evaluated.of([], names), *parts])
-        return made.rows(np.argsort(made.design, kind="stable"))
+    def join_by_design(
+        parts: "Sequence[DesignTable]", names: Sequence[str]
+    ) -> "DesignTable":
+        """Return the rows of several tables, sorted by design.
+
+        Rows of the same design keep their order.
+
+        Parameters
+        ----------
+        parts
+            The tables; there may be none.
+        names
+            Names of the figures of merit of all tables.
+        """
+        table = DesignTable.joined([DesignTable.from_columns([], names), *parts])
+        return table.rows(np.argsort(table.design, kind="stable"))
 
 
-def refused(problem: SpherekitError, names: Sequence[str]) -> Evaluated:
-    """Return the row of one design that ended in an error, without figures of `names`."""
-    status = FAILED
+def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
+    """Return the row of one design that ended in an error.
+
+    Parameters
+    ----------
+    problem
+        The error. Its class determines the status, its message is the reason.
+    names
+        Names of the figures of merit, which are NaN.
+    """
+    status = DESIGN_FAILED
     if isinstance(problem, FileError | ModelError | PlanError):
         status = IMPOSSIBLE
     elif isinstance(problem, SolveError):
         status = NEVER_CLOSES
-    return Evaluated.of([0], names, status=status, reason=reason_of(problem))
+    return DesignTable.from_columns([0], names, status=status, reason=reason_of(problem))
 
 
 class KernelFigures:
-    """What figures of merit read of samples, and what they make of it.
+    """Figures of merit that are reductions of the outputs of a kernel over samples.
 
-    Their `expressions` are of the `sample` itself and of the `columns` of a kernel.
-    `points` (m, 3 inputs + 1) are further samples, for figures at given inputs.
+    Parameters
+    ----------
+    mechanism
+        The mechanism of the file.
+    merits
+        The figures of merit.
+    samples
+        The samples over which they are reduced.
+
+    Attributes
+    ----------
+    names
+        Names of the figures of merit.
+    expressions
+        The expression of each figure, of the `sample` and the `columns`.
+    sample
+        Names of the numbers of a sample, see `sample_names`.
+    columns
+        Names of the quantities that the kernel computes.
+    points
+        (points, 3 inputs + 1) further samples, for the figures at given inputs.
+    rows
+        (samples + points, 3 inputs + 1) the samples, followed by the points.
 
     Raises
     ------
     DesignError
-        If a figure is at inputs that the mechanism has not.
+        If a figure refers to inputs that the mechanism does not have.
     AnalysisError
-        If it reads what is no quantity of a row.
+        If an expression contains a name that is not a quantity.
     """
 
     def __init__(
         self, mechanism: Mechanism, merits: Sequence[FigureOfMerit], samples: DesignSamples
     ) -> None:
-        self.merits, self.inputs, self.samples = merits, samples.inputs, samples
+        self.merits = merits
+        self.inputs = samples.inputs
+        self.samples = samples
         self.names = [merit.name for merit in merits]
-        names = row_quantities(mechanism.with_inputs(*self.inputs))
-        self._check(mechanism)
-        self.expressions = [merit.parsed(names) for merit in merits]
-        used = set[str]().union(*(item.names for item in self.expressions))
+        quantities = row_quantities(mechanism.with_inputs(*self.inputs))
+        self._check_inputs(mechanism)
+        self.expressions = [merit.parsed(quantities) for merit in merits]
+        used_names = set[str]().union(*(item.names for item in self.expressions))
         self.sample = sample_names(self.inputs)
-        self.columns = sorted(used.difference(self.sample))
+        self.columns = sorted(used_names.difference(self.sample))
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
-        start, sense = np.split(samples.rows[0, : 2 * count], 2)
-        self.points = DesignSamples.at(
-            self.inputs, np.reshape(points, (-1, count)), start, np.sign(sense)
+        start, rates = np.split(samples.rows[0, : 2 * count], 2)
+        self.points = DesignSamples.at_unit_speed(
+            self.inputs, np.reshape(points, (-1, count)), start, np.sign(rates)
         ).rows
         self.rows = np.concatenate([samples.rows, self.points])
 
-    def _check(self, mechanism: Mechanism) -> None:
-        """Raise `DesignError` where a figure is at inputs that the mechanism has not."""
+    def _check_inputs(self, mechanism: Mechanism) -> None:
+        """Raise `DesignError` if a figure refers to inputs that the mechanism lacks."""
         count = len(self.inputs)
         for merit in self.merits:
-            said = ""
+            fault = ""
             if merit.point and len(merit.point) != count:
-                said = (
+                fault = (
                     f"at needs {counted(count, 'input')} ({listing(self.inputs)}), not "
                     f"{len(merit.point)}"
                 )
             elif merit.reduction.startswith("arg") and count > 1 and not merit.place:
-                said = (
+                fault = (
                     f"there are {counted(count, 'input')}: say whose value is wanted, "
                     f"{merit.reduction}({merit.expression}, {self.inputs[0]})"
                 )
             elif merit.place not in ("", *self.inputs):
-                said = f"{merit.place} is not driven; driven are {listing(self.inputs)}"
+                fault = f"{merit.place} is not driven; driven are {listing(self.inputs)}"
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
-                said = (
+                fault = (
                     "swing follows an angle along a path, and the samples are a grid; take "
                     "the range of a sine or cosine"
                 )
-            if said:
-                raise DesignError(f"{mechanism.name}: {merit.name}: {said}")
+            if fault:
+                raise DesignError(f"{mechanism.name}: {merit.name}: {fault}")
 
-    def rows_of(self, merit: FigureOfMerit) -> Indices:
-        """Return the numbers of the `rows` that a figure is of: samples, or its point."""
-        count = len(self.samples.rows)
+    def select_rows(self, merit: FigureOfMerit) -> Indices:
+        """Return the indices of the `rows` over which a figure is reduced.
+
+        They are all samples, or the one point of a figure at given inputs.
+        """
+        sample_count = len(self.samples.rows)
         if not merit.point:
-            return np.arange(count)
-        return count + np.flatnonzero(
-            np.all(self.points[:, : len(self.inputs)] == merit.point, axis=1)
-        )
+            return np.arange(sample_count)
+        is_point = np.all(self.points[:, : len(self.inputs)] == merit.point, axis=1)
+        return sample_count + np.flatnonzero(is_point)
 
-    def reduced(self, merit: FigureOfMerit, values: Floats) -> Floats:
-        """Return the figure (n,) of values (rows, n) at `rows_of` it."""
-        place = self.inputs.index(merit.place) if merit.place else 0
-        q = self.rows[self.rows_of(merit), place]
-        return reduced(merit.reduction, q, values, self.samples.returns)
-
-    def of(
-        self,
-        kernel: DesignKernel | RedundantKernel,
-        prepared: Floats,
-        places: Floats,
-        turns: Floats,
-        modes: Any,
-        claim: str,
-        tracks: Sequence[ContactProfile] = (),
-    ) -> Evaluated:
-        """Return the figures of the rows (n,) that close at a sample, by their numbers.
+    def reduce_values(self, merit: FigureOfMerit, values: Floats) -> Floats:
+        """Reduce the values of an expression to a figure of merit.
 
         Parameters
         ----------
-        kernel, prepared
-            (k, n), what the kernel has of the designs.
-        places, turns
-            (w, samples and points, n) and (pairs, samples and points, n) rad.
-        modes, claim
-            What modes are called, (n,) or one, and what is guaranteed of them.
-        tracks
-            The profiles of all, where some are handed in.
+        merit
+            The figure.
+        values
+            (rows, n) values of its expression at `select_rows` of the figure.
+
+        Returns
+        -------
+        (n,) the figure.
         """
-        n, count = prepared.shape[1], len(self.rows)
-        values = np.empty((len(self.merits), count, n))
-        closed = np.empty((count, n), bool)
-        together = max(1, BLOCK // max(1, n))
+        input_index = self.inputs.index(merit.place) if merit.place else 0
+        q = self.rows[self.select_rows(merit), input_index]
+        return reduce_samples(merit.reduction, q, values, self.samples.is_closed_path)
+
+    def evaluate_modes(
+        self,
+        kernel: DesignKernel | RedundantKernel,
+        prepared: Floats,
+        position_arguments: Floats,
+        revolution_offsets: Floats,
+        labels: Any,
+        claim: str,
+        profiles: Sequence[ContactProfile] = (),
+    ) -> DesignTable:
+        """Evaluate the figures of n modes, each of a design.
+
+        Parameters
+        ----------
+        kernel
+            Computes the `columns`.
+        prepared
+            (k, n) what ``kernel.prepare`` returns for the designs.
+        position_arguments
+            (w, samples + points, n) signs of dyads, or pair variables (rad), NaN at samples
+            where a mode does not close.
+        revolution_offsets
+            (unwrapped pairs, samples + points, n) rad.
+        labels
+            (n,) labels of the modes, or one label for all.
+        claim
+            What is guaranteed about the modes.
+        profiles
+            The profiles of all contacts if they are not circles, otherwise empty.
+
+        Returns
+        -------
+        A row for each mode that closes at a sample. The column `design` has the index of
+        the mode, from 0 to n - 1.
+        """
+        mode_count = prepared.shape[1]
+        row_count = len(self.rows)
+        values = np.empty((len(self.merits), row_count, mode_count))
+        closed = np.empty((row_count, mode_count), bool)
+        rows_per_block = max(1, DESIGNS_PER_BLOCK // max(1, mode_count))
         with np.errstate(all="ignore"):
-            for start in range(0, count, together) if n else ():
-                some = slice(start, start + together)
-                placed, shape = places[:, some], closed[some].shape
+            for start in range(0, row_count, rows_per_block) if mode_count else ():
+                block = slice(start, start + rows_per_block)
+                block_positions = position_arguments[:, block]
+                shape = closed[block].shape
                 sample = np.broadcast_to(
-                    self.rows[some].T[:, :, None], (len(self.sample), *shape)
+                    self.rows[block].T[:, :, None], (len(self.sample), *shape)
                 )
-                parts = [sample, placed]
-                if tracks:
-                    columns = columns_of(tracks, placed.reshape(len(placed), -1).T)
-                    parts.append(columns.reshape(-1, *shape))
-                fixed = np.broadcast_to(prepared[:, None], (len(prepared), *shape))
-                rows = np.concatenate([*parts, turns[:, some], fixed])
+                arguments = [sample, block_positions]
+                if profiles:
+                    columns = evaluate_profile_columns(
+                        profiles, block_positions.reshape(len(block_positions), -1).T
+                    )
+                    arguments.append(columns.reshape(-1, *shape))
+                arguments.append(revolution_offsets[:, block])
+                arguments.append(
+                    np.broadcast_to(prepared[:, None], (len(prepared), *shape))
+                )
+                rows = np.concatenate(arguments)
                 outputs = kernel.evaluate(rows.reshape(len(rows), -1)).reshape(-1, *shape)
-                closed[some] = all_finite(placed[:1], 0) & np.all(
-                    outputs[: kernel.reaches] >= 0.0, axis=0
-                )
+                dyads_close = np.all(outputs[: kernel.reach_count] >= 0.0, axis=0)
+                closed[block] = all_finite(block_positions[:1], 0) & dyads_close
                 quantities = dict(zip(self.sample, sample, strict=True))
-                quantities |= zip(self.columns, outputs[kernel.reaches :], strict=True)
-                for made, expression in zip(values, self.expressions, strict=True):
-                    given = {name: quantities[name] for name in expression.names}
-                    made[some] = expression.evaluate(given)
+                quantities |= zip(self.columns, outputs[kernel.reach_count :], strict=True)
+                for merit_values, expression in zip(values, self.expressions, strict=True):
+                    arguments_by_name = {
+                        name: quantities[name] for name in expression.names
+                    }
+                    merit_values[block] = expression.evaluate(arguments_by_name)
             values[:, ~closed] = np.nan
             closes = np.mean(closed[: len(self.samples.rows)], axis=0)
             chosen = np.flatnonzero(closes)
-            by_name = {
-                merit.name: self.reduced(merit, of_merit[self.rows_of(merit)])[chosen]
-                for merit, of_merit in zip(self.merits, values, strict=True)
+            merits = {
+                merit.name: self.reduce_values(
+                    merit, merit_values[self.select_rows(merit)]
+                )[chosen]
+                for merit, merit_values in zip(self.merits, values, strict=True)
             }
-        labels = np.broadcast_to(np.asarray(modes, object), n)[chosen]
-        return Evaluated.of(chosen, by_name, labels, closes[chosen], claim=claim)
+        chosen_labels = np.broadcast_to(np.asarray(labels, object), mode_count)[chosen]
+        return DesignTable.from_columns(
+            chosen, merits, chosen_labels, closes[chosen], claim=claim
+        )
 
 
-def reduced(kind: str, q: Floats, values: Floats, returns: bool = False) -> Floats:
-    """Return a figure (n,) of values (k, n), NaN where there is none, at inputs q (k,).
+def reduce_samples(
+    reduction: str, q: Floats, values: Floats, is_closed_path: bool = False
+) -> Floats:
+    """Reduce the values at samples to one number for each mode.
 
-    `returns` says that the inputs of the last row are those of the first but for turns.
+    Parameters
+    ----------
+    reduction
+        One of `spherekit.runs.figure_of_merit.REDUCTIONS`.
+    q
+        (k,) the input (rad) at each sample, for ``"argmin"`` and ``"argmax"``.
+    values
+        (k, n) values at the samples of n modes, NaN where a mode does not close.
+    is_closed_path
+        Whether the last sample is the first one after full revolutions of the inputs.
+
+    Returns
+    -------
+    (n,) numbers, NaN if no value is finite.
     """
     if not len(values):
         return nans(values.shape[1])
-    if kind == "swing":
-        return widest_swings(values, returns)[0]
-    if kind == "at":
+    if reduction == "swing":
+        return find_widest_swings(values, is_closed_path).swing
+    if reduction == "at":
         return values[-1]
-    if kind.startswith("arg"):
-        signed = values if kind == "argmin" else -values
+    if reduction.startswith("arg"):
+        signed = values if reduction == "argmin" else -values
         row = np.argmin(np.nan_to_num(signed, nan=np.inf), axis=0)
         return np.where(np.any(np.isfinite(values), axis=0), q[row], np.nan)
     with np.errstate(all="ignore"):
-        if kind in ("min", "max"):
-            return np.asarray((np.fmin if kind == "min" else np.fmax).reduce(values))
-        if kind == "range":
+        # fmin and fmax ignore NaN.
+        if reduction == "min":
+            return np.asarray(np.fmin.reduce(values))
+        if reduction == "max":
+            return np.asarray(np.fmax.reduce(values))
+        if reduction == "range":
             return np.fmax.reduce(values) - np.fmin.reduce(values)
         finite = np.isfinite(values)
-        part = values * values if kind == "rms" else values
-        total = np.sum(part, axis=0, where=finite)
+        summands = values * values if reduction == "rms" else values
+        total = np.sum(summands, axis=0, where=finite)
         count = np.sum(finite, axis=0)
-        if kind == "sum":
+        if reduction == "sum":
             return np.where(count > 0, total, np.nan)
-        return np.sqrt(total / count) if kind == "rms" else np.asarray(total / count)
+        if reduction == "rms":
+            return np.sqrt(total / count)
+        return np.asarray(total / count)
 
 
-def widest_swings(angles: Floats, returns: bool) -> tuple[Floats, Indices, Indices]:
-    """Return how far angles (k, n) rad swing in one piece, and where they end (n,).
+@dataclass(frozen=True)
+class AngleSwings:
+    """The widest swing of an angle in each of n modes.
 
-    NaN parts pieces; where the way `returns`, the last goes on with the first if they meet.
+    Attributes
+    ----------
+    swing
+        (n,) difference (rad) of the largest and the smallest angle, over full revolutions;
+        NaN if the angle is known at no sample.
+    low_sample, high_sample
+        (n,) samples at which the angle is smallest and largest.
     """
-    # Once more round leads from the last piece into the first, where there are several.
-    meets = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
-    again = np.where(meets & np.any(np.isnan(angles), axis=0), angles, np.nan)
-    every = np.concatenate([angles, again]) if returns else angles
-    steps = wrap(np.diff(every, axis=0, prepend=np.nan)).T
-    starts = np.flatnonzero(np.isnan(steps))
-    piece = np.cumsum(np.isnan(steps)) - 1
-    reached = np.cumsum(np.nan_to_num(steps), axis=1).ravel()
-    sides = [x.reduceat(reached, starts) for x in (np.minimum, np.maximum)]
-    swings = sides[1] - sides[0]
-    columns = starts // len(every)
-    order = np.lexsort((-swings, columns))
-    widest = order[np.searchsorted(columns, np.arange(angles.shape[1]))]
-    ends = [np.flatnonzero(reached == side[piece]) for side in sides]
-    low, high = (
-        x[np.searchsorted(x, starts[widest])] % len(every) % len(angles) for x in ends
+
+    swing: Floats
+    low_sample: Indices
+    high_sample: Indices
+
+
+def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
+    """Find how far angles swing without interruption.
+
+    Samples at which a mode does not close divide the path into pieces. An angle is followed
+    over full revolutions within a piece, and the piece with the widest swing counts.
+
+    Parameters
+    ----------
+    angles
+        (k, n) angles (rad) at k samples of n modes, NaN where a mode does not close.
+    is_closed_path
+        Whether the last sample is the first one after full revolutions of the inputs. The
+        last piece then continues with the first one if they meet.
+    """
+    # If the last piece continues with the first one, the samples are appended once more. In
+    # a single piece without NaN the angle is not followed twice.
+    pieces_meet = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
+    continues = pieces_meet & np.any(np.isnan(angles), axis=0)
+    repeated = np.where(continues, angles, np.nan)
+    path = np.concatenate([angles, repeated]) if is_closed_path else angles
+    # One row per mode. All modes are then handled as one long array of steps, in which each
+    # NaN starts a piece; the first step of each mode is NaN.
+    steps = wrap(np.diff(path, axis=0, prepend=np.nan)).T
+    piece_starts = np.flatnonzero(np.isnan(steps))
+    piece_of_step = np.cumsum(np.isnan(steps)) - 1
+    growth = np.cumsum(np.nan_to_num(steps), axis=1).ravel()
+    lowest = np.minimum.reduceat(growth, piece_starts)
+    highest = np.maximum.reduceat(growth, piece_starts)
+    swings = highest - lowest
+    mode_of_piece = piece_starts // len(path)
+    # The widest piece of each mode comes first.
+    order = np.lexsort((-swings, mode_of_piece))
+    widest = order[np.searchsorted(mode_of_piece, np.arange(angles.shape[1]))]
+
+    def first_sample(extreme: Floats) -> Indices:
+        """Return the first sample (n,) of the widest piece with the extreme growth."""
+        at_extreme = np.flatnonzero(growth == extreme[piece_of_step])
+        step = at_extreme[np.searchsorted(at_extreme, piece_starts[widest])]
+        return step % len(path) % len(angles)
+
+    is_known = np.any(np.isfinite(angles), axis=0)
+    return AngleSwings(
+        swing=np.where(is_known, swings[widest], np.nan),
+        low_sample=first_sample(lowest),
+        high_sample=first_sample(highest),
     )
-    return np.where(np.any(np.isfinite(angles), axis=0), swings[widest], np.nan), low, high

@@ -1,11 +1,12 @@
-"""Closed configurations followed from design to design and through inputs.
+"""Tracks closed configurations from design to design and from one input to another.
 
-Off the real axis of the inputs solutions of the closure equations neither meet nor vanish,
-so all of one design lead to all of another (coefficient-parameter continuation; Sommese and
-Wampler, The Numerical Solution of Systems of Polynomials, 2005, chapter 7). Real ones are
-followed in steps that do not leap to another assembly mode, as far as there are some.
+If the inputs are not real, the solutions of the closure equations neither meet nor
+disappear. All complex solutions of one design then lead to all solutions of another one
+(coefficient-parameter continuation; Sommese and Wampler, The Numerical Solution of Systems
+of Polynomials, 2005, chapter 7). Real solutions are tracked with smaller steps, so that
+they do not jump to another assembly mode.
 
-All solutions of one design, complex ones included, are those of elimination.
+The complex solutions of the first design are found by elimination.
 """
 
 from collections.abc import Callable
@@ -22,233 +23,392 @@ from spherekit.positions.elimination_order import find_elimination_orders, has_e
 from spherekit.positions.mode_coalescence import ModeCoalescence
 from spherekit.positions.position_solver import PositionSolver
 
-SOON = 2.0**-8
-"""Part of a way at which it is looked at first, for its direction."""
-LEAST = 2.0**-20
-MOST = 600
-"""The least step, as a part of a way, and most of them."""
-NEAR = 0.3
-"""Most (rad) by which a prediction may be off, off the real axis."""
-CONTRACTS = 0.2
-"""Newton's second step is at most this part of the first there."""
-SHORT = 0.125
-LONG = 0.03125
-"""Newton's steps on the real axis are at most this part of the one before, the first of
-how far a configuration is foreseen (Kantorovich 1948): on ways of small deviations, on
-others."""
-EAGER = 0.1
-"""Where they shrink by this part of that, the next step along the way is twice as long."""
-STILL = 1e-9
-"""Steps (rad) so short do not leap."""
-NEARLY = 1e-6
-"""Configurations on the way may be off by less (rad)."""
-POLISHING = 5
-"""Newton's steps at most at the end of a way."""
-CONVERGED = 1e-10
-"""Newton's last step (rad) is smaller."""
-CLOSED = 1e-11
-"""Loops are open by less (rad)."""
-FARTHEST = 12.0
-"""Solutions whose imaginary parts (rad) are larger are not told from infinite ones."""
-SAME = 1e-6
-"""Solutions that differ by less (rad) are one."""
+SLOPE_FRACTION = 2.0**-8
+"""Fraction of a path at which the equations are first evaluated, for its direction."""
 
-Profiles = Callable[[Floats, Indices, Floats], Floats]
-"""Columns (w, k) of profiles at variables (v, k) of rows (k,) at parts (k,) of their ways.
+MIN_PATH_STEP_FRACTION = 2.0**-20
+"""A path is given up if its step is not longer than this fraction of the path.
 
-NaN where there is no design."""
+Larger: paths near singular configurations are lost. Smaller: more time is spent on them.
+"""
 
-Equations = Callable[[Array, Indices], NewtonStep]
-"""The closure equations at variables (v, m) of rows (m,)."""
+MAX_PATH_STEPS = 600
+"""Largest number of steps that are tried along a path."""
 
-HELD = np.zeros((0, 1)), np.zeros((0, 1))
-"""Inputs that kernels hold, at both ends."""
+MAX_FIRST_NEWTON_STEP_RAD = 0.3
+"""Largest first Newton step (rad) after a prediction; longer ones shorten the path step.
+
+Larger: a prediction may converge to another solution. Smaller: more steps.
+"""
+
+COMPLEX_CONTRACTION = 0.2
+"""Largest ratio of the second Newton step to the first one along complex paths."""
+
+SHORT_PATH_CONTRACTION = 0.125
+LONG_PATH_CONTRACTION = 0.03125
+"""Largest ratio of successive Newton steps along real paths (Kantorovich 1948).
+
+The first Newton step is compared with the predicted change of the configuration, the second
+one with the first. The larger ratio is for small deviations of sizes, where no other
+assembly mode is near. Larger: fewer steps, and a path may jump to another mode. Smaller:
+more steps.
+"""
+
+STEP_GROWTH_RATIO = 0.1
+"""The path step is doubled if the contraction is better by this factor than required."""
+
+NEGLIGIBLE_STEP_RAD = 1e-9
+"""A second Newton step (rad) of this length is accepted whatever its contraction.
+
+It is rounding rather than a jump to another mode.
+"""
+
+PATH_ERROR_RAD = 1e-6
+"""A first Newton step (rad) of this length is accepted whatever the predicted change.
+
+Otherwise a configuration that hardly changes would need an exact prediction.
+"""
+
+MAX_FINAL_STEPS = 5
+"""Largest number of Newton steps at the end of a path."""
+
+FINAL_STEP_RAD = 1e-10
+"""The last Newton step (rad) at the end of a path is smaller."""
+
+CLOSURE_TOLERANCE_RAD = 1e-11
+"""Loops count as closed if the closure residual (rad) is smaller."""
+
+MAX_IMAGINARY_PART_RAD = 12.0
+"""Solutions with larger imaginary parts (rad) are not distinguished from infinite ones."""
+
+SAME_SOLUTION_RAD = 1e-6
+"""Solutions that differ by less (rad) count as the same solution."""
+
+MAX_SOLUTIONS = 64
+"""Largest number of complex solutions of a design for which all of them are tracked.
+
+The effort of tracking a design is proportional to it.
+"""
+
+START_IMAGINARY_PART_RAD = 0.7
+"""Imaginary part (rad) of the inputs from which all solutions are tracked to the designs.
+
+It is large enough that the solutions are well apart there.
+"""
+
+ProfileColumns = Callable[[Floats, Indices, Floats], Floats]
+"""A function that returns the columns of profiles along paths.
+
+It takes variables (variables, k), the numbers (k,) of the paths and the path parameters
+(k,) from 0 to 1, and returns columns (w, k). They are NaN where there is no design.
+"""
+
+ClosureEquations = Callable[[Array, Indices], NewtonStep]
+"""The closure equations at variables (variables, m) of the paths with the numbers (m,)."""
+
+NO_INPUTS = np.zeros((0, 1)), np.zeros((0, 1))
+"""Inputs at both ends of paths along which the kernel keeps the inputs."""
 
 
-def tracked(
+def track_solutions(
     kernel: PathKernel,
     start: Array,
     sizes: tuple[Floats, Floats],
-    q: tuple[Array, Array] = HELD,
-    bend: Array | float = 0.0,
-    profiles: Profiles | None = None,
-    contracts: float = CONTRACTS,
+    inputs: tuple[Array, Array] = NO_INPUTS,
+    detour: Array | float = 0.0,
+    profiles: ProfileColumns | None = None,
+    contraction: float = COMPLEX_CONTRACTION,
 ) -> tuple[Array, Bools]:
-    """Return the solutions (variables, n) at the ends of ways, and which arrived (n,).
+    """Track solutions of the closure equations along paths of sizes and inputs.
 
-    Ways are straight in sizes and inputs, but for a bend off the real axis.
+    Each step predicts the configuration by a parabola through the last three and corrects
+    it by two steps of Newton's method. A step is halved if Newton's method contracts too
+    slowly, and doubled if it contracts quickly.
 
     Parameters
     ----------
     kernel
-        Newton's step of the topology.
+        The closure equations of the topology.
     start
-        (variables, n) solutions where ways begin. Real ones keep the sign of the
-        equations' determinant.
-    sizes, q
-        (k, n) and (inputs, n) at both ends, or (k, 1) and (inputs, 1) of all.
-    bend
-        (inputs, 1) how far off the inputs are halfway.
+        (variables, n) solutions (rad) at the start of n paths. Along paths of real
+        solutions the determinant of the equations keeps its sign.
+    sizes
+        Sizes at the start and at the end, (k, n), or (k, 1) if all paths share them.
+    inputs
+        Inputs (rad) at the start and at the end, (inputs, n) or (inputs, 1).
+    detour
+        (inputs, 1) by how much the inputs (rad) deviate from the straight path halfway.
     profiles
-        The columns of profiles, where some are handed in.
-    contracts
-        By what part Newton's steps shrink.
-    """
-    n, real = start.shape[1], not np.iscomplexobj(start)
+        The columns of profiles along the paths, if profiles are not circles.
+    contraction
+        Largest ratio of successive Newton steps.
 
-    def at(rows: Indices, t: Floats) -> tuple[Array, Equations]:
-        one, other, a, b = (
-            end[:, rows] if end.shape[1] > 1 else end for end in (*sizes, *q)
+    Returns
+    -------
+    solutions
+        (variables, n) solutions (rad) at the ends of the paths.
+    arrived
+        (n,) whether the path arrived and the loops are closed at its end.
+    """
+    path_count = start.shape[1]
+    is_real_path = not np.iscomplexobj(start)
+
+    def equations_at(paths: Indices, parameters: Floats) -> tuple[Array, ClosureEquations]:
+        """Return the inputs (inputs, m) and the equations at path parameters (m,)."""
+        start_sizes, end_sizes, start_inputs, end_inputs = (
+            end[:, paths] if end.shape[1] > 1 else end for end in (*sizes, *inputs)
         )
-        prepared = kernel.prepare(one + (other - one) * t)
+        prepared = kernel.prepare(start_sizes + (end_sizes - start_sizes) * parameters)
 
-        def equations(values: Array, some: Indices) -> NewtonStep:
-            rest = prepared[:, some]
+        def equations(values: Array, selected: Indices) -> NewtonStep:
+            numbers = prepared[:, selected]
             if profiles is not None:
-                rest = np.concatenate([profiles(values, rows[some], t[some]), rest])
-            return kernel.at(values, rest)
+                columns = profiles(values, paths[selected], parameters[selected])
+                numbers = np.concatenate([columns, numbers])
+            return kernel.newton_step(values, numbers)
 
-        return a + (b - a) * t + 4.0 * bend * t * (1.0 - t), equations
+        bulge = 4.0 * detour * parameters * (1.0 - parameters)
+        path_inputs = start_inputs + (end_inputs - start_inputs) * parameters + bulge
+        return path_inputs, equations
 
-    now, step, places = start.copy(), np.ones(n), np.zeros((3, n))
-    places[0], slopes, side = -1.0, np.zeros((2, *start.shape), start.dtype), np.zeros(n)
-    rows = np.flatnonzero(all_finite(start, 0))
+    current = start.copy()
+    step = np.ones(path_count)
+    # The path parameters of the last three points, and the slopes between these points.
+    parameters = np.zeros((3, path_count))
+    parameters[0] = -1.0
+    slopes = np.zeros((2, *start.shape), start.dtype)
+    start_sign = np.zeros(path_count)
+    paths = np.flatnonzero(all_finite(start, 0))
     with np.errstate(all="ignore"):
-        soon = start[:, rows]
-        driven, every = kernel.driven[: len(q[0])], np.arange(len(rows))
-        soon[driven], equations = at(rows, np.full(len(rows), SOON))
-        first_step, determinant, _ = equations(soon, every)
-        slopes[:, :, rows] = (soon + first_step - start[:, rows]) / SOON
-        side[rows] = np.sign(determinant.real)
-        for _ in range(MOST):
-            if not len(rows):
+        # The first slope is that of a Newton step at a small fraction of the path.
+        near_start = start[:, paths]
+        driven = kernel.driven[: len(inputs[0])]
+        all_paths = np.arange(len(paths))
+        near_start[driven], equations = equations_at(
+            paths, np.full(len(paths), SLOPE_FRACTION)
+        )
+        first_step, determinant, _ = equations(near_start, all_paths)
+        slopes[:, :, paths] = (near_start + first_step - start[:, paths]) / SLOPE_FRACTION
+        start_sign[paths] = np.sign(determinant.real)
+        for _ in range(MAX_PATH_STEPS):
+            if not len(paths):
                 break
-            there = np.minimum(places[2, rows] + step[rows], 1.0)
-            guess = _foreseen(places[:, rows], now[:, rows], slopes[:, :, rows], there)
-            guess[driven], equations = at(rows, there)
-            every = np.arange(len(rows))
-            made = guess + equations(guess, every)[0]
-            further, determinant, _ = equations(made, every)
-            first, second = max_abs(made - guess, 0), max_abs(further, 0)
-            good = (first < NEAR) & (second <= np.maximum(contracts * first, STILL))
-            if real:
-                foreseen = max_abs(guess - now[:, rows], 0)
-                good &= first <= np.maximum(contracts * foreseen, NEARLY)
-                good &= np.sign(determinant) == side[rows]
-            onward, ahead = rows[good], (made + further)[:, good]
-            slopes[0][:, onward] = slopes[1][:, onward]
-            slopes[1][:, onward] = (ahead - now[:, onward]) / (
-                there[good] - places[2, onward]
+            target = np.minimum(parameters[2, paths] + step[paths], 1.0)
+            predicted = _extrapolate(
+                parameters[:, paths], current[:, paths], slopes[:, :, paths], target
             )
-            now[:, onward] = ahead
-            places[:, onward] = *places[1:, onward], there[good]
-            step[rows[good & (second < EAGER * contracts * first)]] *= 2.0
-            step[rows[~good]] *= 0.5
-            rows = rows[(places[2, rows] < 1.0) & (step[rows] > LEAST)]
-        arrived = places[2] >= 1.0
-        rows = np.flatnonzero(arrived)
-        _, equations = at(rows, np.ones(len(rows)))
-        now[:, rows], arrived[rows] = settled(equations, now[:, rows])
-    return now, arrived
+            predicted[driven], equations = equations_at(paths, target)
+            all_paths = np.arange(len(paths))
+            corrected = predicted + equations(predicted, all_paths).change
+            second_change, determinant, _ = equations(corrected, all_paths)
+            first_length = max_abs(corrected - predicted, 0)
+            second_length = max_abs(second_change, 0)
+            accepted = (first_length < MAX_FIRST_NEWTON_STEP_RAD) & (
+                second_length <= np.maximum(contraction * first_length, NEGLIGIBLE_STEP_RAD)
+            )
+            if is_real_path:
+                # These two conditions prevent a jump to another assembly mode.
+                predicted_change = max_abs(predicted - current[:, paths], 0)
+                accepted &= first_length <= np.maximum(
+                    contraction * predicted_change, PATH_ERROR_RAD
+                )
+                accepted &= np.sign(determinant) == start_sign[paths]
+            advanced = paths[accepted]
+            next_values = (corrected + second_change)[:, accepted]
+            slopes[0][:, advanced] = slopes[1][:, advanced]
+            slopes[1][:, advanced] = (next_values - current[:, advanced]) / (
+                target[accepted] - parameters[2, advanced]
+            )
+            current[:, advanced] = next_values
+            parameters[:, advanced] = *parameters[1:, advanced], target[accepted]
+            contracts_quickly = (
+                second_length < STEP_GROWTH_RATIO * contraction * first_length
+            )
+            step[paths[accepted & contracts_quickly]] *= 2.0
+            step[paths[~accepted]] *= 0.5
+            paths = paths[
+                (parameters[2, paths] < 1.0) & (step[paths] > MIN_PATH_STEP_FRACTION)
+            ]
+        arrived = parameters[2] >= 1.0
+        paths = np.flatnonzero(arrived)
+        _, equations = equations_at(paths, np.ones(len(paths)))
+        current[:, paths], arrived[paths] = converge_solutions(equations, current[:, paths])
+    return current, arrived
 
 
-def _foreseen(places: Floats, now: Array, slopes: Array, there: Floats) -> Array:
-    """Return the parabola through the last three places (3, m), further on.
+def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Floats) -> Array:
+    """Extrapolate the parabola through the last three points of each path.
 
-    From the last values (v, m) and the slopes (2, v, m) between.
+    Parameters
+    ----------
+    parameters
+        (3, m) path parameters of the points.
+    values
+        (variables, m) configurations (rad) at the last point.
+    slopes
+        (2, variables, m) divided differences between successive points.
+    target
+        (m,) path parameters at which the configurations are predicted.
+
+    Returns
+    -------
+    (variables, m) predicted configurations (rad).
     """
-    bend = (slopes[1] - slopes[0]) / (places[2] - places[0])
-    return now + (there - places[2]) * (slopes[1] + (there - places[1]) * bend)
+    curvature = (slopes[1] - slopes[0]) / (parameters[2] - parameters[0])
+    return values + (target - parameters[2]) * (
+        slopes[1] + (target - parameters[1]) * curvature
+    )
 
 
-def settled(equations: Equations, values: Array) -> tuple[Array, Bools]:
-    """Return values after Newton's last steps, and whether loops close there."""
-    made = values.copy()
-    closed = np.zeros(values.shape[1], bool)
-    left = np.arange(values.shape[1])
+def converge_solutions(equations: ClosureEquations, values: Array) -> tuple[Array, Bools]:
+    """Apply the last steps of Newton's method to solutions.
+
+    Parameters
+    ----------
+    equations
+        The closure equations.
+    values
+        (variables, n) approximate solutions (rad), real or complex.
+
+    Returns
+    -------
+    solutions
+        (variables, n) solutions (rad).
+    converged
+        (n,) whether Newton's method converged and the loops are closed.
+    """
+    solutions = values.copy()
+    converged = np.zeros(values.shape[1], bool)
+    remaining = np.arange(values.shape[1])
     with np.errstate(all="ignore"):
-        for _ in range(POLISHING):
-            moved, _, opened = equations(made[:, left], left)
-            made[:, left] += moved
-            # Sines of complex angles grow, and with them the rounding of what they give.
-            far = max_abs(made[:, left].imag, 0)
-            reach = np.exp(2.0 * far)
-            done = (max_abs(moved, 0) < CONVERGED * reach) & (far < FARTHEST)
-            closed[left] = done & (np.abs(opened) < (CLOSED * reach) ** 2)
-            left = np.flatnonzero(~closed)
-            if not len(left):
+        for _ in range(MAX_FINAL_STEPS):
+            change, _, squared_residual = equations(solutions[:, remaining], remaining)
+            solutions[:, remaining] += change
+            # Sines of complex angles grow exponentially with the imaginary part, and their
+            # rounding errors with them. Products of two sines grow with its square.
+            imaginary_part = max_abs(solutions[:, remaining].imag, 0)
+            growth = np.exp(2.0 * imaginary_part)
+            is_done = (max_abs(change, 0) < FINAL_STEP_RAD * growth) & (
+                imaginary_part < MAX_IMAGINARY_PART_RAD
+            )
+            is_closed = np.abs(squared_residual) < (CLOSURE_TOLERANCE_RAD * growth) ** 2
+            converged[remaining] = is_done & is_closed
+            remaining = np.flatnonzero(~converged)
+            if not len(remaining):
                 break
-    return made, closed
+    return solutions, converged
 
 
-def apart(one: Array, other: Array) -> Floats:
-    """Return by how much solutions (variables, ...) differ, whole turns left out."""
-    gap = one - other
-    return np.max(np.hypot(wrap(gap.real), gap.imag), axis=0)
+def solution_distance(solution_a: Array, solution_b: Array) -> Floats:
+    """Return the largest difference of the variables of solutions.
+
+    Parameters
+    ----------
+    solution_a, solution_b
+        (variables, ...) real or complex solutions (rad).
+
+    Returns
+    -------
+    (...,) distances (rad). Whole revolutions do not count.
+    """
+    difference = solution_a - solution_b
+    return np.max(np.hypot(wrap(difference.real), difference.imag), axis=0)
 
 
-def distinct(values: Array) -> Bools:
-    """Return for each design whether its solutions (variables, designs, m) all differ."""
-    made: Bools = all_finite(values, (0, 2))
-    one, other = np.triu_indices(values.shape[2], 1)
-    for k in np.flatnonzero(made):
-        gaps = apart(values[:, k, one], values[:, k, other])
-        made[k] = np.min(gaps, initial=np.inf) > SAME
-    return made
+def are_distinct(solutions: Array) -> Bools:
+    """Return for each design whether its solutions are all finite and different.
 
-
-MOST_SOLUTIONS = 64
-"""Complex solutions up to which all of them are followed."""
+    Parameters
+    ----------
+    solutions
+        (variables, designs, m) the m solutions (rad) of each design.
+    """
+    distinct: Bools = all_finite(solutions, (0, 2))
+    first, second = np.triu_indices(solutions.shape[2], 1)
+    for design in np.flatnonzero(distinct):
+        distances = solution_distance(
+            solutions[:, design, first], solutions[:, design, second]
+        )
+        # A single solution has no distances.
+        distinct[design] = np.min(distances, initial=np.inf) > SAME_SOLUTION_RAD
+    return distinct
 
 
 @dataclass(frozen=True)
 class StartSolutions:
-    """The solutions (variables, m) of a design with `sizes` (k,) at complex inputs q.
+    """All complex solutions of one design, from which those of all designs are tracked.
 
-    `counted` says whether all that designs in general have are there.
+    Attributes
+    ----------
+    values
+        (variables, m) solutions (rad).
+    sizes
+        (sizes,) sizes of the design.
+    inputs
+        (inputs,) complex inputs (rad).
+    is_complete
+        Whether there are as many solutions as a design of this topology has in general.
     """
 
     values: Array
     sizes: Floats
-    q: Array
-    counted: bool
+    inputs: Array
+    is_complete: bool
 
 
-def start_set(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
-    """Return all solutions of the mechanism of a file; None if they are not known.
+def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
+    """Find all complex solutions of the mechanism of a file.
 
-    `sizes` are its numbers that `kernel` has as inputs. Elimination gives the solutions at
-    some inputs, from where these leave the real axis.
+    Elimination gives the solutions at random real inputs. They are then tracked to inputs
+    off the real axis.
+
+    Parameters
+    ----------
+    kernel
+        The closure equations of the designs.
+    sizes
+        (sizes,) sizes of the mechanism of the file.
+
+    Returns
+    -------
+    The solutions, or None if a group has no elimination, there are more than
+    `MAX_SOLUTIONS`, or two solutions coincide.
     """
-    structure = kernel.terms.structure
+    structure = kernel.expressions.structure
     mechanism = structure.mechanism
     groups = structure.assembly.groups
     if not all(group.is_dyad or has_elimination(group) for group in groups):
         return None
-    roots = prod(find_elimination_orders(group)[0].root_count for group in groups)
-    if roots > MOST_SOLUTIONS:
+    solution_count = prod(find_elimination_orders(group)[0].root_count for group in groups)
+    if solution_count > MAX_SOLUTIONS:
         return None
     moving = mechanism.with_inputs(*mechanism.names_of(structure.assembly.inputs))
     solver = PositionSolver(moving, structure.assembly)
     inputs = mechanism.with_inputs(*mechanism.names_of(structure.input_pairs)).inputs
-    ends = np.array([(item.start, item.stop) for item in inputs])
-    there = np.mean(ends, axis=1)[:, None] + 0.7j
-    here = np.random.default_rng(20).uniform(*np.sort(ends, axis=1).T)[:, None]
-    # Newton's first step takes pairs that follow the inputs to their places.
+    ranges = np.array([(item.start, item.stop) for item in inputs])
+    complex_inputs = np.mean(ranges, axis=1)[:, None] + 1j * START_IMAGINARY_PART_RAD
+    # Special inputs, such as zero, may be singular. The seed makes the result repeatable.
+    real_inputs = np.random.default_rng(20).uniform(*np.sort(ranges, axis=1).T)[:, None]
+    # The first Newton step sets the angles of pairs that follow the inputs by gear ratios.
     start = np.zeros((kernel.variables, 1))
-    column = sizes[:, None]
-    start[kernel.driven] = here
+    size_column = sizes[:, None]
+    start[kernel.driven] = real_inputs
     with np.errstate(all="ignore"):
-        step = kernel.at(start, kernel.prepare(column))[0]
-    following = [v for v in solver.driven if v not in kernel.driven]
-    start[following] += step[following]
-    driven = start[list(solver.driven)]
-    values = ModeCoalescence(solver).configurations(driven[:, 0]).T
+        change = kernel.newton_step(start, kernel.prepare(size_column)).change
+    followers = [v for v in solver.driven if v not in kernel.driven]
+    start[followers] += change[followers]
+    driven_values = start[list(solver.driven)]
+    values = ModeCoalescence(solver).configurations(driven_values[:, 0]).T
     values = values[:, all_finite(values, 0)]
-    values[list(solver.driven)] = driven
-    values, arrived = tracked(kernel, values, (column, column), (here, there))
+    values[list(solver.driven)] = driven_values
+    values, arrived = track_solutions(
+        kernel,
+        values,
+        sizes=(size_column, size_column),
+        inputs=(real_inputs, complex_inputs),
+    )
     values = values[:, arrived]
     count = values.shape[1]
-    if not count or not distinct(values[:, None])[0]:
+    if not count or not are_distinct(values[:, None])[0]:
         return None
-    return StartSolutions(values, sizes, there[:, 0], count == roots)
+    return StartSolutions(values, sizes, complex_inputs[:, 0], count == solution_count)

@@ -1,181 +1,414 @@
-"""Assembly modes of many designs at samples of the inputs, with none missing.
+"""Tracks all assembly modes of many designs over sampled inputs.
 
-All complex solutions of one design are followed to every design, and there from sample to
-sample; where one is lost, or two have become one, again off the real axis, where they
-cannot meet. As many distinct ones as there are make sure that no real one is missing at any
-sample. Which of those at neighbouring samples are one mode is decided by real steps that
-pass the tests of continuation (docs/motion.md). Over a grid of several inputs a mode is
-what such steps join, along any axis: but one configuration at a sample, where ways around
-a singularity would join two.
+The closure equations of a start design have m complex solutions. All of them are tracked
+to every design, and in each design from sample to sample of the inputs
+(coefficient-parameter continuation). If m distinct solutions arrive at a sample, no real
+solution is missing there. Otherwise the design is reported as lost, and the caller analyses
+it without tracking.
+
+Real solutions at neighbouring samples belong to one assembly mode if a path of real
+configurations connects them. The module `homotopy` tracks the individual paths.
 """
+
+from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices, Integers
 from spherekit.conventions import Names
 from spherekit.designs.homotopy import (
-    LONG,
+    LONG_PATH_CONTRACTION,
+    SAME_SOLUTION_RAD,
     StartSolutions,
-    apart,
-    distinct,
-    settled,
-    tracked,
+    are_distinct,
+    converge_solutions,
+    solution_distance,
+    track_solutions,
 )
-from spherekit.designs.path_kernel import PathKernel
+from spherekit.designs.path_kernel import NewtonStep, PathKernel
 from spherekit.geometry.vectors import max_abs, nans
 from spherekit.numerics.angles import wrap
 from spherekit.positions.input_grid import InputGrid
 
-BENDS = (0.0, 0.5, -0.9, 1.7)
-"""How far off the real axis a way between two samples goes, as parts of its length."""
-REAL = 1e-4
-"""Solutions nearer (rad) than this to the real axis may be real ones, off by rounding."""
-STAYS = 1e-6
-"""Such a one is, if Newton's method on the real axis moves it by less (rad)."""
+DETOUR_RATIOS = (0.0, 0.5, -0.9, 1.7)
+"""Height of the detour through complex inputs, relative to the step of the inputs.
+
+The ratios are tried in this order until all solutions of a design arrive. Zero is the
+straight path, and a negative ratio passes the real axis on the other side. A design for
+which every ratio fails is lost. A shorter list loses more designs, and a longer one spends
+more time on them.
+"""
+
+NEAR_REAL_RAD = 1e-4
+"""Largest imaginary part (rad) of a solution that is tested for being real.
+
+A larger value tests more solutions. A smaller one misses real solutions near a singularity,
+where rounding errors of the tracked path are amplified.
+"""
+
+SORTING_DECIMALS = 6
+"""Decimals of the pair variables (rad) by which modes are sorted.
+
+With more decimals the numbers of modes could depend on rounding errors.
+"""
+
+NO_MODE = -1
+"""Mode identifier of solutions that are not real or belong to a lost design."""
 
 
-def followed_modes(
-    kernel: PathKernel, start: StartSolutions, sizes: Floats, lattice: InputGrid
-) -> tuple[Indices, Floats, Names, Indices]:
-    """Return the modes of designs (sizes, n) at inputs, a path or a grid, m in all.
+@dataclass(frozen=True)
+class TrackedModes:
+    """The assembly modes of many designs, sorted by design and then by first sample.
 
-    Their designs (m,), as counted in what was given; values (variables, samples, m), NaN
-    where a mode does not close; labels as in `AssemblyMode`, after a number in each design;
-    and the designs of which not all was found.
+    Attributes
+    ----------
+    design
+        (modes,) index of the design of each mode.
+    values
+        (variables, samples, modes) pair variables (rad). Passive variables are in
+        (-pi, pi]. All variables are NaN at samples where the mode does not close.
+    labels
+        (modes,) number of the mode within its design, and the sign of each dyad as in
+        `AssemblyMode`. An example is "0 +~".
+    lost_designs
+        (lost,) indices of the designs of which a solution was lost. They have no modes.
     """
-    m = start.values.shape[1]
-    following = _Following(kernel, np.repeat(sizes, m, axis=1), m)
-    q = lattice.q[:, :, None]
-    previous = lattice.neighbours()[1::2]
-    width = sizes.shape[1] * m
-    kept: dict[int, Array] = {}
-    values = nans((kernel.variables, len(q), width))
-    number = np.full((len(q), width), -1)  # of the mode that a row is on at a sample
-    for k in range(len(q)):
-        before = sorted(previous[previous[:, k] >= 0, k], reverse=True)
-        begun = np.tile(start.values, (1, sizes.shape[1]))
-        begin = start.q[:, None]
-        given = np.broadcast_to(start.sizes[:, None], following.sizes.shape)
-        if before:
-            begun = kept[before[0]]
-            begin = q[before[0]]
-            given = following.sizes
-        at = kept[k] = following.onward(begun, given, (begin, q[k]))
-        real = is_real(at)
-        number[k, real] = k * width + np.flatnonzero(real)
-        for other in before:
-            links = following.links(kept[other], at, (q[other], q[k]))
-            rows = np.flatnonzero(links >= 0)
-            if other == before[0]:
-                number[k, links[rows]] = number[other, rows]
+
+    design: Indices
+    values: Floats
+    labels: Names
+    lost_designs: Indices
+
+
+def track_assembly_modes(
+    path_kernel: PathKernel,
+    start_solutions: StartSolutions,
+    sizes: Floats,
+    input_grid: InputGrid,
+) -> TrackedModes:
+    """Track the assembly modes of many designs over all samples of the inputs.
+
+    Parameters
+    ----------
+    path_kernel
+        Newton steps of the closure equations, which all designs share.
+    start_solutions
+        The m complex solutions of one design at complex inputs, from which all paths start.
+        The modes of a design are complete only if `start_solutions.is_complete` is true.
+    sizes
+        (sizes, designs) sizes of each design, as `path_kernel.prepare` takes them.
+    input_grid
+        Samples of the inputs (rad), along a path or over a grid.
+
+    Returns
+    -------
+    The modes of all designs that are not lost, and the lost designs.
+    """
+    sample_count = len(input_grid)
+    design_count = sizes.shape[1]
+    solutions_per_design = start_solutions.values.shape[1]
+    # All solutions of all designs are tracked together. Solution i of design d is in column
+    # d * solutions_per_design + i of the arrays.
+    column_count = design_count * solutions_per_design
+    tracker = _SolutionTracker(path_kernel, sizes, solutions_per_design)
+
+    inputs = input_grid.q[:, :, None]
+    # neighbours() alternates between the next and the previous sample along each axis.
+    previous_samples = input_grid.neighbours()[1::2]
+    samples_per_step_of_first_input = prod(input_grid.shape[1:])
+
+    solutions_at: dict[int, Array] = {}
+    values = nans((path_kernel.variables, sample_count, column_count))
+    mode_ids = np.full((sample_count, column_count), NO_MODE)
+    for sample in range(sample_count):
+        neighbours = previous_samples[:, sample]
+        # The neighbour along the last axis has the largest index. It is preferred.
+        neighbours = np.sort(neighbours[neighbours >= 0])[::-1].tolist()
+
+        if neighbours:
+            solutions = tracker.track_solutions(
+                solutions_at[neighbours[0]],
+                start_sizes=tracker.sizes,
+                start_inputs=inputs[neighbours[0]],
+                end_inputs=inputs[sample],
+            )
+        else:
+            solutions = tracker.track_solutions(
+                np.tile(start_solutions.values, (1, design_count)),
+                start_sizes=np.broadcast_to(
+                    start_solutions.sizes[:, None], tracker.sizes.shape
+                ),
+                start_inputs=start_solutions.inputs[:, None],
+                end_inputs=inputs[sample],
+            )
+        solutions_at[sample] = solutions
+        real = is_real(solutions)
+        values[:, sample, real] = solutions[:, real].real
+
+        # Each real solution starts as a mode of its own. It then joins the modes at the
+        # neighbouring samples from which a real path leads to it.
+        mode_ids[sample, real] = sample * column_count + np.flatnonzero(real)
+        for neighbour in neighbours:
+            successors = tracker.link_real_solutions(
+                solutions_at[neighbour],
+                solutions,
+                start_inputs=inputs[neighbour],
+                end_inputs=inputs[sample],
+            )
+            columns = np.flatnonzero(successors >= 0)
+            if neighbour == neighbours[0]:
+                mode_ids[sample, successors[columns]] = mode_ids[neighbour, columns]
                 continue
-            for row in rows:
-                one, two = sorted((number[other, row], number[k, links[row]]))
-                here = number[:, row // m * m :][:, :m]
-                # Two modes are one, unless both have a configuration somewhere.
-                if not np.any(np.any(here == one, axis=1) & np.any(here == two, axis=1)):
-                    here[here == two] = one
-        kept.pop(k - len(q) // lattice.shape[0], None)
-        values[:, k, real] = at[:, real].real
-    number[:, np.repeat(following.lost, m)] = -1
-    return _gathered(kernel, sizes, values, number, following.lost)
+            # With several inputs the solution may already belong to another mode.
+            for column in columns:
+                first_column = column - column % solutions_per_design
+                _merge_modes(
+                    mode_ids[:, first_column : first_column + solutions_per_design],
+                    mode_ids[neighbour, column],
+                    mode_ids[sample, successors[column]],
+                )
+        # The previous sample along the first input is not needed by later samples. Deleting
+        # its solutions limits the memory.
+        solutions_at.pop(sample - samples_per_step_of_first_input, None)
+
+    mode_ids[:, np.repeat(tracker.is_lost, solutions_per_design)] = NO_MODE
+    return _collect_modes(path_kernel, sizes, values, mode_ids, tracker.is_lost)
 
 
-def is_real(values: Array) -> Bools:
-    """Return which solutions (variables, ...) are real."""
-    return np.all(values.imag == 0.0, axis=0)
+def is_real(solutions: Array) -> Bools:
+    """Return whether each solution (variables, ...) is real; NaN is not."""
+    return np.all(solutions.imag == 0.0, axis=0)
 
 
-def _gathered(
-    kernel: PathKernel, sizes: Floats, solutions: Floats, number: Integers, lost: Bools
-) -> tuple[Indices, Floats, Names, Indices]:
-    """Return modes by design, then by the first sample at which they close, and how."""
-    k, row = np.nonzero(number >= 0)
-    _, begun, mode = np.unique(number[k, row], return_index=True, return_inverse=True)
-    design = row[begun] // (number.shape[1] // len(lost))
-    values = nans((*solutions.shape[:2], len(begun)))
-    values[:, k, mode] = solutions[:, k, row]
-    free = np.delete(np.arange(len(values)), kernel.driven)
-    values[free] = wrap(values[free])
-    first = np.argmax(np.isfinite(values[0]), axis=0)
-    there = values[:, first, np.arange(len(first))]
-    order = np.lexsort((*np.round(there[::-1], 6), first, design))
+def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
+    """Merge two modes of one design in place; the smaller identifier remains.
+
+    An assembly mode has one configuration per sample. Two modes that both have a
+    configuration at some sample are therefore not merged. This happens where paths around a
+    singularity lead from one mode to the other.
+
+    Parameters
+    ----------
+    mode_ids
+        (samples, solutions of the design) identifiers of modes.
+    mode, other_mode
+        Identifiers of the two modes. Nothing changes if they are equal.
+    """
+    closes = np.any(mode_ids == mode, axis=1)
+    other_closes = np.any(mode_ids == other_mode, axis=1)
+    if not np.any(closes & other_closes):
+        mode_ids[mode_ids == max(mode, other_mode)] = min(mode, other_mode)
+
+
+def _collect_modes(
+    path_kernel: PathKernel,
+    sizes: Floats,
+    solution_values: Floats,
+    mode_ids: Integers,
+    is_lost: Bools,
+) -> TrackedModes:
+    """Collect the configurations of each mode, and sort and label the modes.
+
+    Parameters
+    ----------
+    path_kernel
+        Supplies the signs of the dyads, and which variables are inputs.
+    sizes
+        (sizes, designs) sizes of each design.
+    solution_values
+        (variables, samples, columns) pair variables (rad) of the real solutions.
+    mode_ids
+        (samples, columns) identifier of the mode of each real solution, or `NO_MODE`.
+    is_lost
+        (designs,) whether the design is lost.
+    """
+    sample, column = np.nonzero(mode_ids >= 0)
+    _, first_entry, mode = np.unique(
+        mode_ids[sample, column], return_index=True, return_inverse=True
+    )
+    solutions_per_design = mode_ids.shape[1] // len(is_lost)
+    design = column[first_entry] // solutions_per_design
+    values = nans((*solution_values.shape[:2], len(first_entry)))
+    values[:, sample, mode] = solution_values[:, sample, column]
+    # The inputs keep their sampled values. Tracking can add revolutions to other angles.
+    passive = np.delete(np.arange(len(values)), path_kernel.driven)
+    values[passive] = wrap(values[passive])
+
+    # The sorting does not depend on the order of the tracked solutions, so that the same
+    # design always has the same mode numbers.
+    first_sample = np.argmax(np.isfinite(values[0]), axis=0)
+    first_values = values[:, first_sample, np.arange(len(first_sample))]
+    # lexsort takes the most significant key last.
+    sorting_values = np.round(first_values[::-1], SORTING_DECIMALS)
+    order = np.lexsort((*sorting_values, first_sample, design))
     design = design[order]
     values = values[:, :, order]
-    there = there[:, order]
-    counts = np.arange(len(design)) - np.searchsorted(design, design)
-    texts = zip(counts, kernel.labels(there, sizes[:, design]), strict=True)
-    return design, values, tuple(f"{k} {text}" for k, text in texts), np.flatnonzero(lost)
+    first_values = first_values[:, order]
+
+    number_in_design = np.arange(len(design)) - np.searchsorted(design, design)
+    dyad_signs = path_kernel.mode_signs(first_values, sizes[:, design])
+    labels = [
+        f"{number} {signs}"
+        for number, signs in zip(number_in_design, dyad_signs, strict=True)
+    ]
+    return TrackedModes(design, values, tuple(labels), np.flatnonzero(is_lost))
 
 
-class _Following:
-    """All solutions of designs, `together` rows of each, while the inputs go on.
+class _SolutionTracker:
+    """Tracks all solutions of many designs from one sample of the inputs to another.
 
-    `lost` are the designs of which not all are there.
+    Attributes
+    ----------
+    path_kernel
+        Newton steps of the closure equations.
+    solutions_per_design
+        Number m of complex solutions of each design.
+    sizes
+        (sizes, columns) sizes of the design to which each solution belongs.
+    is_lost
+        (designs,) whether a solution of the design was lost. The methods set it, and a
+        design that is lost is not tracked any further.
     """
 
-    def __init__(self, kernel: PathKernel, sizes: Floats, together: int) -> None:
-        self.kernel, self.sizes, self.m = kernel, sizes, together
-        self.lost = np.zeros(sizes.shape[1] // together, bool)
+    def __init__(
+        self, path_kernel: PathKernel, sizes: Floats, solutions_per_design: int
+    ) -> None:
+        self.path_kernel = path_kernel
+        self.solutions_per_design = solutions_per_design
+        self.sizes = np.repeat(sizes, solutions_per_design, axis=1)
+        self.is_lost = np.zeros(sizes.shape[1], bool)
 
-    def onward(self, begun: Array, sizes: Floats, q: tuple[Array, Array]) -> Array:
-        """Return the solutions (variables, n) to which those of other sizes lead.
+    def track_solutions(
+        self, start: Array, start_sizes: Floats, start_inputs: Array, end_inputs: Array
+    ) -> Array:
+        """Track all solutions to the sizes of their designs and to other inputs.
 
-        While the inputs go from the one to the other of `q` (inputs, 1). Where two have
-        become one, off the real axis.
+        A design is lost if no path brings all its solutions to distinct ends.
+
+        Parameters
+        ----------
+        start
+            (variables, columns) solutions (rad) at the start of the paths.
+        start_sizes
+            (sizes, columns) sizes at the start.
+        start_inputs, end_inputs
+            (inputs, 1) inputs (rad) at the start and at the end.
+
+        Returns
+        -------
+        (variables, columns) complex solutions (rad) at the end inputs. Real solutions have
+        an imaginary part of exactly zero. All solutions of a lost design are NaN.
         """
-        made = np.full(begun.shape, np.nan, dtype=complex)
-        left = ~self.lost
-        for bend in BENDS:
-            rows = np.flatnonzero(np.repeat(left, self.m))
-            if not len(rows):
+        solutions = np.full(start.shape, np.nan, dtype=complex)
+        incomplete = ~self.is_lost
+        for detour_ratio in DETOUR_RATIOS:
+            columns = np.flatnonzero(np.repeat(incomplete, self.solutions_per_design))
+            if not len(columns):
                 break
-            ends = sizes[:, rows], self.sizes[:, rows]
-            start = begun[:, rows].astype(complex)
-            aside = 1j * bend * (q[1] - q[0])
-            arrivals, arrived = tracked(self.kernel, start, ends, q, aside)
-            made[:, rows] = np.where(arrived, arrivals, np.nan)
-            self._set_real(made, rows)
-            left &= ~distinct(made.reshape(len(made), -1, self.m))
-        self.lost |= left
-        made[:, np.repeat(self.lost, self.m)] = np.nan
-        return made
+            # On a straight path of real inputs two solutions can meet at a singularity, and
+            # two paths then end in the same solution. Off the real axis they do not meet.
+            detour = 1j * detour_ratio * (end_inputs - start_inputs)
+            ends, arrived = track_solutions(
+                self.path_kernel,
+                start[:, columns].astype(complex),
+                sizes=(start_sizes[:, columns], self.sizes[:, columns]),
+                inputs=(start_inputs, end_inputs),
+                detour=detour,
+            )
+            solutions[:, columns] = np.where(arrived, ends, np.nan)
+            self._make_real(solutions, columns)
+            incomplete &= ~are_distinct(self._by_design(solutions))
+        self.is_lost |= incomplete
+        solutions[:, np.repeat(self.is_lost, self.solutions_per_design)] = np.nan
+        return solutions
 
-    def _set_real(self, values: Array, rows: Indices) -> None:
-        """Make those of some solutions real that are so but for rounding.
+    def _make_real(self, solutions: Array, columns: Indices) -> None:
+        """Remove the imaginary part, in place, of solutions that are real up to rounding.
 
-        A design of which one is neither the one nor the other is lost.
+        A solution near the real axis is real if Newton's method, started from its real
+        part, converges to the same solution. A design is lost if this test fails although
+        the imaginary part is below `SAME_SOLUTION_RAD`: it is then not known how many real
+        solutions the design has.
+
+        Parameters
+        ----------
+        solutions
+            (variables, all columns) solutions (rad), changed in place.
+        columns
+            (n,) columns that are tested.
         """
-        off = max_abs(values[:, rows].imag, axis=0)
-        some = (off > 0.0) & (off < REAL)
-        near = rows[some]
-        start = values[:, near].real
-        prepared = self.kernel.prepare(self.sizes[:, near])
-        refined, closed = settled(lambda x, k: self.kernel.at(x, prepared[:, k]), start)
-        stays = closed & (max_abs(refined - start, axis=0) < STAYS)
-        values[:, near[stays]] = refined[:, stays]
-        self.lost[near[~stays & (off[some] < STAYS)] // self.m] = True
+        imaginary_part = max_abs(solutions[:, columns].imag, axis=0)
+        is_near = (imaginary_part > 0.0) & (imaginary_part < NEAR_REAL_RAD)
+        near_columns = columns[is_near]
+        real_parts = solutions[:, near_columns].real
+        prepared = self.path_kernel.prepare(self.sizes[:, near_columns])
 
-    def links(self, at: Array, there: Array, q: tuple[Array, Array]) -> Indices:
-        """Return in which row (n,) of a sample the mode of a row goes on, or -1.
+        def newton_step(values: Array, rows: Indices) -> NewtonStep:
+            return self.path_kernel.newton_step(values, prepared[:, rows])
 
-        By real ways. What two of them lead to, or one leads nowhere, is of a lost design.
+        refined, converged = converge_solutions(newton_step, real_parts)
+        distance = max_abs(refined - real_parts, axis=0)
+        passes = converged & (distance < SAME_SOLUTION_RAD)
+        solutions[:, near_columns[passes]] = refined[:, passes]
+
+        is_undecided = ~passes & (imaginary_part[is_near] < SAME_SOLUTION_RAD)
+        undecided_columns = near_columns[is_undecided]
+        self.is_lost[undecided_columns // self.solutions_per_design] = True
+
+    def link_real_solutions(
+        self,
+        solutions: Array,
+        next_solutions: Array,
+        start_inputs: Array,
+        end_inputs: Array,
+    ) -> Indices:
+        """Return the solution at the next sample to which each real solution leads.
+
+        Each real solution is tracked along a path of real configurations, in steps that do
+        not jump to another assembly mode. A mode ends if its path does not arrive. A design
+        is lost if a path arrives at none of the known real solutions, or if two paths
+        arrive at the same one.
+
+        Parameters
+        ----------
+        solutions, next_solutions
+            (variables, columns) all solutions (rad) at both samples.
+        start_inputs, end_inputs
+            (inputs, 1) inputs (rad) of both samples.
+
+        Returns
+        -------
+        (columns,) column of `next_solutions`, or -1 if there is none.
         """
-        rows = np.flatnonzero(is_real(at))
-        links = np.full(at.shape[1], -1)
-        sizes = self.sizes[:, rows]
-        begun = at[:, rows].real
-        ends, reached = tracked(self.kernel, begun, (sizes, sizes), q, contracts=LONG)
-        rows = rows[reached]
-        ends = ends[:, reached]
-        design = rows // self.m
-        others = there.reshape(len(there), -1, self.m)[:, design]
-        gaps = apart(others.real, ends[:, :, None])
-        gaps[~is_real(others)] = np.inf
-        best = design * self.m + np.argmin(gaps, axis=1)
-        sure = np.min(gaps, axis=1) < STAYS
-        links[rows[sure]] = best[sure]
-        _, first = np.unique(links[rows], return_index=True)
-        sure[np.delete(np.arange(len(rows)), first)] = False
-        self.lost[design[~sure]] = True
-        return links
+        successors = np.full(solutions.shape[1], -1)
+        columns = np.flatnonzero(is_real(solutions))
+        sizes = self.sizes[:, columns]
+        ends, arrived = track_solutions(
+            self.path_kernel,
+            solutions[:, columns].real,
+            sizes=(sizes, sizes),
+            inputs=(start_inputs, end_inputs),
+            contraction=LONG_PATH_CONTRACTION,
+        )
+        columns = columns[arrived]
+        ends = ends[:, arrived]
+
+        design = columns // self.solutions_per_design
+        candidates = self._by_design(next_solutions)[:, design]
+        distances = solution_distance(candidates.real, ends[:, :, None])
+        distances[~is_real(candidates)] = np.inf
+        nearest = np.argmin(distances, axis=1)
+        is_certain = np.min(distances, axis=1) < SAME_SOLUTION_RAD
+        next_columns = design * self.solutions_per_design + nearest
+        successors[columns[is_certain]] = next_columns[is_certain]
+
+        # Of two paths that arrive at the same solution only the first is certain.
+        _, first_arrivals = np.unique(successors[columns], return_index=True)
+        is_certain[np.delete(np.arange(len(columns)), first_arrivals)] = False
+        self.is_lost[design[~is_certain]] = True
+        return successors
+
+    def _by_design(self, solutions: Array) -> Array:
+        """Return solutions (variables, columns) as (variables, designs, m)."""
+        return solutions.reshape(len(solutions), -1, self.solutions_per_design)

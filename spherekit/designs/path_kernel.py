@@ -1,11 +1,13 @@
-"""The closure equations of designs at any input, real or complex.
+"""Newton's method for the closure equations of many designs, at real or complex variables.
 
-Sizes are real. The variables, the inputs among them, may be complex: the equations are
-analytic, and off the real axis their solutions neither meet nor vanish.
+The sizes of a design are real numbers. The variables of the pairs, inputs included, may be
+complex: the closure equations are analytic, and their solutions neither meet nor disappear
+if the inputs are not real.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,12 +27,15 @@ from spherekit.symbolic.expression_graph import (
 from spherekit.symbolic.vector_algebra import cross
 from spherekit.velocities.design_expressions import DesignExpressions
 
-Parts = tuple[Expr, Expr]
-"""The real and the imaginary part."""
+ComplexParts = tuple[Expr, Expr]
+"""The real and the imaginary part of a complex expression."""
 
 
 ComplexFunction = Callable[[Array, Floats], Array]
-"""Gives values (outputs, n) at complex variables (variables, n) and numbers (k, n)."""
+"""A function of complex variables (variables, n) and real numbers (k, n).
+
+It returns complex values (outputs, n).
+"""
 
 
 def complex_function(
@@ -39,50 +44,83 @@ def complex_function(
     numbers: Sequence[ExpressionNode],
     compiled: bool,
 ) -> ComplexFunction:
-    """Return expressions of variables that are complex, and of real numbers.
+    """Return expressions as a function of complex variables and real numbers.
+
+    Parameters
+    ----------
+    outputs
+        The expressions.
+    variables
+        The variables whose values are complex.
+    numbers
+        The variables whose values are real.
+    compiled
+        Whether heyoka compiles the function. It knows real numbers only, so the real and
+        the imaginary parts become expressions of their own.
 
     Raises
     ------
     KeyError
-        If a term to be compiled is no sum, product, quotient, sine or cosine.
+        If an expression to be compiled has an operation that is not in `_OPERATIONS`.
     """
     if not compiled:
-        plain = array_function(outputs, [*variables, *numbers], complex)
-        return lambda values, given: plain(np.concatenate([values, given.astype(complex)]))
+        complex_array_function = array_function(outputs, [*variables, *numbers], complex)
+        return lambda values, real_numbers: complex_array_function(
+            np.concatenate([values, real_numbers.astype(complex)])
+        )
     real = symbols(f"real_{k}" for k in range(len(variables)))
     imaginary = symbols(f"imaginary_{k}" for k in range(len(variables)))
-    parts = dict(zip(variables, zip(real, imaginary, strict=True), strict=True))
+    parts_by_variable = dict(zip(variables, zip(real, imaginary, strict=True), strict=True))
 
-    def apply(term: ExpressionNode, arguments: list[Parts]) -> Parts:
-        if term.operation == "variable":
-            return parts.get(term, (term, 0.0))
-        return _OPERATIONS[term.operation](*arguments)
+    def apply(node: ExpressionNode, arguments: list[ComplexParts]) -> ComplexParts:
+        if node.operation == "variable":
+            return parts_by_variable.get(node, (node, 0.0))
+        return _OPERATIONS[node.operation](*arguments)
 
-    made = rewrite(outputs, lambda number: (number, 0.0), apply)
-    columns = [part[k] for k in (0, 1) for part in made]
-    by_parts = compile_function(columns, [*real, *imaginary, *numbers])
+    output_parts = rewrite(outputs, lambda number: (number, 0.0), apply)
+    real_parts = [part for part, _ in output_parts]
+    imaginary_parts = [part for _, part in output_parts]
+    real_function = compile_function(
+        [*real_parts, *imaginary_parts], [*real, *imaginary, *numbers]
+    )
 
-    def at(values: Array, given: Floats) -> Array:
-        rows = by_parts(np.concatenate([values.real, values.imag, given]))
-        made = np.empty((len(outputs), values.shape[1]), dtype=complex)
-        made.real, made.imag = rows[: len(outputs)], rows[len(outputs) :]
-        return made
+    def evaluate(values: Array, real_numbers: Floats) -> Array:
+        rows = real_function(np.concatenate([values.real, values.imag, real_numbers]))
+        results = np.empty((len(outputs), values.shape[1]), dtype=complex)
+        results.real = rows[: len(outputs)]
+        results.imag = rows[len(outputs) :]
+        return results
 
-    return at
+    return evaluate
 
 
-def _product(one: Parts, other: Parts) -> Parts:
-    (a, b), (c, d) = one, other
+def _add(x: ComplexParts, y: ComplexParts) -> ComplexParts:
+    """Return the parts of x + y."""
+    return x[0] + y[0], x[1] + y[1]
+
+
+def _subtract(x: ComplexParts, y: ComplexParts) -> ComplexParts:
+    """Return the parts of x - y."""
+    return x[0] - y[0], x[1] - y[1]
+
+
+def _multiply(x: ComplexParts, y: ComplexParts) -> ComplexParts:
+    """Return the parts of (a + i b) (c + i d)."""
+    a, b = x
+    c, d = y
     return a * c - b * d, a * d + b * c
 
 
-def _quotient(one: Parts, other: Parts) -> Parts:
-    (a, b), (c, d) = one, other
+def _divide(x: ComplexParts, y: ComplexParts) -> ComplexParts:
+    """Return the parts of (a + i b) / (c + i d)."""
+    a, b = x
+    c, d = y
     square = c * c + d * d
     return (a * c + b * d) / square, (b * c - a * d) / square
 
 
-def _sine(angle: Parts) -> Parts:
+def _sine(angle: ComplexParts) -> ComplexParts:
+    """Return the parts of sin(a + i b)."""
     a, b = angle
     return (
         function("sin", a) * function("cosh", b),
@@ -90,7 +128,8 @@ def _sine(angle: Parts) -> Parts:
     )
 
 
-def _cosine(angle: Parts) -> Parts:
+def _cosine(angle: ComplexParts) -> ComplexParts:
+    """Return the parts of cos(a + i b)."""
     a, b = angle
     return (
         function("cos", a) * function("cosh", b),
@@ -98,75 +137,141 @@ def _cosine(angle: Parts) -> Parts:
     )
 
 
-_OPERATIONS: Mapping[str, Callable[..., Parts]] = {
-    "+": lambda x, y: (x[0] + y[0], x[1] + y[1]),
-    "-": lambda x, y: (x[0] - y[0], x[1] - y[1]),
-    "*": _product,
-    "/": _quotient,
+_OPERATIONS: Mapping[str, Callable[..., ComplexParts]] = {
+    "+": _add,
+    "-": _subtract,
+    "*": _multiply,
+    "/": _divide,
     "sin": _sine,
     "cos": _cosine,
 }
+"""The complex form of each operation that closure equations consist of."""
 
 
-NewtonStep = tuple[Array, Array, Array]
-"""Newton's step (variables, n) at n places, the inputs held, the determinant (n,) of the
-equations, and the square (n,) of how far loops are open."""
+class NewtonStep(NamedTuple):
+    """The closure equations of n configurations, linearised, with the inputs held.
+
+    Attributes
+    ----------
+    change
+        (variables, n) changes of the variables (rad) that close the loops to first order.
+        The inputs do not change.
+    determinant
+        (n,) determinant of the equations. Its sign changes where two assembly modes meet.
+    squared_residual
+        (n,) square of the closure residual (rad2).
+    """
+
+    change: Array
+    determinant: Array
+    squared_residual: Array
 
 
 class PathKernel:
-    """Newton's step of a topology whose sizes are inputs, at real and complex variables.
+    """Newton's method for the closure equations of all designs of one topology.
 
-    `terms` are of variables, not of signs. `prepare` takes the sizes (sizes, n) to what is
-    the same at all samples of a design, `at` the variables, the columns of profiles that
-    are handed in, and these to `NewtonStep`. `driven` are the variables of the inputs.
+    First `prepare` computes what depends on the sizes of a design alone. Then `newton_step`
+    evaluates the equations at configurations of this design.
+
+    Parameters
+    ----------
+    expressions
+        The mechanism as expressions of its variables, not of the signs of its dyads.
+    compiled
+        Whether heyoka compiles the equations, if it is installed.
+
+    Attributes
+    ----------
+    variables
+        Number of the variables of all pairs.
+    driven
+        Numbers of the variables of the inputs.
+    prepare
+        Function of sizes (sizes, n). It returns everything that does not depend on the
+        configuration, (k, n).
     """
 
-    def __init__(self, terms: DesignExpressions, compiled: bool = True) -> None:
-        structure, flow, places = (
-            terms.structure,
-            terms.coordinate_rates,
-            terms.configuration_symbols,
+    def __init__(self, expressions: DesignExpressions, compiled: bool = True) -> None:
+        structure = expressions.structure
+        coordinate_rates = expressions.coordinate_rates
+        self.expressions = expressions
+        self.compiled = compiled and available()
+        self.variables = len(expressions.configuration_symbols)
+        self.driven = [*structure.inputs]
+        change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
+        # Angles that gear ratios fix are set to what follows from the inputs.
+        for variable, angle in enumerate(expressions.variables):
+            if angle is not expressions.configuration_symbols[variable]:
+                change[variable] = angle - expressions.configuration_symbols[variable]
+        moving = [*expressions.configuration_symbols, *expressions.profile_symbols]
+        self._outputs, prepared = separate_constant_parts(
+            [*change, coordinate_rates.scale, coordinate_rates.closure_residual_square],
+            moving,
         )
-        self.terms, self.compiled = terms, compiled and available()
-        self.variables, self.driven = len(places), [*structure.inputs]
-        change = flow.solve_loops(flow.closure_residuals)
-        for variable, angle in enumerate(terms.variables):
-            if angle is not places[variable]:
-                change[variable] = angle - places[variable]
-        given = [*places, *terms.profile_symbols]
-        self._rows, fixed = separate_constant_parts(
-            [*change, flow.scale, flow.closure_residual_square], given
-        )
-        self._inputs = [*given, *fixed]
+        self._arguments = [*moving, *prepared]
         self.prepare = expression_function(
-            [*fixed.values()], terms.size_symbols, self.compiled
+            [*prepared.values()], expressions.size_symbols, self.compiled
         )
-        self._real = expression_function(self._rows, self._inputs, self.compiled)
+        self._evaluate_real = expression_function(
+            self._outputs, self._arguments, self.compiled
+        )
 
     @cached_property
-    def _complex(self) -> ComplexFunction:
-        places, numbers = self.terms.configuration_symbols, self._inputs[self.variables :]
-        return complex_function(self._rows, places, numbers, self.compiled)
+    def _evaluate_complex(self) -> ComplexFunction:
+        """The same outputs at complex variables; compiled when it is first needed."""
+        variables = self.expressions.configuration_symbols
+        numbers = self._arguments[self.variables :]
+        return complex_function(self._outputs, variables, numbers, self.compiled)
 
-    def labels(self, values: Floats, sizes: Floats) -> list[str]:
-        """Return the signs of dyads, ``~`` for other groups, at closed configurations."""
-        groups, flow = self.terms.structure.assembly.groups, self.terms.coordinate_rates
-        labels = np.full((len(groups), values.shape[1]), "~")
+    def mode_signs(self, values: Floats, sizes: Floats) -> list[str]:
+        """Return the sign of each group at closed configurations.
+
+        Parameters
+        ----------
+        values
+            (variables, n) pair variables (rad).
+        sizes
+            (sizes, n) sizes of the designs, as for `prepare`.
+
+        Returns
+        -------
+        One text for each configuration with a sign for each group: ``+`` or ``-`` for
+        dyads, ``~`` for other groups. An example is ``"+~"``.
+        """
+        coordinate_rates = self.expressions.coordinate_rates
+        groups = self.expressions.structure.assembly.groups
+        signs = np.full((len(groups), values.shape[1]), "~")
         for k, group in enumerate(groups):
             if group.is_dyad:
-                axes = [flow.vectors[flow.pair_variables[pair][0]] for pair in group.pairs]
-                turning = dot(axes[0], cross(axes[1], axes[2]))
-                made = array_function(
-                    [turning], [*self.terms.configuration_symbols, *self.terms.size_symbols]
+                axes = [
+                    coordinate_rates.vectors[coordinate_rates.pair_variables[pair][0]]
+                    for pair in group.pairs
+                ]
+                triple_product = dot(axes[0], cross(axes[1], axes[2]))
+                evaluate = array_function(
+                    [triple_product],
+                    [
+                        *self.expressions.configuration_symbols,
+                        *self.expressions.size_symbols,
+                    ],
                 )
-                positive = made(np.concatenate([values, sizes]))[0] >= 0.0
-                labels[k] = np.where(positive, "+", "-")
-        return ["".join(column) for column in labels.T]
+                is_positive = evaluate(np.concatenate([values, sizes]))[0] >= 0.0
+                signs[k] = np.where(is_positive, "+", "-")
+        return ["".join(column) for column in signs.T]
 
-    def at(self, values: Array, prepared: Floats) -> NewtonStep:
-        """Return what the equations are at values (variables, n) and prepared (k, n)."""
+    def newton_step(self, values: Array, numbers: Floats) -> NewtonStep:
+        """Return a step of Newton's method.
+
+        Parameters
+        ----------
+        values
+            (variables, n) pair variables (rad), real or complex.
+        numbers
+            (k, n) columns of profiles, if there are some, followed by what `prepare`
+            returns for the designs.
+        """
         if np.iscomplexobj(values):
-            columns = self._complex(values, prepared)
+            outputs = self._evaluate_complex(values, numbers)
         else:
-            columns = self._real(np.concatenate([values, prepared]))
-        return columns[: self.variables], columns[-2], columns[-1]
+            outputs = self._evaluate_real(np.concatenate([values, numbers]))
+        return NewtonStep(outputs[: self.variables], outputs[-2], outputs[-1])

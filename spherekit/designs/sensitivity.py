@@ -1,10 +1,7 @@
-"""How quantities of a configuration change with sizes, and what deviations of sizes do."""
+"""Sensitivities: derivatives of quantities of a configuration by sizes of the mechanism."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
-from typing import Any, Literal
 
 import numpy as np
 
@@ -16,17 +13,24 @@ from spherekit.designs.design_variables import (
     DesignVariable,
     check_variables,
     coaxial_links,
+    default_quantities,
+    default_size_keys,
     design_variable,
     is_angle_of_load,
     link_sizes,
-    quantities_of,
-    sizes_of,
 )
 from spherekit.designs.figures_of_merit import INERTIAL
-from spherekit.designs.homotopy import SHORT, Profiles, tracked
+from spherekit.designs.homotopy import (
+    SHORT_PATH_CONTRACTION,
+    ProfileColumns,
+    track_solutions,
+)
 from spherekit.designs.path_kernel import PathKernel
-from spherekit.designs.profile_numbers import APART, has_other_profiles
-from spherekit.designs.varied_mechanism import DesignAt, VariedMechanism
+from spherekit.designs.profile_numbers import (
+    DEVIATING_PROFILE_GAP_RAD,
+    has_shaped_profiles,
+)
+from spherekit.designs.varied_mechanism import DesignPoint, VariedMechanism
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.number_change import document_of
 from spherekit.mechanism.elements import SizeGeometry
@@ -44,54 +48,70 @@ from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.velocities.row_quantities import row_quantities, sample_names
 from spherekit.wording import choices, listing, nearest
 
-TOGETHER = 2**16
-"""Deviating configurations that are solved together."""
+MAX_DEVIATING_ROWS = 2**16
+"""Number of deviating configurations that are solved together.
+
+Larger: more memory. Smaller: more calls.
+"""
 
 
 class Sensitivity:
-    """Quantities of configurations and their exact derivatives by sizes.
+    """Computes quantities of configurations and their derivatives by sizes.
 
     Parameters
     ----------
     mechanism
         A mechanism with its inputs.
     keys
-        Sizes, or numbers of masses and loads, as keys of its file; by default all arcs and
-        angles, which a pose with R pairs alone has too, or else all axes of the pose.
+        Sizes, or numbers of masses and loads, as keys of its file. By default these are all
+        arcs and angles, also of a reference pose of R pairs. If there are none, they are
+        all axes of the pose.
     quantities
-        Names of `row_quantities`; by default the angles of pairs between an output and the
-        link it is seen from, or else of all passive pairs.
+        Names of `row_quantities`. By default these are the angles of pairs between an
+        output and the link from which it is seen, or else of all passive pairs.
+
+    Attributes
+    ----------
+    inputs
+        Names of the driven pairs.
+    document
+        The mechanism as a file with angles in rad.
+    variables
+        The sizes as numbers of this file.
 
     Raises
     ------
     DesignError
-        If a key is no size of an R pair and no number of a profile, a mass or a load, or a
-        quantity is not known.
+        If a key is not a size of an R pair, nor a number of a profile, mass or load, or if
+        a quantity is unknown.
     """
 
     def __init__(
         self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
     ) -> None:
-        mechanism = self.mechanism = driven_at(mechanism)
+        mechanism = driven_at(mechanism)
+        self.mechanism = mechanism
         self.inputs = mechanism.input_pairs
         self.document = document_of(mechanism, "rad")
-        self._in_pose = link_sizes(mechanism)
+        self._pose_sizes = link_sizes(mechanism)
         self.keys = (
             tuple(keys)
-            or tuple(self._in_pose)
-            or sizes_of(mechanism)
-            or self._of_profiles()
+            or tuple(self._pose_sizes)
+            or default_size_keys(mechanism)
+            or self._profile_keys()
         )
         if not self.keys:
             raise DesignError(
                 f"{mechanism.name}: no link of it has sizes, for none has two axes; name "
                 "numbers of the file"
             )
-        self.variables = every = tuple(self._variable(key) for key in self.keys)
-        self._named = [variable.path for variable in every] if keys else []
-        check_variables(self.document, every)
-        self._acting = np.array([variable.path[0] in ACTIONS for variable in every])
-        self.quantities = tuple(quantities) or quantities_of(mechanism)
+        self.variables = tuple(self._make_variable(key) for key in self.keys)
+        self._named_paths = [variable.path for variable in self.variables] if keys else []
+        check_variables(self.document, self.variables)
+        self._is_action = np.array(
+            [variable.path[0] in ACTIONS for variable in self.variables]
+        )
+        self.quantities = tuple(quantities) or default_quantities(mechanism)
         try:
             plan_assembly(mechanism)
         except CountError as counted:
@@ -109,41 +129,48 @@ class Sensitivity:
                     "velocity_coefficient_LINK_OTHER"
                 )
 
-    def _of_profiles(self) -> Names:
-        """Return the keys of radii and harmonics."""
-        made = []
+    def _profile_keys(self) -> Names:
+        """Return the keys of the radii and series coefficients of all profiles."""
+        keys = []
         for pair, table in self.document.data["pairs"].items():
             for link, profile in table.get("profiles", {}).items():
                 for name in ("radius", "cosines", "sines"):
                     key = f"pairs.{pair}.profiles.{link}.{name}"
                     number = profile.get(name)
                     if isinstance(number, list):
-                        made += [f"{key}.{k}" for k in range(len(number))]
+                        keys += [f"{key}.{k}" for k in range(len(number))]
                     elif number is not None:
-                        made.append(key)
-        return tuple(made)
+                        keys.append(key)
+        return tuple(keys)
 
     @property
     def left_out(self) -> Names:
-        """The links with two axes on one line, whose sizes are none by default."""
+        """Links with two axes on one line, whose sizes are left out by default."""
         geometry = self.mechanism.geometry
         if not isinstance(geometry, SizeGeometry):
             return ()
-        named = [key.split(".")[1] for key in self.keys if key.startswith("links.")]
-        return tuple(x for x in coaxial_links(geometry) if x not in named)
+        named_links = [key.split(".")[1] for key in self.keys if key.startswith("links.")]
+        return tuple(link for link in coaxial_links(geometry) if link not in named_links)
 
-    def _variable(self, key: str) -> DesignVariable:
-        if key in self._in_pose:
-            return self._in_pose[key]
+    def _make_variable(self, key: str) -> DesignVariable:
+        """Return the design variable of a key.
+
+        Raises
+        ------
+        DesignError
+            If there are no derivatives by this number.
+        """
+        if key in self._pose_sizes:
+            return self._pose_sizes[key]
         variable = design_variable(self.document, key)
         if variable.path[0] in ACTIONS:
             return variable
-        of_contact = variable.path[0] == "pairs" and (
+        is_contact_number = variable.path[0] == "pairs" and (
             "profiles" in variable.path
-            if has_other_profiles(self.mechanism)
-            else self._hinged is not None
+            if has_shaped_profiles(self.mechanism)
+            else self._equivalent_linkage is not None
         )
-        if variable.slot is None and not of_contact:
+        if variable.slot is None and not is_contact_number:
             raise DesignError(
                 f"{self.mechanism.name}: {key} is no size: derivatives are by arcs, "
                 "angles, zeros and axes of R pairs, by numbers of profiles, and of masses "
@@ -152,62 +179,104 @@ class Sensitivity:
         return variable
 
     @cached_property
-    def _hinged(self) -> EquivalentLinkage | None:
+    def _equivalent_linkage(self) -> EquivalentLinkage | None:
+        """The mechanism with links instead of contacts of circles, if there is one."""
         return find_equivalent_linkage(self.mechanism, self.inputs)
 
     @cached_property
-    def _terms(self) -> DesignExpressions:
-        """The terms of kernels, and `_varied` what designs have of them.
+    def _varied(self) -> tuple[VariedMechanism, DesignExpressions]:
+        """The mechanism with its sizes as variables, and its expressions.
 
-        Of the mechanism with its contacts, or with these as links where some of their
-        numbers vary, or wheels repeat too much.
+        Contacts are replaced by links if numbers of them vary, or if the equations of
+        wheels repeat each other too much.
+
+        Raises
+        ------
+        DesignError
+            If the file allows no other values of the sizes.
         """
-        given = self.document, self.mechanism, self.variables, self.inputs
-        sized = np.array([variable.slot is not None for variable in self.variables])
-        if has_other_profiles(self.mechanism) or np.all(sized | self._acting):
-            self._varied = VariedMechanism(*given)
+        sizes_of_pairs = np.array(
+            [variable.slot is not None for variable in self.variables]
+        )
+        needs_no_linkage = np.all(sizes_of_pairs | self._is_action)
+        if has_shaped_profiles(self.mechanism) or needs_no_linkage:
+            varied_mechanism = VariedMechanism(
+                self.document, self.mechanism, self.variables, self.inputs
+            )
             try:
-                return self._varied.terms(False)
+                return varied_mechanism, varied_mechanism.make_expressions(False)
             except EngineError:
-                if self._hinged is None or self._hinged.train is None:
+                linkage = self._equivalent_linkage
+                if linkage is None or linkage.train is None:
                     raise
-        self._varied = VariedMechanism(*given, self._hinged, apart=APART)
-        if not self._varied.varies:
+        varied_mechanism = VariedMechanism(
+            self.document,
+            self.mechanism,
+            self.variables,
+            self.inputs,
+            self._equivalent_linkage,
+            wheel_gap_rad=DEVIATING_PROFILE_GAP_RAD,
+        )
+        if not varied_mechanism.can_vary:
             raise DesignError(
                 f"{self.mechanism.name}: with other {listing(self.keys)} there is no such "
                 "mechanism: its profiles would not touch in the reference pose; vary "
                 "sizes of links"
             )
-        return self._varied.terms(False)
+        return varied_mechanism, varied_mechanism.make_expressions(False)
+
+    @property
+    def _varied_mechanism(self) -> VariedMechanism:
+        """The mechanism with its sizes as variables."""
+        varied_mechanism, _ = self._varied
+        return varied_mechanism
+
+    @property
+    def _expressions(self) -> DesignExpressions:
+        """The mechanism as expressions of its sizes."""
+        _, expressions = self._varied
+        return expressions
 
     @cached_property
-    def _design(self) -> DesignAt:
-        """What kernels have of the file."""
-        _ = self._terms
-        design = self._varied.design_at(self._varied.values, self.mechanism)
+    def _nominal_design(self) -> DesignPoint:
+        """The sizes of the file, with the derivatives of sizes by variables."""
+        varied_mechanism = self._varied_mechanism
+        design = varied_mechanism.evaluate_design(
+            varied_mechanism.nominal_values, self.mechanism
+        )
         if design is None:
             raise DesignError(f"{self.mechanism.name}: its file states no such mechanism")
         return design
 
     @property
     def timed(self) -> bool:
-        """Whether a quantity depends on how the inputs move."""
-        moving = (*sample_names(self.inputs)[len(self.inputs) :], "kinetic_energy")
+        """Whether a quantity depends on the rates or accelerations of inputs, or time."""
+        rates_and_time = sample_names(self.inputs)[len(self.inputs) :]
+        moving = (*rates_and_time, "kinetic_energy")
         return any(
             name in moving or name.startswith(LOAD_DEPENDENT_PREFIXES)
             for name in self.quantities
         )
 
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
-        """Return by how much each size is off, `size` (rad) or what is said `singly`.
+        """Return the deviation of each size.
 
-        The latter in degrees for angles, and in the unit of other numbers; masses and loads
-        are exact where nothing is said.
+        Parameters
+        ----------
+        size
+            Deviation (rad) of all sizes that are not named. Masses and loads that are not
+            named do not deviate.
+        singly
+            Deviations by key, in degrees for angles and in the unit of other numbers.
+
+        Returns
+        -------
+        (sizes,) deviations in rad and SI units.
 
         Raises
         ------
         DesignError
-            If nothing is asked by a key, or what it stands for is exact anyway.
+            If a key is not among the sizes.
         """
         for key in singly:
             if key not in self.keys:
@@ -215,193 +284,191 @@ class Sensitivity:
                     f"{self.mechanism.name}: a deviation of {key}, by which nothing is "
                     f"asked{choices(key, self.keys, 'it is by')}"
                 )
-        made = np.where(self._acting, 0.0, size)
+        deviations = np.where(self._is_action, 0.0, size)
         for key, deviation in singly.items():
-            place = self.keys.index(key)
-            is_angle = not self._acting[place] or is_angle_of_load(self.document, key)
-            made[place] = np.radians(deviation) if is_angle else deviation
-        return tuple(made.tolist())
+            index = self.keys.index(key)
+            is_angle = not self._is_action[index] or is_angle_of_load(self.document, key)
+            deviations[index] = np.radians(deviation) if is_angle else deviation
+        return tuple(deviations.tolist())
 
     @cached_property
     def links(self) -> frozenset[int]:
-        """The numbers of the links on which quantities depend, or whose sizes are named."""
+        """Numbers of the links on which quantities depend, or whose sizes are named."""
         pairs = self.mechanism.pairs
         names = self.mechanism.links
-        made = {
+        # Links of quantities that depend on two links only.
+        links_of_quantity = {
             f"{kind}_{pair.name}": pair.links
             for kind in ("theta", "rate", "transmission_angle")
             for pair in pairs
         }
         for kind in ("velocity_coefficient", "acceleration_coefficient"):
-            made |= {f"{kind}_{a}_{b}": (a, b) for a in names for b in names}
-        ends = [
-            made.get(name.split("_by_")[0], () if name.startswith(INERTIAL) else names)
-            for name in self.quantities
-        ]
-        ends += [
-            pair.links
-            for path in self._named
-            for pair in pairs
-            if path[1] in (pair.name, *pair.links)
-        ]
-        numbers = frozenset(self.mechanism.link_number[name] for name in chain(*ends))
-        acting = any(name.startswith(INERTIAL) for name in self.quantities)
-        if acting or any(path[0] in ACTIONS for path in self._named):
+            links_of_quantity |= {f"{kind}_{a}_{b}": (a, b) for a in names for b in names}
+        link_names: set[str] = set()
+        for quantity in self.quantities:
+            # Masses and loads have links of their own, which are added below.
+            default = () if quantity.startswith(INERTIAL) else names
+            without_input, *_ = quantity.split("_by_")
+            link_names.update(links_of_quantity.get(without_input, default))
+        for path in self._named_paths:
+            for pair in pairs:
+                if path[1] in (pair.name, *pair.links):
+                    link_names.update(pair.links)
+        numbers = frozenset(self.mechanism.link_number[name] for name in link_names)
+        depends_on_actions = any(name.startswith(INERTIAL) for name in self.quantities)
+        if depends_on_actions or any(path[0] in ACTIONS for path in self._named_paths):
             return numbers | acting_links(self.mechanism)
         return numbers
 
     @property
     def wound(self) -> Names:
-        """The pairs whose turns count: loads that matter depend on their variables."""
+        """Pairs whose revolutions count, because loads depend on their variables."""
         if not any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
             return ()
         return wound_pairs(self.mechanism)
 
     def at_rest(self, inputs: Floats) -> Floats:
-        """Return samples (n, 3 inputs + 1) at inputs (n, inputs) rad that rest."""
+        """Return samples (n, 3 inputs + 1) at resting inputs (n, inputs) rad, time 0."""
         return np.pad(inputs, ((0, 0), (0, 2 * len(self.inputs) + 1)))
 
     @cached_property
-    def _gradient(self) -> DesignKernel:
-        return DesignKernel(self._terms, self.quantities, gradients=True, compiled=False)
+    def _gradient_kernel(self) -> DesignKernel:
+        """Computes the quantities and their derivatives."""
+        return DesignKernel(
+            self._expressions, self.quantities, gradients=True, compiled=False
+        )
 
     @cached_property
-    def _plain(self) -> DesignKernel:
-        return DesignKernel(self._terms, self.quantities, compiled=False)
+    def _quantity_kernel(self) -> DesignKernel:
+        """Computes the quantities alone."""
+        return DesignKernel(self._expressions, self.quantities, compiled=False)
 
     @cached_property
-    def _newton(self) -> PathKernel:
-        return PathKernel(self._terms, compiled=False)
+    def _path_kernel(self) -> PathKernel:
+        """The closure equations, by which configurations are tracked."""
+        return PathKernel(self._expressions, compiled=False)
 
-    def _placed(self, values: Floats) -> Floats:
-        """Return the variables (n, v) that the kernel has, from those of a motion."""
-        contacts = self._varied.contacts
-        return values if contacts is None else contacts.values(values)
+    def _kernel_variables(self, values: Floats) -> Floats:
+        """Return the variables (n, w) of the kernel for those (n, v) of the mechanism.
+
+        They differ if contacts are replaced by links.
+        """
+        linkage = self._varied_mechanism.equivalent_linkage
+        return values if linkage is None else linkage.values(values)
 
     def at(self, samples: Floats, values: Floats) -> tuple[Floats, Floats]:
-        """Return quantities (c, n) and their derivatives (sizes, c, n).
+        """Return quantities and their derivatives by the sizes.
+
+        The inputs are held, and the loops stay closed: the derivative of the closure
+        equations by a size is solved for the rates of the variables.
 
         Parameters
         ----------
         samples
-            (n, 3 inputs + 1) q, dq, ddq of each input, then t.
+            (n, 3 inputs + 1) the inputs (rad), their rates and accelerations, and the time.
         values
-            (n, variables) the closed configurations there, rad; those of `wound` pairs
-            with the turns that they have made.
+            (n, variables) closed configurations (rad). The variables of `wound` pairs are
+            over full revolutions.
 
-        Notes
-        -----
-        Rad and SI. The inputs are held, and the loops stay closed: from the derivative of
-        the closure equations by a size, solved for the variables.
+        Returns
+        -------
+        quantities
+            (quantities, n) in rad and SI units.
+        derivatives
+            (sizes, quantities, n) in rad and SI units.
         """
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
             need_tabulated(self.mechanism, samples[:, -1])
-        design = self._design
-        places = self._placed(values).T
-        return design.at(self._gradient, samples.T, places, values)[1:]
+        column_gradients = self._nominal_design.evaluate_gradients(
+            self._gradient_kernel,
+            samples.T,
+            position_arguments=self._kernel_variables(values).T,
+            pair_values=values,
+        )
+        return column_gradients.columns, column_gradients.gradients
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
-        """Return the quantities (c, n, draws) of deviating mechanisms.
+        """Return the quantities of mechanisms whose sizes deviate.
+
+        The configurations are tracked from those of the file by Newton's method.
 
         Parameters
         ----------
         samples, values
-            (n, 3 inputs + 1) and (n, variables) as in `at`.
+            (n, 3 inputs + 1) and (n, variables), as for `at`.
         deviations
-            (sizes, draws) rad, or in the unit of the number, added to the sizes.
+            (sizes, draws) deviations, in rad or the unit of the number.
 
-        Notes
-        -----
-        Followed from each configuration by Newton's method; NaN where none is there.
+        Returns
+        -------
+        (quantities, n, draws) quantities in rad and SI units; NaN where a mechanism does
+        not close.
         """
-        draws = deviations.shape[1]
-        design = self._design
-        sizes, _ = self._varied.sizes(design.values[:, None] + deviations)
-        given = design.profiles
-        profiles = None if given is None else given.towards(deviations)
-        together = max(1, TOGETHER // draws)
-        made = []
-        working = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
-        for k in range(0, len(samples), together):
-            working.tell(f"configuration {k + 1} of {len(samples)}".__str__)
-            some = slice(k, k + together)
-            made.append(self._closed(samples[some], values[some], sizes, profiles))
-        return np.concatenate(made, axis=1)
+        draw_count = deviations.shape[1]
+        design = self._nominal_design
+        sizes, _ = self._varied_mechanism.kernel_sizes(design.values[:, None] + deviations)
+        profiles = None
+        if design.profiles is not None:
+            profiles = design.profiles.interpolate_to(deviations)
+        block_size = max(1, MAX_DEVIATING_ROWS // draw_count)
+        parts = []
+        progress = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
+        for start in range(0, len(samples), block_size):
+            progress.tell(f"configuration {start + 1} of {len(samples)}".__str__)
+            block = slice(start, start + block_size)
+            parts.append(self._close_draws(samples[block], values[block], sizes, profiles))
+        return np.concatenate(parts, axis=1)
 
-    def _closed(
-        self, samples: Floats, values: Floats, of_draws: Floats, profiles: Profiles | None
+    def _close_draws(
+        self,
+        samples: Floats,
+        values: Floats,
+        draw_sizes: Floats,
+        profiles: ProfileColumns | None,
     ) -> Floats:
-        """Return the quantities (c, n, draws) of mechanisms with sizes (k, draws)."""
-        n = len(samples)
-        draws = of_draws.shape[1]
-        start = np.repeat(self._placed(values).T, draws, axis=1)
-        sizes = np.tile(of_draws, n)
-        away = sizes - self._design.sizes[:, None]
-        count = len(self._varied.of_contacts)
-        away[:count] = wrap(away[:count])  # angles of wheels are of any turn
-        now, closed = tracked(
-            self._newton, start, (sizes - away, sizes), profiles=profiles, contracts=SHORT
+        """Return the quantities of deviating mechanisms near configurations.
+
+        Parameters
+        ----------
+        samples, values
+            (n, 3 inputs + 1) and (n, variables), as for `at`.
+        draw_sizes
+            (k, draws) sizes of the kernel for each draw.
+        profiles
+            The columns of profiles on the paths to the draws, if they are not circles.
+
+        Returns
+        -------
+        (quantities, n, draws) quantities, NaN where a mechanism does not close.
+        """
+        sample_count = len(samples)
+        draw_count = draw_sizes.shape[1]
+        # Row s * draw_count + d is draw d of sample s.
+        start = np.repeat(self._kernel_variables(values).T, draw_count, axis=1)
+        sizes = np.tile(draw_sizes, sample_count)
+        change = sizes - self._nominal_design.sizes[:, None]
+        # Wheels are put together with angles that may jump by whole revolutions.
+        angle_count = len(self._varied_mechanism.varied_contact_numbers)
+        change[:angle_count] = wrap(change[:angle_count])
+        configurations, closed = track_solutions(
+            self._path_kernel,
+            start,
+            sizes=(sizes - change, sizes),
+            profiles=profiles,
+            contraction=SHORT_PATH_CONTRACTION,
         )
         with np.errstate(all="ignore"):
-            columns = None
+            profile_columns = None
             if profiles is not None:
-                columns = profiles(now, np.arange(n * draws), np.ones(n * draws))
-            result = self._plain.at(
-                np.repeat(samples.T, draws, axis=1), now, sizes, columns
+                row_count = sample_count * draw_count
+                profile_columns = profiles(
+                    configurations, np.arange(row_count), np.ones(row_count)
+                )
+            quantities = self._quantity_kernel.evaluate_samples(
+                np.repeat(samples.T, draw_count, axis=1),
+                configurations,
+                sizes,
+                profile_columns,
             )
-        return np.where(closed, result, np.nan).reshape(-1, n, draws)
-
-
-Distribution = Literal["normal", "uniform"]
-
-DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "uniform")
-
-
-@dataclass(frozen=True)
-class SizeDeviations:
-    """Draws of sizes about those of the file.
-
-    With a ``"normal"`` distribution `size` (rad) is the standard deviation, and the worst
-    case three of it; with a ``"uniform"`` one sizes are off by at most `size`. It is one
-    for all, or one for each, in the unit of that number.
-    """
-
-    size: float | tuple[float, ...]
-    distribution: Distribution = "normal"
-    count: int = 1024
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.distribution not in DISTRIBUTIONS:
-            raise DesignError(
-                f'distribution "{self.distribution}" is not known; it is normal or uniform'
-            )
-        sizes = np.atleast_1d(self.size)
-        possible = np.all(np.isfinite(sizes) & (sizes >= 0.0)) and np.any(sizes > 0.0)
-        if not possible or self.count < 0:
-            raise DesignError(
-                "a deviation is a positive number, of some sizes perhaps 0, and the number "
-                "of draws not < 0"
-            )
-
-    @property
-    def spread(self) -> Any:
-        """The standard deviation (rad), one or (sizes,)."""
-        return np.multiply(self.size, 1.0 if self.distribution == "normal" else 3.0**-0.5)
-
-    @property
-    def worst(self) -> Any:
-        """The deviation (rad) of the worst case, one or (sizes,)."""
-        return np.multiply(self.size, 3.0 if self.distribution == "normal" else 1.0)
-
-    def draws(self, sizes: int) -> Floats:
-        """Return deviations (sizes, count), spread evenly by a Sobol sequence."""
-        from scipy.special import ndtri
-        from scipy.stats import qmc
-
-        power = (self.count - 1).bit_length()
-        unit = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
-        size = np.reshape(self.size, (-1, 1))
-        if self.distribution == "uniform":
-            return size * (2.0 * unit - 1.0)
-        return size * ndtri(np.clip(unit, 1e-12, 1.0 - 1e-12))
+        quantities = np.where(closed, quantities, np.nan)
+        return quantities.reshape(-1, sample_count, draw_count)

@@ -22,7 +22,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import AnyPath, Facts, Names
-from spherekit.designs.design_evaluation import Evaluator
+from spherekit.designs.design_evaluation import DesignEvaluator
 from spherekit.designs.design_runs import ASSEMBLY, DesignRuns
 from spherekit.designs.design_space import Columns, Condition, DesignSpace, condition
 from spherekit.designs.design_variables import (
@@ -31,7 +31,7 @@ from spherekit.designs.design_variables import (
     check_variables,
     design_variable,
 )
-from spherekit.designs.figures_of_merit import NEVER_CLOSES, DesignSamples, Evaluated
+from spherekit.designs.figures_of_merit import NEVER_CLOSES, DesignSamples, DesignTable
 from spherekit.errors import DesignError, OutputError
 from spherekit.files.study import Study
 from spherekit.files.toml_document import Document
@@ -187,15 +187,15 @@ class Sweep:
         return tuple(condition(text, names) for text in self.where)
 
     @cached_property
-    def evaluator(self) -> Evaluator | DesignRuns:
+    def evaluator(self) -> DesignEvaluator | DesignRuns:
         """The object that computes the figures of merit; compiled once in a process.
 
-        It is an `Evaluator` if no design is run, and otherwise a `DesignRuns`.
+        It is an `DesignEvaluator` if no design is run, and otherwise a `DesignRuns`.
         """
         kernel_evaluator = None
         if self.samples is not None:
             merits = [merit for merit in self.merits if not merit.table]
-            kernel_evaluator = Evaluator(
+            kernel_evaluator = DesignEvaluator(
                 self.document, self.mechanism, self.variables, merits, self.samples
             )
         if self.study is None:
@@ -219,7 +219,7 @@ class Sweep:
     @cached_property
     def part_size(self) -> int:
         """Number of designs in a part; the last part may have fewer."""
-        return self.evaluator.part(self.space.count)
+        return self.evaluator.part_size(self.space.count)
 
     @property
     def parts(self) -> int:
@@ -338,13 +338,13 @@ class Sweep:
             return self._select_rows(self.rows(designs, rows))
         # The first entry has no rows. It gives the columns if no design has a row.
         columns_by_design = [
-            self._as_columns(designs, rows, Evaluated.of([], evaluator.names))
+            self._as_columns(designs, rows, DesignTable.from_columns([], evaluator.names))
         ]
-        for evaluated, of_run in evaluator.runs_of(designs, self._worth_running):
+        for evaluated, run_tables in evaluator.run_designs(designs, self._worth_running):
             made = self._select_rows(self._as_columns(designs, rows, evaluated))
             columns_by_design.append(made)
             if take is not None and len(made["design"]):
-                for stem, table, data in of_run:
+                for stem, table, data in run_tables:
                     take(int(made["design"][0]), stem, table, data)
         return {
             name: np.concatenate([p[name] for p in columns_by_design])
@@ -374,10 +374,10 @@ class Sweep:
         -------
         The columns by name; each row is one design in one assembly mode.
         """
-        return self._as_columns(designs, numbers, self.evaluator.at(designs))
+        return self._as_columns(designs, numbers, self.evaluator.evaluate(designs))
 
     def _as_columns(
-        self, designs: Floats, numbers: Indices, evaluated: Evaluated
+        self, designs: Floats, numbers: Indices, evaluated: DesignTable
     ) -> Columns:
         """Return computed figures as the columns of the table of designs.
 
@@ -398,7 +398,7 @@ class Sweep:
         if self.mode_labels:
             evaluated = self._rows_of_wanted_mode(evaluated)
         design = evaluated.design
-        classes = self.evaluator.classes(designs[:, design])
+        classes = self.evaluator.grashof_classes(designs[:, design])
         made = {"design": numbers[design], **self._variable_columns(designs[:, design])}
         made["mode"] = evaluated.mode
         if self.tables:
@@ -413,7 +413,7 @@ class Sweep:
             made["grashof"] = np.where(has_class, classes, "").astype(object)
         return made | self._in_file_units(evaluated) | {"reason": evaluated.reason}
 
-    def _rows_of_wanted_mode(self, evaluated: Evaluated) -> Evaluated:
+    def _rows_of_wanted_mode(self, evaluated: DesignTable) -> DesignTable:
         """Return the rows of the only assembly mode that is wanted.
 
         A design that closes, but not in this mode, gets one row with the status
@@ -421,16 +421,16 @@ class Sweep:
         """
         # A row with an empty mode belongs to a design that fails in all modes.
         remaining = evaluated.rows(np.isin(evaluated.mode, ["", *self.mode_labels]))
-        missing = Evaluated.of(
+        missing = DesignTable.from_columns(
             np.setdiff1d(evaluated.design, remaining.design),
             list(evaluated.merits),
             self.mode_labels[0],
             status=NEVER_CLOSES,
             reason="does not close in this assembly mode at any sample",
         )
-        return Evaluated.in_order([remaining, missing], list(evaluated.merits))
+        return DesignTable.join_by_design([remaining, missing], list(evaluated.merits))
 
-    def _in_file_units(self, evaluated: Evaluated) -> Columns:
+    def _in_file_units(self, evaluated: DesignTable) -> Columns:
         """Return the figures of merit that were computed, as columns (rows,) by name.
 
         A figure whose unit is rad is converted to the unit of the file. Compound units such
@@ -521,7 +521,7 @@ class Sweep:
             )
         return notes
 
-    def _worth_running(self, design: Floats, rows: Evaluated) -> bool:
+    def _worth_running(self, design: Floats, rows: DesignTable) -> bool:
         """Return whether a design may have a row, so that it has to be run.
 
         Parameters

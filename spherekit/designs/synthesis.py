@@ -1,8 +1,7 @@
-"""Sizes that make objectives small while conditions hold: search, then descent."""
+"""Dimensional synthesis: a sweep over designs, then descents from its best rows."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,66 +9,81 @@ import numpy as np
 from spherekit.arrays import Array, Floats
 from spherekit.conventions import Names
 from spherekit.designs.descent import (
-    BESIDE,
+    MIN_START_DISTANCE,
     Descent,
-    HeldMode,
     LocalOptimum,
-    every_mode,
-    held_modes,
-    unbeaten,
+    select_unbeaten,
 )
-from spherekit.designs.design_evaluation import Evaluator
+from spherekit.designs.design_evaluation import DesignEvaluator
 from spherekit.designs.design_space import Columns
-from spherekit.designs.design_variables import ACTIONS, designed
-from spherekit.designs.synthesis_requirements import Specification, front_of, nondominated
+from spherekit.designs.design_variables import ACTIONS, make_design
+from spherekit.designs.linkage_comparison import SAME_LINKAGE, is_same_linkage
+from spherekit.designs.synthesis_modes import (
+    SynthesisMode,
+    find_all_modes,
+    find_labelled_modes,
+)
+from spherekit.designs.synthesis_requirements import (
+    Specification,
+    evolve_fronts,
+    select_nondominated,
+)
 from spherekit.errors import DesignError
 from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.progress import ProgressReporter
 from spherekit.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST = 32
-"""Best rows of a part that are kept for each descent."""
-FRONT = 5
-"""Points of the front of a mode for each descent that one objective would have."""
-AHEAD = 4
-"""Rows for each descent of which modes are looked for together."""
-SAME = 1e-3
-"""Ends of descents nearer than this part of every range, or of 1 rad in arcs, are one."""
+ROWS_PER_START = 32
+"""Number of best rows of each part of the sweep that are stored for each descent.
+
+Larger: more of the modes that cannot be tracked can be replaced. Smaller: less memory.
+"""
+
+FRONT_POINTS_PER_START = 5
+"""Points of the front of each mode, for each descent that a single objective would have."""
+
+SEARCHED_ROWS_PER_START = 4
+"""Rows, for each descent, whose modes are found together.
+
+Larger: modes are found of rows that are not needed. Smaller: more calls.
+"""
 
 
 @dataclass(frozen=True)
 class Synthesis:
-    """Designs that a synthesis found, the least of the first objective first.
+    """The designs that a synthesis found, sorted by the first objective.
 
-    With one objective one design for each assembly mode and valley; with several the
-    Pareto front of each assembly mode: designs that none beats in all objectives. What is
-    one linkage, or its mirror image, with axes that point the other way is one design.
+    With one objective there is one design for each assembly mode and each valley of the
+    objective. With several objectives there is the Pareto front of each mode: designs than
+    which none is better in all objectives. Designs that are the same linkage or its mirror
+    image, perhaps with axes that point the other way, are listed once.
 
     Attributes
     ----------
     synthesis
-        What was wanted.
+        The requirements.
     values
-        (n, variables), in the file's units.
+        (n, variables) values of the variables, in the units of the file.
     modes
-        (n,) assembly modes, as the signs of their dyads; of other groups as in the row that
-        a sweep has of the design.
+        (n,) assembly modes: signs of the dyads, or the label that a sweep has for this
+        design if there are other groups.
     objectives
-        (n, k) what was to be small.
+        (n, k) objectives.
     figures
-        Figures (n,) by name, in the file's unit of angles.
-    explored, feasible
-        How many designs were looked at first, and in how many rows conditions held.
+        Figures of merit (n,) by name, angles in the unit of the file.
+    explored
+        Number of designs of the sweep.
+    feasible
+        Number of its rows that meet the conditions.
     before
-        (k,) the least of each objective among these.
+        (k,) the smallest value of each objective among these rows.
     tolerance
-        (k,) by how much of each objective a design has to be better to beat another: with
-        several objectives no descent found one that beats a design here by more.
+        (k,) by how much an objective must be smaller for a design to be better than
+        another. With several objectives, no descent found a design that is better by more.
     """
 
     synthesis: Specification
@@ -85,10 +99,10 @@ class Synthesis:
     def mechanism(self, number: int = 0) -> Mechanism:
         """Return the mechanism of a design, the best by default."""
         sweep = self.synthesis.sweep
-        return designed(sweep.document, sweep.variables, self.values[number])
+        return make_design(sweep.document, sweep.variables, self.values[number])
 
     def frame(self) -> "pd.DataFrame":
-        """Return the designs as a pandas frame."""
+        """Return the designs as a pandas frame, with units in ``attrs["units"]``."""
         from spherekit.tables.table_files import make_frame
 
         sweep = self.synthesis.sweep
@@ -108,68 +122,130 @@ class Synthesis:
         return f"Sized({counted(len(self.objectives), 'design')}, least {best})"
 
 
-def size(synthesis: Specification, starts: int = 12) -> Synthesis:
-    """Return the best designs of a synthesis: a sweep, then descents from its best rows.
+@dataclass(frozen=True)
+class DescentStart:
+    """A point from which a descent starts.
 
-    With several objectives an evolution of the sweep's best (NSGA-II, Deb and others
-    2002, by pymoo) is between these, and points of the front are attacked from other
-    starts. Descents follow exact gradients (SciPy's SLSQP, and cutting planes at kinks);
-    each keeps to its assembly mode, and to inputs at which it closes.
+    Attributes
+    ----------
+    mode
+        The assembly mode.
+    x
+        (variables,) the point, in units of the ranges.
+    """
+
+    mode: SynthesisMode
+    x: Floats
+
+
+@dataclass(frozen=True)
+class ExploredDesigns:
+    """The best rows of the sweep.
+
+    Attributes
+    ----------
+    rows
+        The columns of the table of designs.
+    objectives
+        (n, k) the objectives of these rows.
+    feasible_count
+        Number of all rows of the sweep that meet the conditions.
+    """
+
+    rows: Columns
+    objectives: Floats
+    feasible_count: int
+
+
+def synthesize_dimensions(specification: Specification, starts: int = 12) -> Synthesis:
+    """Find the best designs: a sweep, then descents from its best rows.
+
+    With several objectives an evolution (NSGA-II, Deb and others 2002, by pymoo) improves
+    the front between sweep and descents, and afterwards each point of the front is
+    challenged from other starts. Descents follow exact gradients: SciPy's SLSQP, and
+    cutting planes where objectives have kinks. Each descent keeps its assembly mode and the
+    inputs at which this mode closes.
+
+    Parameters
+    ----------
+    specification
+        The requirements, with the designs of the sweep.
+    starts
+        Number of descents with one objective. With several objectives there are
+        `FRONT_POINTS_PER_START` times as many for each mode.
 
     Raises
     ------
     DesignError
-        If no design meets the conditions.
+        If no design meets the conditions, or there are no gradients.
     EngineError
-        If there is no kernel of the mechanism's designs.
+        If the designs have no kernel.
     """
-    sweep = synthesis.sweep
-    made = _evaluator(synthesis)
-    working = ProgressReporter(f"{sweep.mechanism.name}: synthesis")
-    rows, wanted, feasible = _looked_at(synthesis, MOST * starts, working)
-    descent = Descent(synthesis, rows, wanted)
-    several = len(synthesis.minimise) > 1
-    places = descent.places
-    if several:
-        front = front_of(synthesis, rows["mode"], places, wanted, FRONT * starts, working)
-        begun: list[Start] = [(HeldMode(mode), place) for mode, place in front]
+    sweep = specification.sweep
+    evaluator = _require_gradients(specification)
+    progress = ProgressReporter(f"{sweep.mechanism.name}: synthesis")
+    explored = _explore_designs(specification, ROWS_PER_START * starts, progress)
+    descent = Descent(specification, explored.rows, explored.objectives)
+    has_front = len(specification.minimise) > 1
+    if has_front:
+        fronts = evolve_fronts(
+            specification,
+            explored.rows["mode"],
+            descent.points,
+            explored.objectives,
+            FRONT_POINTS_PER_START * starts,
+            progress,
+        )
+        descent_starts = [DescentStart(SynthesisMode(mode), x) for mode, x in fronts]
     else:
-        varied = np.stack([rows[variable.name] for variable in sweep.variables])
-        begun = _spread(made, varied, rows["mode"], places, wanted[:, 0], starts)
-    ends = []
-    for k, (mode, start) in enumerate(begun):
-        ends.append(descent.down(mode, start))
-        working.tell(f"{k + 1} of {counted(len(begun), 'descent')}".__str__)
-    if made.follows_modes:
-        ends = _confirmed(made, descent, begun, ends)
-    if several:
-        ends = unbeaten(_apart(ends, descent), descent.tolerance)
-        for k in range(len(ends)):
-            ends[k] = descent.attacked(ends[k], ends)
-            working.tell(f"{k + 1} of {counted(len(ends), 'point')} attacked".__str__)
-    kept = _apart(ends, descent)
-    if several:
-        kept = unbeaten(kept, descent.tolerance)
-    figures = np.transpose([end.figures for end in kept])
+        descent_starts = _choose_starts(
+            evaluator,
+            values=np.stack([explored.rows[v.name] for v in sweep.variables]),
+            labels=explored.rows["mode"],
+            points=descent.points,
+            objective=explored.objectives[:, 0],
+            count=starts,
+        )
+    optima = []
+    for k, start in enumerate(descent_starts):
+        optima.append(descent.descend(start.mode, start.x))
+        progress.tell(f"{k + 1} of {counted(len(descent_starts), 'descent')}".__str__)
+    if evaluator.has_unsigned_modes:
+        optima = _confirm_modes(evaluator, descent, descent_starts, optima)
+    if has_front:
+        optima = select_unbeaten(_merge_same_linkages(optima, descent), descent.tolerance)
+        for k in range(len(optima)):
+            optima[k] = descent.challenge(optima[k], optima)
+            progress.tell(f"{k + 1} of {counted(len(optima), 'point')} attacked".__str__)
+    optima = _merge_same_linkages(optima, descent)
+    if has_front:
+        optima = select_unbeaten(optima, descent.tolerance)
+    figures = np.transpose([optimum.figures for optimum in optima])
     columns = dict(zip([merit.name for merit in sweep.merits], figures, strict=True))
     return Synthesis(
-        synthesis,
-        np.array([descent.values(end.x) for end in kept]),
-        tuple(end.mode.label for end in kept),
-        np.array([end.wanted for end in kept]),
-        synthesis.with_match(columns),
-        sweep.space.count,
-        feasible,
-        np.min(wanted, axis=0),
-        descent.tolerance,
+        synthesis=specification,
+        values=np.array([descent.file_values(optimum.x) for optimum in optima]),
+        modes=tuple(optimum.mode.label for optimum in optima),
+        objectives=np.array([optimum.objectives for optimum in optima]),
+        figures=specification.add_match(columns),
+        explored=sweep.space.count,
+        feasible=explored.feasible_count,
+        before=np.min(explored.objectives, axis=0),
+        tolerance=descent.tolerance,
     )
 
 
-def _evaluator(synthesis: Specification) -> Evaluator:
-    """Return what has the gradients; `DesignError` where there is no kernel."""
-    sweep = synthesis.sweep
-    made = synthesis.sweep.evaluator
-    if not isinstance(made, Evaluator) or not made.has_gradients:
+def _require_gradients(specification: Specification) -> DesignEvaluator:
+    """Return the evaluator of the designs, which has gradients.
+
+    Raises
+    ------
+    DesignError
+        If there are no gradients, or a front is wanted and the modes have no signs.
+    """
+    sweep = specification.sweep
+    evaluator = sweep.evaluator
+    if not isinstance(evaluator, DesignEvaluator) or not evaluator.has_gradients:
         raise DesignError(
             f"{sweep.mechanism.name}: synthesis follows gradients by numbers that kernels "
             "have as inputs, and there is no kernel of these designs: where profiles are "
@@ -177,149 +253,176 @@ def _evaluator(synthesis: Specification) -> Evaluator:
             "others, constraints that repeat each other, or groups of more than 7 bodies "
             "or 64 solutions, sweep it instead"
         )
-    if made.follows_modes and len(synthesis.minimise) > 1:
+    if evaluator.has_unsigned_modes and len(specification.minimise) > 1:
         raise DesignError(
             f"{sweep.mechanism.name}: fronts of several objectives are of modes that have "
             "signs, and some of its groups are no dyads; minimise one, and bound the "
             "others by conditions"
         )
-    return made
+    return evaluator
 
 
-def _looked_at(
-    synthesis: Specification, count: int, working: ProgressReporter
-) -> tuple[Columns, Floats, int]:
-    """Return the best rows of the sweep, their objectives, and how many meet conditions."""
-    sweep = synthesis.sweep
-    parts = []
-    feasible = 0
+def _explore_designs(
+    specification: Specification, rows_per_part: int, progress: ProgressReporter
+) -> ExploredDesigns:
+    """Evaluate all designs of the sweep and return the best rows.
+
+    Parameters
+    ----------
+    specification
+        The requirements, with the sweep.
+    rows_per_part
+        Number of rows that are stored of each part with one objective. With several
+        objectives all nondominated rows are stored.
+    progress
+        Reports the progress.
+
+    Raises
+    ------
+    DesignError
+        If no row meets the conditions. The message says why.
+    """
+    sweep = specification.sweep
+    rows_of_parts = []
+    objectives_of_parts = []
+    feasible_count = 0
     for number in range(sweep.parts):
-        rows, wanted = synthesis.rows_of(sweep.part(number))
-        feasible += len(wanted)
-        if wanted.shape[1] == 1:
-            chosen = np.argsort(wanted[:, 0], kind="stable")[:count]
+        rows, objectives = specification.select_rows(sweep.part(number))
+        feasible_count += len(objectives)
+        if objectives.shape[1] == 1:
+            best = np.argsort(objectives[:, 0], kind="stable")[:rows_per_part]
         else:
-            chosen = nondominated(wanted, rows["mode"])
-        best = {name: values[chosen] for name, values in rows.items()}
-        parts.append((best, wanted[chosen]))
+            best = select_nondominated(objectives, rows["mode"])
+        rows_of_parts.append({name: values[best] for name, values in rows.items()})
+        objectives_of_parts.append(objectives[best])
         done = min((number + 1) * sweep.part_size, sweep.space.count)
-        working.tell(f"{done} designs looked at".__str__)
-    if not feasible:
+        progress.tell(f"{done} designs looked at".__str__)
+    if not feasible_count:
         raise DesignError(
             f"{sweep.mechanism.name}: none of {counted(sweep.space.count, 'design')} meets "
-            f"the conditions: {synthesis.why_none()}; widen ranges, relax "
+            f"the conditions: {specification.explain_failure()}; widen ranges, relax "
             f"conditions, or look "
             "at more with --designs"
         )
-    rows = {name: np.concatenate([part[name] for part, _ in parts]) for name in rows}
-    return rows, np.concatenate([part for _, part in parts]), feasible
+    rows = {
+        name: np.concatenate([part[name] for part in rows_of_parts])
+        for name in rows_of_parts[0]
+    }
+    return ExploredDesigns(rows, np.concatenate(objectives_of_parts), feasible_count)
 
 
-Start = tuple[HeldMode, Floats]
-"""A mode, and a place in units of the ranges, from which a descent goes."""
-
-
-def _spread(
-    evaluator: Evaluator,
-    varied: Floats,
-    modes: Array,
-    places: Floats,
-    wanted: Floats,
+def _choose_starts(
+    evaluator: DesignEvaluator,
+    values: Floats,
+    labels: Array,
+    points: Floats,
+    objective: Floats,
     count: int,
-) -> list[Start]:
-    """Return the best rows, of modes that can be held, beside no better one of the mode.
+) -> list[DescentStart]:
+    """Return the best rows as starts, without rows near to a better one of their mode.
 
-    Rows are of `varied` numbers (variables, rows) of the file.
+    Parameters
+    ----------
+    evaluator
+        Finds the modes of the rows. Rows whose mode it does not find are left out.
+    values
+        (variables, n) values of the variables of the rows, in the units of the file.
+    labels
+        (n,) labels of their modes.
+    points
+        (n, variables) the same designs in units of the ranges.
+    objective
+        (n,) the objective.
+    count
+        Number of starts.
     """
-    chosen: list[Start] = []
-    order = np.argsort(wanted, kind="stable")
-    for first in range(0, len(order), AHEAD * count):
-        rows = order[first : first + AHEAD * count]
-        held = held_modes(evaluator, varied[:, rows], modes[rows].tolist())
-        for row, mode in zip(rows, held, strict=True):
-            if len(chosen) == count:
-                return chosen
-            if mode is not None and not any(
-                max_abs(places[row] - place) < BESIDE and other.goes_on_in(mode)
-                for other, place in chosen
-            ):
-                chosen.append((mode, places[row]))
-    return chosen
+    starts: list[DescentStart] = []
+    order = np.argsort(objective, kind="stable")
+    block_size = SEARCHED_ROWS_PER_START * count
+    for first in range(0, len(order), block_size):
+        rows = order[first : first + block_size]
+        modes = find_labelled_modes(evaluator, values[:, rows], labels[rows].tolist())
+        for row, mode in zip(rows, modes, strict=True):
+            if len(starts) == count:
+                return starts
+            if mode is None:
+                continue
+            is_near = any(
+                max_abs(points[row] - start.x) < MIN_START_DISTANCE
+                and start.mode.continues_in(mode)
+                for start in starts
+            )
+            if not is_near:
+                starts.append(DescentStart(mode, points[row]))
+    return starts
 
 
-def _confirmed(
-    evaluator: Evaluator,
+def _confirm_modes(
+    evaluator: DesignEvaluator,
     descent: Descent,
-    begun: Sequence[Start],
-    ends: Sequence[LocalOptimum],
+    starts: Sequence[DescentStart],
+    optima: Sequence[LocalOptimum],
 ) -> list[LocalOptimum]:
-    """Return ends of descents whose configurations are a mode of the design in a sweep.
+    """Return optima whose configurations are a mode of the design in a sweep.
 
-    With its label there. Where they are none, a dead centre has come between two samples,
-    and the start of the descent stands for its end.
+    The label of the mode becomes that of the sweep. If the configurations of an optimum are
+    no mode, a dead centre has appeared between two samples. The start of the descent is
+    then returned instead.
+
+    Parameters
+    ----------
+    evaluator
+        Finds all modes of the designs.
+    descent
+        Evaluates designs.
+    starts
+        The start of each descent.
+    optima
+        The end of each descent.
     """
-    made = []
-    every = every_mode(evaluator, np.stack([descent.values(end.x) for end in ends], axis=1))
-    for (mode, start), end, modes in zip(begun, ends, every, strict=True):
-        same = [descent.here(x, end.x) for x in modes if end.mode.goes_on_in(x)]
-        allowed = end.wanted + descent.tolerance
-        good = [confirmed for confirmed in same if np.all(confirmed.wanted <= allowed)]
-        made.append(good[0] if good else descent.here(mode, start))
-    return made
+    confirmed_optima = []
+    designs = np.stack([descent.file_values(optimum.x) for optimum in optima], axis=1)
+    modes_of_design = find_all_modes(evaluator, designs)
+    for start, optimum, modes in zip(starts, optima, modes_of_design, strict=True):
+        same_modes = [mode for mode in modes if optimum.mode.continues_in(mode)]
+        candidates = [descent.as_optimum(mode, optimum.x) for mode in same_modes]
+        allowed = optimum.objectives + descent.tolerance
+        confirmed = [x for x in candidates if np.all(x.objectives <= allowed)]
+        if confirmed:
+            confirmed_optima.append(confirmed[0])
+        else:
+            confirmed_optima.append(descent.as_optimum(start.mode, start.x))
+    return confirmed_optima
 
 
-def _apart(ends: Sequence[LocalOptimum], descent: Descent) -> list[LocalOptimum]:
-    """Return ends of descents in order, those that came to the same linkage once."""
-    kept: list[LocalOptimum] = []
-    for end in sorted(ends, key=lambda end: tuple(end.wanted)):
-        if not any(_alike(other, end, descent) for other in kept):
-            kept.append(end)
-    return kept
+def _merge_same_linkages(
+    optima: Sequence[LocalOptimum], descent: Descent
+) -> list[LocalOptimum]:
+    """Return optima sorted by their objectives, and each linkage once."""
+    different: list[LocalOptimum] = []
+    for optimum in sorted(optima, key=lambda item: tuple(item.objectives)):
+        if not any(_are_alike(other, optimum, descent) for other in different):
+            different.append(optimum)
+    return different
 
 
-def _alike(one: LocalOptimum, other: LocalOptimum, descent: Descent) -> bool:
-    """Return whether ends are one place, or one linkage told otherwise and as good."""
-    off = np.abs(one.x - other.x)
-    if np.max(off) < SAME and one.mode.goes_on_in(other.mode):
+def _are_alike(
+    optimum: LocalOptimum, other_optimum: LocalOptimum, descent: Descent
+) -> bool:
+    """Return whether two optima are the same point, or the same linkage and as good."""
+    distances = np.abs(optimum.x - other_optimum.x)
+    if np.max(distances) < SAME_LINKAGE and optimum.mode.continues_in(other_optimum.mode):
         return True
     sweep = descent.sweep
-    acting = [variable.path[0] in ACTIONS for variable in sweep.variables]
-    if np.any(np.abs(one.wanted - other.wanted) > descent.tolerance) or np.any(
-        off[acting] >= SAME
-    ):
+    # Masses and loads must be the same, since comparing linkages ignores them.
+    is_action = [variable.path[0] in ACTIONS for variable in sweep.variables]
+    if np.any(distances[is_action] >= SAME_LINKAGE):
         return False
-    first, second = (
-        designed(sweep.document, sweep.variables, descent.values(end.x))
-        for end in (one, other)
+    differences = np.abs(optimum.objectives - other_optimum.objectives)
+    if np.any(differences > descent.tolerance):
+        return False
+    mechanism, other_mechanism = (
+        make_design(sweep.document, sweep.variables, descent.file_values(item.x))
+        for item in (optimum, other_optimum)
     )
-    return one_linkage(first, second)
-
-
-def one_linkage(one: Mechanism, other: Mechanism) -> bool:
-    """Return whether two mechanisms of R pairs on one graph are one, or mirror images.
-
-    Axes may point the other way: where that of a pair is turned round, the arcs from it
-    become 180 deg less what they were.
-    """
-    if not all(pair.kind.has_axis for pair in one.pairs):
-        return False
-    count = len(one.pairs)
-    signs = 1.0 - 2.0 * (np.arange(2**count)[:, None] >> np.arange(count) & 1)
-    frames = [pair_frames(mechanism) for mechanism in (one, other)]
-    for link in one.links:
-        places = [
-            (k, p.links.index(link)) for k, p in enumerate(one.pairs) if link in p.links
-        ]
-        axes, wanted = (
-            np.array([of_side[side][one.pairs[k].name][:, 2] for k, side in places])
-            for of_side in frames
-        )
-        turned = signs[:, [k for k, _ in places], None] * axes
-        off = turned @ np.swapaxes(turned, 1, 2) - wanted @ wanted.T
-        near = max_abs(off, axis=(1, 2)) < SAME
-        # All axes the other way are those of the mirror image.
-        for three in map(list, combinations(range(len(places)), 3)):
-            missed = np.linalg.det(turned[:, three]) - np.linalg.det(wanted[three])
-            near &= np.abs(missed) < SAME
-        signs = signs[near]
-    return len(signs) > 0
+    return is_same_linkage(mechanism, other_mechanism)

@@ -1,4 +1,4 @@
-"""What a synthesis wants: objectives, conditions and precision points."""
+"""Requirements of a synthesis: objectives, conditions and precision points."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,27 +18,60 @@ from spherekit.mechanism.load_expression import Expression, parse
 from spherekit.progress import ProgressReporter
 from spherekit.wording import counted
 
-LOOKED_AT = 1024
-"""Designs by which a synthesis says what none of them meets."""
+MAX_EXPLAINED_DESIGNS = 1024
+"""Number of designs by which an error message says which condition excludes them."""
 
 MATCH = "match"
-"""The figure of precision points."""
+"""Name of the figure that is the root mean square error at the precision points."""
+
+POPULATION_SIZE = 60
+"""Number of designs in a generation of the evolution, and most points of a front."""
+
+MISSING_DESIGN_VIOLATION = 1e6
+"""Objectives and violation of the conditions of a design that does not have the mode.
+
+They are so large that the evolution prefers every design that has the mode.
+"""
+
+
+@dataclass(frozen=True)
+class ModeScores:
+    """Objectives and violations of the designs that have a mode.
+
+    Attributes
+    ----------
+    design
+        (m,) indices of these designs.
+    objectives
+        (m, k) their objectives.
+    violations
+        (m,) by how much they violate all conditions together, 0 if they meet them.
+    """
+
+    design: Indices
+    objectives: Floats
+    violations: Floats
 
 
 @dataclass(frozen=True)
 class Specification:
-    """What sizes are wanted: objectives, and conditions, of figures of a sweep.
+    """Objectives and conditions of a synthesis, on figures of merit of a sweep.
 
     Attributes
     ----------
     sweep
-        The designs that are looked at first, their figures, and the conditions.
+        The designs that are evaluated first, their figures, and the conditions.
     minimise
-        The objectives, expressions of figures and varied numbers.
+        The objectives, as expressions of figures and variables.
     matched
-        Names of the figures that precision points are missed by.
+        Names of the figures that are errors at precision points.
     points
-        How many precision points there are.
+        Number of precision points.
+
+    Raises
+    ------
+    DesignError
+        If an objective is not an expression of figures and variables.
     """
 
     sweep: Sweep
@@ -52,117 +85,165 @@ class Specification:
     @cached_property
     def objectives(self) -> tuple[Expression, ...]:
         """The parsed objectives."""
-        names = self.sweep.names + [MATCH] * bool(self.matched)
+        names = self.sweep.names
+        if self.matched:
+            names = [*names, MATCH]
         try:
             return tuple(parse(text, names) for text in self.minimise)
         except ModelError as problem:
             raise DesignError(f"minimise: {problem}") from None
 
-    def rows_of(self, columns: Columns) -> tuple[Columns, Floats]:
-        """Return the good rows of a sweep's columns, and their objectives (rows, k)."""
-        rows = self.with_match(columns)
-        objectives = self._worth(rows)
-        good = (rows["status"] == "OK") & all_finite(objectives, 1)
-        return {name: values[good] for name, values in rows.items()}, objectives[good]
+    def select_rows(self, columns: Columns) -> tuple[Columns, Floats]:
+        """Return the rows that close and have finite objectives.
 
-    def with_match(self, columns: Columns) -> Columns:
-        """Return columns with the figure of the precision points, if there are some."""
-        if not self.matched:
-            return columns
-        missed = np.array([columns[name] for name in self.matched])
-        return {**columns, MATCH: np.sqrt(np.sum(missed * missed, axis=0) / self.points)}
-
-    def missed(self, designs: Floats, mode: str) -> tuple[Indices, Floats, Floats]:
-        """Return which designs (variables, n) have a mode, and what they are worth in it.
+        Parameters
+        ----------
+        columns
+            Columns of the table of designs.
 
         Returns
         -------
-        rows, objectives, missed
-            Array (m,) of designs, their objectives (m, k), and (m,) by how much the
-            conditions are missed in all, 0 where they hold.
+        rows
+            The columns of these rows, with the figure `MATCH` if there are precision
+            points.
+        objectives
+            (rows, k) their objectives.
         """
-        rows, objectives = self.rows_of(
-            self.sweep.rows(designs, np.arange(designs.shape[1]))
-        )
-        here = rows["mode"] == mode
-        missed = np.zeros(len(objectives))
+        columns = self.add_match(columns)
+        objectives = self._evaluate_objectives(columns)
+        selected = (columns["status"] == OK) & all_finite(objectives, 1)
+        rows = {name: values[selected] for name, values in columns.items()}
+        return rows, objectives[selected]
+
+    def add_match(self, columns: Columns) -> Columns:
+        """Return columns with the error at the precision points, if there are some."""
+        if not self.matched:
+            return columns
+        errors = np.array([columns[name] for name in self.matched])
+        match = np.sqrt(np.sum(errors * errors, axis=0) / self.points)
+        return {**columns, MATCH: match}
+
+    def score_mode(self, designs: Floats, mode: str) -> ModeScores:
+        """Return objectives and violations of designs in one mode.
+
+        Parameters
+        ----------
+        designs
+            (variables, n) values of the variables, in the units of the file.
+        mode
+            Label of the mode.
+        """
+        rows, objectives = self.select_rows(self._tabulate(designs))
+        has_mode = rows["mode"] == mode
+        violations = np.zeros(len(objectives))
         for condition in self.sweep.conditions:
             less, more = condition.sides(rows)
-            missed += np.maximum(np.nan_to_num(less - more, nan=np.inf), 0.0)
-        return rows["design"][here], objectives[here], missed[here]
+            # A condition on NaN is not met.
+            excess = np.nan_to_num(less - more, nan=np.inf)
+            violations += np.maximum(excess, 0.0)
+        return ModeScores(
+            rows["design"][has_mode], objectives[has_mode], violations[has_mode]
+        )
 
-    def why_none(self) -> str:
-        """Return what keeps designs from being good, in words, by some of the first."""
-        designs = self.sweep.space.designs(0, LOOKED_AT)
-        rows = self.with_match(self.sweep.rows(designs, np.arange(designs.shape[1])))
+    def explain_failure(self) -> str:
+        """Return, as text, how many of the first designs fail and why."""
+        designs = self.sweep.space.designs(0, MAX_EXPLAINED_DESIGNS)
+        rows = self.add_match(self._tabulate(designs))
         status = rows["status"]
-        words = []
-        n = designs.shape[1]
-        if never := np.sum(status == NEVER_CLOSES):
-            words.append(f"{never} of {n} close at no sample")
+        reasons = []
+        design_count = designs.shape[1]
+        if never_count := np.sum(status == NEVER_CLOSES):
+            reasons.append(f"{never_count} of {design_count} close at no sample")
         others = rows["reason"][(status != OK) & (status != NEVER_CLOSES)]
         if len(others):
-            words.append(f"{len(others)} of {n} cannot be ({others[0]})")
-        kept = {name: values[status == OK] for name, values in rows.items()}
-        if count := len(kept["status"]):
-            words += [
-                f"{condition.text} holds in {np.sum(condition.holds(kept))} of "
-                f"{counted(count, 'row')}"
+            reasons.append(f"{len(others)} of {design_count} cannot be ({others[0]})")
+        closing = {name: values[status == OK] for name, values in rows.items()}
+        if row_count := len(closing["status"]):
+            reasons += [
+                f"{condition.text} holds in {np.sum(condition.holds(closing))} of "
+                f"{counted(row_count, 'row')}"
                 for condition in self.sweep.conditions
             ]
-            if not np.any(all_finite(self._worth(kept), 1)):
-                words.append("objectives have no value")
-        return ", ".join(words)
+            if not np.any(all_finite(self._evaluate_objectives(closing), 1)):
+                reasons.append("objectives have no value")
+        return ", ".join(reasons)
 
-    def _worth(self, rows: Columns) -> Floats:
-        """Return the objectives (rows, k)."""
-        worth = [
-            objective.evaluate({name: rows[name] for name in ("design", *objective.names)})
-            for objective in self.objectives
-        ]
-        return np.stack(worth, axis=1)
+    def _tabulate(self, designs: Floats) -> Columns:
+        """Return the table of designs (variables, n), numbered from 0."""
+        return self.sweep.rows(designs, np.arange(designs.shape[1]))
 
-
-POPULATION = 60
-"""Designs of a generation, and most of a front."""
-MISSED = 1e6
-"""By how much a design that does not close in a mode misses its conditions."""
-
-
-def nondominated(wanted: Floats, modes: Array) -> Indices:
-    """Return the rows (m,) that no row of their mode beats in all objectives (n, k)."""
-    best: list[int] = []
-    for mode in np.unique(modes):
-        rows = np.flatnonzero(modes == mode)
-        rows = rows[np.lexsort(wanted[rows].T[::-1])]
-        while len(rows):
-            best.append(rows[0])
-            rows = rows[np.any(wanted[rows] < wanted[best[-1]], axis=1)]
-    return np.array(sorted(best), dtype=np.intp)
+    def _evaluate_objectives(self, rows: Columns) -> Floats:
+        """Return the objectives (rows, k) of rows of the table of designs."""
+        objectives = []
+        for objective in self.objectives:
+            # The column of designs gives a constant expression the length of the others.
+            columns = {name: rows[name] for name in ("design", *objective.names)}
+            objectives.append(objective.evaluate(columns))
+        return np.stack(objectives, axis=1)
 
 
-def front_of(
-    synthesis: Specification,
-    modes: Array,
-    places: Floats,
-    wanted: Floats,
-    most: int,
-    working: ProgressReporter,
-) -> list[tuple[str, Floats]]:
-    """Return the front of each mode: modes, and places in units of the variables' ranges.
+def select_nondominated(objectives: Floats, modes: Array) -> Indices:
+    """Return the rows than which no row of their mode is better in all objectives.
 
     Parameters
     ----------
-    synthesis
-        What is wanted.
-    modes, places, wanted
-        Rows to begin with: their modes (n,), places (n, variables) and objectives (n, k).
-    most
-        Most places of a mode, spread along its front.
-    working
-        What tells how far it is.
+    objectives
+        (n, k) objectives.
+    modes
+        (n,) labels of the modes.
+
+    Returns
+    -------
+    (m,) indices of these rows, rising. Of equal rows only the first one is included.
     """
-    sweep, made = synthesis.sweep, list[tuple[str, Floats]]()
+    nondominated: list[int] = []
+    for mode in np.unique(modes):
+        rows = np.flatnonzero(modes == mode)
+        # Sorted by the first objective, then by the second and so on, the first of the
+        # remaining rows is dominated by none of them.
+        rows = rows[np.lexsort(objectives[rows].T[::-1])]
+        while len(rows):
+            best = rows[0]
+            nondominated.append(best)
+            rows = rows[np.any(objectives[rows] < objectives[best], axis=1)]
+    return np.array(sorted(nondominated), dtype=np.intp)
+
+
+def evolve_fronts(
+    specification: Specification,
+    modes: Array,
+    points: Floats,
+    objectives: Floats,
+    max_points: int,
+    progress: ProgressReporter,
+) -> list[tuple[str, Floats]]:
+    """Improve the Pareto front of each mode by an evolution (NSGA-II).
+
+    Parameters
+    ----------
+    specification
+        The objectives and conditions.
+    modes
+        (n,) labels of the modes of the rows from which the evolution starts.
+    points
+        (n, variables) the designs of these rows, in units of the ranges.
+    objectives
+        (n, k) their objectives.
+    max_points
+        Largest number of points of a front that are returned; they are spread along it.
+    progress
+        Reports the progress.
+
+    Returns
+    -------
+    The label of a mode and a point (variables,) for each point of the fronts.
+
+    Raises
+    ------
+    DesignError
+        If pymoo is not installed.
+    """
+    sweep = specification.sweep
     try:
         from pymoo.algorithms.moo.nsga2 import NSGA2
         from pymoo.core.problem import Problem
@@ -174,35 +255,71 @@ def front_of(
             "others by conditions"
         ) from None
     low, high = np.array([(item.low, item.high) for item in sweep.space.variations]).T
-    count, seed = wanted.shape[1], sweep.space.seed
+    objective_count = objectives.shape[1]
+    seed = sweep.space.seed
 
-    class Requirements(Problem):  # type: ignore[misc]
-        """The objectives and conditions of a generation in the mode at hand."""
+    class FrontProblem(Problem):  # type: ignore[misc]
+        """The objectives and conditions of a generation of designs in one mode.
+
+        pymoo passes points (population, variables) and reads objectives from ``out["F"]``
+        and constraint violations from ``out["G"]``.
+        """
+
+        def __init__(self, mode: str) -> None:
+            super().__init__(
+                n_var=len(low), n_obj=objective_count, n_ieq_constr=1, xl=0.0, xu=1.0
+            )
+            self.mode = mode
 
         def _evaluate(self, x: Floats, out: dict[str, Floats], *_: Any, **__: Any) -> None:
-            rows, worth, missed = synthesis.missed((low + (high - low) * x).T, mode)
-            out["F"] = np.full((len(x), count), MISSED)
-            out["G"] = np.full((len(x), 1), MISSED)
-            out["F"][rows], out["G"][rows, 0] = worth, missed
-            working.tell(f"front of mode {mode}".__str__)
+            scores = specification.score_mode((low + (high - low) * x).T, self.mode)
+            out["F"] = np.full((len(x), objective_count), MISSING_DESIGN_VIOLATION)
+            out["G"] = np.full((len(x), 1), MISSING_DESIGN_VIOLATION)
+            out["F"][scores.design] = scores.objectives
+            out["G"][scores.design, 0] = scores.violations
+            progress.tell(f"front of mode {self.mode}".__str__)
 
-    problem = Requirements(n_var=len(low), n_obj=count, n_ieq_constr=1, xl=0.0, xu=1.0)
-    limit = "n_gen", max(sweep.space.count // POPULATION, 1)
-    best = nondominated(wanted, modes)
+    # The evolution evaluates about as many designs as the sweep before.
+    generation_count = max(sweep.space.count // POPULATION_SIZE, 1)
+    nondominated = select_nondominated(objectives, modes)
+    fronts: list[tuple[str, Floats]] = []
     for mode in np.unique(modes):
-        rows = best[modes[best] == mode]
-        ends, worth = places[rows], wanted[rows]
-        first = np.random.default_rng(seed).uniform(size=(POPULATION, len(low)))
-        begin = np.concatenate([_spread(ends, worth, POPULATION), first])[:POPULATION]
-        algorithm = NSGA2(pop_size=POPULATION, sampling=begin)
-        result = minimize(problem, algorithm, limit, seed=seed, verbose=False)
+        rows = nondominated[modes[nondominated] == mode]
+        front = points[rows]
+        front_objectives = objectives[rows]
+        random_points = np.random.default_rng(seed).uniform(
+            size=(POPULATION_SIZE, len(low))
+        )
+        spread = _spread_points(front, front_objectives, POPULATION_SIZE)
+        population = np.concatenate([spread, random_points])[:POPULATION_SIZE]
+        result = minimize(
+            FrontProblem(mode),
+            NSGA2(pop_size=POPULATION_SIZE, sampling=population),
+            ("n_gen", generation_count),
+            seed=seed,
+            verbose=False,
+        )
         if result.X is not None:
-            ends, worth = np.atleast_2d(result.X), np.atleast_2d(result.F)
-        made += [(str(mode), end) for end in _spread(ends, worth, most)]
-    return made
+            front = np.atleast_2d(result.X)
+            front_objectives = np.atleast_2d(result.F)
+        for point in _spread_points(front, front_objectives, max_points):
+            fronts.append((str(mode), point))
+    return fronts
 
 
-def _spread(places: Floats, wanted: Floats, most: int) -> Floats:
-    """Return at most so many places (n, variables), evenly in order of an objective."""
-    some = np.linspace(0, len(places) - 1, min(len(places), most)).astype(int)
-    return places[np.argsort(wanted[:, 0], kind="stable")[some]]
+def _spread_points(points: Floats, objectives: Floats, max_points: int) -> Floats:
+    """Return some points, spread evenly in the order of the first objective.
+
+    Parameters
+    ----------
+    points
+        (n, variables) points.
+    objectives
+        (n, k) their objectives.
+    max_points
+        Largest number of points that are returned.
+    """
+    count = min(len(points), max_points)
+    ranks = np.linspace(0, len(points) - 1, count).astype(int)
+    order = np.argsort(objectives[:, 0], kind="stable")
+    return points[order[ranks]]

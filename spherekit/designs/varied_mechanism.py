@@ -1,6 +1,7 @@
-"""A mechanism of which numbers of its file vary: one set of terms for all designs.
+"""A mechanism in which numbers of its file vary: the sizes that kernels need of a design.
 
-Numbers of a kernel that are read from the file of each design, with its checks.
+Kernels take arcs, angles and axes of R pairs directly. Numbers of masses and loads, and of
+contacts of circles, are computed from the file of each design, with the checks of the file.
 """
 
 from contextlib import suppress
@@ -19,11 +20,11 @@ from spherekit.designs.design_variables import (
     OK,
     POINTED,
     DesignVariable,
-    designed,
+    differentiate_by_variable,
+    make_design,
     reason_of,
-    slope_by,
 )
-from spherekit.designs.profile_numbers import ProfileNumbers, has_other_profiles
+from spherekit.designs.profile_numbers import DesignProfiles, has_shaped_profiles
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.files.mechanism_reader import replace_actions
 from spherekit.files.number_change import with_numbers
@@ -47,332 +48,528 @@ from spherekit.velocities.load_numbers import (
     replace_numbers,
 )
 
-DEG = np.pi / 180.0
-UNLIKE = "its loads or contacts have another form"
-"""What sends a design to the analysis of the single one."""
-TRIED = (0.0173, -0.0311)
-"""Parts by which variables are changed to see which numbers follow them."""
-PARTS = np.array([1e-2, 1e-4, 1e-6])
-"""Steps of differences, as parts of a number: shorter ones where no design is that far."""
-SAME = 1e-14
-"""Numbers that differ by less are the same but for rounding."""
-STEADY = 1e-10
-"""Derivatives that differ by less, relative, are the same."""
+RADIANS_PER_DEGREE = np.pi / 180.0
+"""Unit of the angles of files in degrees, in rad."""
+
+OTHER_FORM = "its loads or contacts have another form"
+"""Reason of a design that the kernel does not cover; it is then analysed on its own."""
+
+TRIAL_DEVIATIONS = (0.0173, -0.0311)
+"""Changes of variables by which it is found out which numbers of a file follow them.
+
+Each variable x is replaced by x (1 + change) + change, in the unit of the file. The
+digits have no meaning.
+"""
+
+RELATIVE_DIFFERENCE_STEPS = np.array([1e-2, 1e-4, 1e-6])
+"""Steps of difference quotients, relative to a variable, in the order of the trials.
+
+A shorter step is used if the file does not allow the numbers of a longer one.
+"""
+
+SAME_NUMBER = 1e-14
+"""Numbers (rad, SI) of files that differ by no more are equal up to rounding."""
+
+CONSTANT_SLOPE_TOLERANCE = 1e-10
+"""Largest relative difference of derivatives that count as the same at all designs.
+
+Larger: a derivative that varies slightly counts as constant. Smaller: rounding errors make
+constant derivatives count as varying, and they are computed again for each design.
+"""
 
 
 @dataclass(frozen=True)
-class DesignAt:
-    """What kernels have of a design.
+class ColumnGradients:
+    """The columns of a kernel at n samples of a design, and their derivatives.
 
-    `values` (variables,) in the file's units, `sizes` (k,) in rad and SI with their
-    derivatives `slopes` (k, variables) by the values, and profiles that are handed in.
+    Attributes
+    ----------
+    closes
+        (n,) whether all dyads close.
+    columns
+        (columns, n) values in rad and SI units.
+    gradients
+        (variables, columns, n) derivatives by the variables in the units of the file, with
+        the loops kept closed.
+    """
+
+    closes: Bools
+    columns: Floats
+    gradients: Floats
+
+
+@dataclass(frozen=True)
+class DesignPoint:
+    """A design as kernels need it.
+
+    Attributes
+    ----------
+    values
+        (variables,) values of the variables, in the units of the file.
+    sizes
+        (sizes,) sizes of the kernel, in rad and SI units.
+    slopes
+        (sizes, variables) derivatives of the sizes by the values.
+    profiles
+        The profiles, if they are not circles.
     """
 
     values: Floats
     sizes: Floats
     slopes: Floats
-    profiles: ProfileNumbers | None
+    profiles: DesignProfiles | None
 
-    def at(
+    def evaluate_gradients(
         self,
         kernel: DesignKernel,
         samples: Floats,
-        places: Floats,
-        values: Floats,
-        turns: Floats | None = None,
-    ) -> tuple[Bools, Floats, Floats]:
-        """Return where dyads close (n,), the columns (c, n) of a kernel, and their changes.
+        position_arguments: Floats,
+        pair_values: Floats,
+        revolution_offsets: Floats | None = None,
+    ) -> ColumnGradients:
+        """Return the columns of a kernel at samples, and their derivatives.
 
-        Those (variables, c, n) by the values, the loops staying closed; `kernel` has the
-        gradients of its columns, and `samples` (k, n), `places` and `turns` are as in it;
-        `values` (n, w) are the configurations at which profiles touch, NaN where none is.
+        Parameters
+        ----------
+        kernel
+            A kernel with the gradients of its columns.
+        samples, position_arguments, revolution_offsets
+            Arguments of `DesignKernel.evaluate_samples`.
+        pair_values
+            (n, variables of pairs) configurations (rad) at which profiles touch, NaN if
+            there is none.
         """
-        profiles = self.profiles
-        columns = None if profiles is None else profiles.columns(values)
-        outputs = kernel.at(samples, places, self.sizes[:, None], columns, turns)
-        closed = np.all(outputs[: kernel.reaches] >= 0.0, axis=0)
+        profile_columns = None
+        if self.profiles is not None:
+            profile_columns = self.profiles.evaluate_columns(pair_values)
+        outputs = kernel.evaluate_samples(
+            samples,
+            position_arguments,
+            self.sizes[:, None],
+            profile_columns,
+            revolution_offsets,
+        )
+        closes = np.all(outputs[: kernel.reach_count] >= 0.0, axis=0)
+        count = len(pair_values)
         if not kernel.columns:
-            # Figures of sizes and inputs alone read no column of a configuration.
-            none = np.zeros((0, len(values)))
-            return closed, none, np.zeros((len(self.values), *none.shape))
-        made = outputs[kernel.reaches :].reshape(-1, len(kernel.columns), len(values))
-        changes = np.zeros((len(self.values), *made.shape[1:]))
-        for variable, slopes in enumerate(self.slopes.T):
-            some = np.flatnonzero(slopes)  # others may have no derivative
-            changes[variable] = np.tensordot(slopes[some], made[1 + some], 1)
-        if profiles is not None:
-            whole = all_finite(values, 1)
-            changes[:, :, whole] += np.einsum(
-                "kpn,pcn->kcn",
-                profiles.slopes(values[whole]),
-                made[1 + len(self.sizes) :, :, whole],
+            # Figures of sizes and inputs alone need no column of a configuration.
+            return ColumnGradients(
+                closes,
+                columns=np.zeros((0, count)),
+                gradients=np.zeros((len(self.values), 0, count)),
             )
-        return closed, made[0], changes
+        # Index 0 has the columns, then their derivatives by each size and by each column of
+        # the profiles.
+        columns_and_slopes = outputs[kernel.reach_count :].reshape(
+            -1, len(kernel.columns), count
+        )
+        gradients = np.zeros((len(self.values), *columns_and_slopes.shape[1:]))
+        for variable, slopes in enumerate(self.slopes.T):
+            # Derivatives by sizes that do not depend on the variable may be infinite.
+            changing = np.flatnonzero(slopes)
+            gradients[variable] = np.tensordot(
+                slopes[changing], columns_and_slopes[1 + changing], 1
+            )
+        if self.profiles is not None:
+            closed = all_finite(pair_values, 1)
+            profile_slopes = self.profiles.differentiate_columns(pair_values[closed])
+            # Indices: k variable, p column of profiles, c column of the kernel, n sample.
+            gradients[:, :, closed] += np.einsum(
+                "kpn,pcn->kcn",
+                profile_slopes,
+                columns_and_slopes[1 + len(self.sizes) :, :, closed],
+            )
+        return ColumnGradients(closes, columns_and_slopes[0], gradients)
 
 
 @dataclass(frozen=True, eq=False)
 class VariedMechanism:
-    """The designs of a mechanism, by numbers of its file.
+    """All designs of a mechanism file, in which some numbers vary.
 
-    Kernels have the sizes of R pairs that vary, or with `contacts` of circles as links the
-    angles of these; then the numbers of masses and loads that follow the variables, which
-    with contacts, or where masses `follow` sizes, are read from the whole file of a design.
-    Profiles that are no circles are handed in. Wheels may be `apart` (rad).
+    The *sizes* of a kernel are, in this order:
+
+    1. the variables that are sizes of R pairs, unless contacts are replaced,
+    2. numbers that are read from the file of each design and follow the variables: angles
+       of replaced contacts, then numbers of masses and loads.
+
+    Attributes
+    ----------
+    document
+        The mechanism file.
+    mechanism
+        Its mechanism.
+    variables
+        The numbers that are varied.
+    inputs
+        Names of the driven pairs.
+    equivalent_linkage
+        The mechanism with links instead of contacts of circles. If given, all numbers of
+        designs are read from their files.
+    masses_follow_sizes
+        Whether masses are stated by sizes of links, so that they follow these.
+    wheel_gap_rad
+        Largest distance (rad) of wheels that still roll on each other.
     """
 
     document: Document
     mechanism: Mechanism
     variables: tuple[DesignVariable, ...]
     inputs: Names
-    contacts: EquivalentLinkage | None = None
-    follow: bool = False
-    apart: float = SAME_AXIS_RAD
+    equivalent_linkage: EquivalentLinkage | None = None
+    masses_follow_sizes: bool = False
+    wheel_gap_rad: float = SAME_AXIS_RAD
 
     @cached_property
-    def values(self) -> Floats:
-        """What the variables are in the file, in its units."""
+    def nominal_values(self) -> Floats:
+        """(variables,) values of the variables in the file, in its units."""
         return np.array([variable.value for variable in self.variables])
 
+    @property
+    def _angle_unit(self) -> float:
+        """The unit of angles in the file, in rad."""
+        in_degrees = self.document.data["angle_unit"] == "deg"
+        return RADIANS_PER_DEGREE if in_degrees else 1.0
+
     @cached_property
-    def scale(self) -> Floats:
-        """What a unit of each variable is in rad and SI."""
-        unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
+    def unit_scales(self) -> Floats:
+        """(variables,) the unit of each variable in rad or SI units."""
+        unit = self._angle_unit
         return np.array([unit if v.is_angle else 1.0 for v in self.variables])
 
     @cached_property
-    def sized(self) -> list[int]:
-        """The variables that are sizes of kernels."""
-        sized = [k for k, v in enumerate(self.variables) if v.slot is not None]
-        return sized if self.contacts is None else []
-
-    @property
-    def _whole(self) -> bool:
-        """Whether the whole file of a design is read."""
-        return self.follow or self.contacts is not None
+    def size_variables(self) -> list[int]:
+        """Indices of the variables that are sizes of the kernel."""
+        if self.equivalent_linkage is not None:
+            return []
+        return [k for k, v in enumerate(self.variables) if v.slot is not None]
 
     @cached_property
-    def is_profiled(self) -> bool:
-        """Whether profiles are no circles, and what they are is handed in."""
-        return has_other_profiles(self.mechanism)
+    def has_shaped_profiles(self) -> bool:
+        """Whether a profile is not a circle, so that kernels take columns of profiles."""
+        return has_shaped_profiles(self.mechanism)
 
-    def terms(self, closed_form: bool | None = None) -> DesignExpressions:
-        """Return what kernels of all designs are written in."""
-        contacts = self.contacts
-        first = self._contacts
-        acting = [k - first for k in self.differing if k >= first]
-        if contacts is not None:
-            if self.points:
+    @property
+    def varies_outputs(self) -> bool:
+        """Whether numbers of outputs vary."""
+        return any(variable.path[0] == "outputs" for variable in self.variables)
+
+    def make_expressions(self, closed_form: bool | None = None) -> DesignExpressions:
+        """Return the mechanism as expressions of the sizes of all designs.
+
+        Parameters
+        ----------
+        closed_form
+            Whether positions are in closed form, by default if this is possible.
+
+        Raises
+        ------
+        DesignError
+            If outputs vary and contacts are replaced by links.
+        EngineError
+            If there are no expressions for the pairs of the mechanism.
+        """
+        linkage = self.equivalent_linkage
+        contact_count = self._contact_number_count
+        # Numbers of masses and loads come after those of contacts.
+        varied_actions = [
+            k - contact_count for k in self.varied_numbers if k >= contact_count
+        ]
+        if linkage is not None:
+            if self.varies_outputs:
                 raise DesignError(
                     f"{self.mechanism.name}: outputs point elsewhere in designs whose "
                     "contacts stay; vary one or the other"
                 )
-            names = {k: f"turned_{k}" for k in self.of_contacts}
+            name_of_number = {k: f"turned_{k}" for k in self.varied_contact_numbers}
             return DesignExpressions(
-                contacts.mechanism,
+                linkage.mechanism,
                 self.inputs,
-                tuple(names.values()),
-                lambda terms: contacts.pairs({k: terms[n] for k, n in names.items()}),
+                tuple(name_of_number.values()),
+                lambda symbol_by_name: linkage.pairs(
+                    {k: symbol_by_name[name] for k, name in name_of_number.items()}
+                ),
                 closed_form,
-                acting,
-                pointing=self._pointing,
+                varied_actions,
+                pointing=self._output_directions(),
             )
         slots = {v.name: v.slot for v in self.variables if v.slot is not None}
-        shapes = [name for name, (kind, _) in slots.items() if kind != POINTED]
-        profiled = self.is_profiled
+        # Directions of outputs change no pair.
+        pair_sizes = [name for name, (kind, _) in slots.items() if kind != POINTED]
+        has_columns = self.has_shaped_profiles
         mechanism = self.mechanism
         return DesignExpressions(
             mechanism,
             self.inputs,
             list(slots),
-            lambda terms: pair_rotations(
-                mechanism, {slots[x]: terms[x] for x in shapes}, as_columns=profiled
+            lambda symbol_by_name: pair_rotations(
+                mechanism,
+                {slots[name]: symbol_by_name[name] for name in pair_sizes},
+                as_columns=has_columns,
             ),
-            False if profiled else closed_form,
-            acting,
-            pointing=self._pointing,
+            False if has_columns else closed_form,
+            varied_actions,
+            pointing=self._output_directions(),
         )
 
-    @property
-    def points(self) -> bool:
-        """Whether numbers of outputs vary."""
-        return any(variable.path[0] == "outputs" for variable in self.variables)
+    def _output_directions(self) -> dict[str, str | Exprs]:
+        """Return the directions of outputs that vary, by name of the output.
 
-    @property
-    def _pointing(self) -> dict[str, str | Exprs]:
-        """Where outputs point, if that varies: along the axis of a pair, or by terms."""
+        A direction is the name of the pair along whose axis the output points, or an
+        expression (3,) in the axes of its link.
+        """
         outputs = self.document.data.get("outputs", {})
-        made: dict[str, Any] = {x: y["axis"] for x, y in outputs.items() if "axis" in y}
-        unit = DEG if self.document.data["angle_unit"] == "deg" else 1.0
+        directions: dict[str, Any] = {
+            name: output["axis"] for name, output in outputs.items() if "axis" in output
+        }
+        angles_by_output: dict[str, list[Any]] = {}
         for variable in self.variables:
-            kind, place = variable.slot or ("", None)
-            if place is not None and kind == POINTED:
-                name, k = place
-                numbers = [unit * float(x) for x in outputs[name]["lonlat"]]
-                angles = made.setdefault(name, numbers)
-                (angles[k],) = symbols([variable.name])
-        return {
-            x: y if isinstance(y, str) else direction_from_angles(*y)
-            for x, y in made.items()
+            kind, location = variable.slot or ("", None)
+            if location is not None and kind == POINTED:
+                output, index = location
+                nominal = [self._angle_unit * float(x) for x in outputs[output]["lonlat"]]
+                angles = angles_by_output.setdefault(output, nominal)
+                (angles[index],) = symbols([variable.name])
+        return directions | {
+            output: direction_from_angles(*angles)
+            for output, angles in angles_by_output.items()
         }
 
     @property
-    def nominal(self) -> Floats:
-        """What kernels have as sizes (k,) in the file."""
-        return np.concatenate(
-            [(self.scale * self.values)[self.sized], self._stated[self.differing]]
-        )
+    def nominal_sizes(self) -> Floats:
+        """(sizes,) sizes of the kernel in the design of the file, in rad and SI units."""
+        variable_sizes = (self.unit_scales * self.nominal_values)[self.size_variables]
+        return np.concatenate([variable_sizes, self._nominal_numbers[self.varied_numbers]])
 
-    def sizes(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
-        """Return what kernels have (k, n) of designs (variables, n) in the file's units.
+    def kernel_sizes(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
+        """Return the sizes of the kernel for designs.
 
-        In rad and SI; and why designs (n,) are none, `OK` where they are. Of a design whose
-        laws have another form, or other numbers than those that differ, `UNLIKE`.
+        Parameters
+        ----------
+        values
+            (variables, n) values of the variables, in the units of the file.
+
+        Returns
+        -------
+        sizes
+            (sizes, n) sizes in rad and SI units, NaN for impossible designs.
+        reasons
+            (n,) `OK`, or why the design is impossible. It is `OTHER_FORM` if its loads have
+            another form, or numbers differ that count as constant.
         """
-        numbers = nans((len(self.differing), values.shape[1]))
-        why = np.full(values.shape[1], OK, dtype=object)
-        for k, design in enumerate(values.T if self._reads else ()):
-            try:
-                numbers[:, k] = self._differing(design)
-            except SpherekitError as problem:
-                why[k] = reason_of(problem)
-        return np.concatenate([(values * self.scale[:, None])[self.sized], numbers]), why
+        numbers = nans((len(self.varied_numbers), values.shape[1]))
+        reasons = np.full(values.shape[1], OK, dtype=object)
+        if self._reads_files:
+            for k, design in enumerate(values.T):
+                try:
+                    numbers[:, k] = self._read_varied_numbers(design)
+                except SpherekitError as problem:
+                    reasons[k] = reason_of(problem)
+        variable_sizes = (values * self.unit_scales[:, None])[self.size_variables]
+        return np.concatenate([variable_sizes, numbers]), reasons
 
-    def design_at(self, values: Floats, made: Mechanism | None = None) -> DesignAt | None:
-        """Return what kernels have of a design (variables,), None if there is none.
+    def evaluate_design(
+        self, values: Floats, mechanism: Mechanism | None = None
+    ) -> DesignPoint | None:
+        """Return the sizes of a design and their derivatives, or None if it is impossible.
 
-        `made` is the mechanism, if that is known.
+        Parameters
+        ----------
+        values
+            (variables,) values of the variables, in the units of the file.
+        mechanism
+            The mechanism of the design, if it is known.
         """
-        sizes, why = self.sizes(values[:, None])
-        if why[0] != OK:
+        sizes, reasons = self.kernel_sizes(values[:, None])
+        if reasons[0] != OK:
             return None
-        of_numbers = [
-            self._slope(values, k) if steady is None else steady
-            for k, steady in enumerate(self.steady)
+        number_slopes = [
+            self._differentiate_numbers(values, k) if constant is None else constant
+            for k, constant in enumerate(self.constant_slopes)
         ]
-        slopes = [np.diag(self.scale)[self.sized], np.stack(of_numbers, axis=1)]
+        variable_slopes = np.diag(self.unit_scales)[self.size_variables]
+        slopes = np.concatenate([variable_slopes, np.stack(number_slopes, axis=1)])
         profiles = None
-        if self.is_profiled:
+        if self.has_shaped_profiles:
             try:
-                profiles = ProfileNumbers(self.document, self.variables, values, made)
+                profiles = DesignProfiles(self.document, self.variables, values, mechanism)
             except SpherekitError:
                 return None
-        return DesignAt(values, sizes[:, 0], np.concatenate(slopes), profiles)
+        return DesignPoint(values, sizes[:, 0], slopes, profiles)
 
-    # What the file of a design says of masses and loads, and of contacts of circles.
+    # Numbers that are read from the file of each design: contacts, then masses and loads.
 
     @property
-    def _reads(self) -> bool:
+    def _reads_whole_file(self) -> bool:
+        """Whether the whole file of a design is read, and not only its masses and loads."""
+        return self.masses_follow_sizes or self.equivalent_linkage is not None
+
+    @property
+    def _reads_files(self) -> bool:
         """Whether numbers are read from the file of each design."""
-        return self._whole or any(v.path[0] in ACTIONS for v in self.variables)
+        return self._reads_whole_file or any(v.path[0] in ACTIONS for v in self.variables)
 
     @property
-    def _contacts(self) -> int:
-        """How many numbers contacts have: these are the first that are read."""
-        return 0 if self.contacts is None else len(self.contacts.numbers)
+    def _contact_number_count(self) -> int:
+        """Number of angles of replaced contacts; they come before masses and loads."""
+        linkage = self.equivalent_linkage
+        return 0 if linkage is None else len(linkage.numbers)
 
     @cached_property
-    def _stated(self) -> Floats:
-        """All numbers that are read of the file as it is."""
-        of_contacts = self.contacts.numbers if self.contacts else []
-        return np.array([*of_contacts, *list_numbers(masses_and_loads(self.mechanism))])
+    def _nominal_numbers(self) -> Floats:
+        """All numbers of contacts, masses and loads in the design of the file."""
+        linkage = self.equivalent_linkage
+        contact_numbers = linkage.numbers if linkage else []
+        return np.array([*contact_numbers, *list_numbers(masses_and_loads(self.mechanism))])
 
     @cached_property
-    def _tried(self) -> list[tuple[Floats, Floats]]:
-        """Designs beside that of the file, and all numbers of these."""
-        designs = [self.values * (1.0 + share) + share for share in TRIED]
-        every = [(design, self._possible(design)) for design in designs]
-        return [(design, numbers) for design, numbers in every if numbers is not None]
+    def _trials(self) -> list[tuple[Floats, Floats]]:
+        """Designs in which all variables are changed, with all their numbers."""
+        trials = []
+        for deviation in TRIAL_DEVIATIONS:
+            design = self.nominal_values * (1.0 + deviation) + deviation
+            numbers = self._read_numbers_if_possible(design)
+            if numbers is not None:
+                trials.append((design, numbers))
+        return trials
 
     @cached_property
-    def varies(self) -> bool:
-        """Whether the file can be read with other numbers."""
-        # Some vary by whole numbers, and some only with others.
-        steps = np.concatenate([size * np.eye(len(self.values)) for size in (1.0, *TRIED)])
-        alone = (self._possible(self.values * (1.0 + step)) for step in steps)
-        return bool(self._tried) or any(numbers is not None for numbers in alone)
-
-    @cached_property
-    def differing(self) -> Indices:
-        """Which of the numbers that are read follow the variables, all if none can vary."""
-        if not self._reads:
-            return np.zeros(0, np.intp)
-        others = [numbers != self._stated for _, numbers in self._tried]
-        differ = np.any(others, axis=0) if others else np.ones(len(self._stated), bool)
-        return np.flatnonzero(differ)
-
-    @property
-    def of_contacts(self) -> list[int]:
-        """Those of the contacts that differ."""
-        return [k for k in self.differing if k < self._contacts]
-
-    def _read(self, values: Floats) -> Floats:
-        """Return all numbers of a design (variables,); raise where there are none."""
-        contacts: list[float] = []
-        if self._whole:
-            made = designed(self.document, self.variables, values)
-        else:
-            both = zip(self.variables, map(float, values), strict=True)
-            acting = {v.path: number for v, number in both if v.path[0] in ACTIONS}
-            made = replace_actions(self.mechanism, with_numbers(self.document, acting))
-        actions = masses_and_loads(made)
-        if self.contacts is not None:
-            with_contacts = find_equivalent_linkage(made, self.inputs, self.apart)
-            if with_contacts is None or with_contacts.form != self.contacts.form:
-                raise DesignError(UNLIKE)
-            contacts = with_contacts.numbers
-        form, other = (
-            replace_numbers(x, lambda number: 0.0)
-            for x in (actions, masses_and_loads(self.mechanism))
+    def can_vary(self) -> bool:
+        """Whether the file allows other values of at least one variable."""
+        if self._trials:
+            return True
+        # Some variables are whole numbers, and some allow only a change of their own.
+        unit_steps = np.eye(len(self.nominal_values))
+        steps = np.concatenate([size * unit_steps for size in (1.0, *TRIAL_DEVIATIONS)])
+        return any(
+            self._read_numbers_if_possible(self.nominal_values * (1.0 + step)) is not None
+            for step in steps
         )
-        if form != other:
-            raise DesignError(UNLIKE)
-        return np.array([*contacts, *list_numbers(actions)])
 
-    def _possible(self, values: Floats) -> Floats | None:
+    @cached_property
+    def varied_numbers(self) -> Indices:
+        """Indices of the numbers that follow the variables; all if no trial is possible."""
+        if not self._reads_files:
+            return np.zeros(0, np.intp)
+        differences = [numbers != self._nominal_numbers for _, numbers in self._trials]
+        if not differences:
+            return np.arange(len(self._nominal_numbers))
+        return np.flatnonzero(np.any(differences, axis=0))
+
+    @property
+    def varied_contact_numbers(self) -> list[int]:
+        """Indices of the varied numbers that belong to contacts."""
+        return [k for k in self.varied_numbers if k < self._contact_number_count]
+
+    def _read_numbers(self, values: Floats) -> Floats:
+        """Read all numbers of contacts, masses and loads of a design.
+
+        Parameters
+        ----------
+        values
+            (variables,) values of the variables, in the units of the file.
+
+        Raises
+        ------
+        SpherekitError
+            If the design is impossible. The message is `OTHER_FORM` if its contacts or
+            loads have another form than those of the kernel.
+        """
+        if self._reads_whole_file:
+            mechanism = make_design(self.document, self.variables, values)
+        else:
+            numbers_by_path = {
+                variable.path: float(value)
+                for variable, value in zip(self.variables, values, strict=True)
+                if variable.path[0] in ACTIONS
+            }
+            changed_document = with_numbers(self.document, numbers_by_path)
+            mechanism = replace_actions(self.mechanism, changed_document)
+        actions = masses_and_loads(mechanism)
+        contact_numbers: list[float] = []
+        if self.equivalent_linkage is not None:
+            linkage = find_equivalent_linkage(mechanism, self.inputs, self.wheel_gap_rad)
+            if linkage is None or linkage.form != self.equivalent_linkage.form:
+                raise DesignError(OTHER_FORM)
+            contact_numbers = linkage.numbers
+        # Masses and loads whose numbers are all zero differ in form only.
+        form = replace_numbers(actions, lambda number: 0.0)
+        nominal_form = replace_numbers(masses_and_loads(self.mechanism), lambda number: 0.0)
+        if form != nominal_form:
+            raise DesignError(OTHER_FORM)
+        return np.array([*contact_numbers, *list_numbers(actions)])
+
+    def _read_numbers_if_possible(self, values: Floats) -> Floats | None:
+        """Return the numbers of a design (variables,), or None if it is impossible."""
         with suppress(SpherekitError):
-            return self._read(values)
+            return self._read_numbers(values)
         return None
 
-    def _differing(self, values: Floats) -> Floats:
-        """Return the numbers that differ, where the others are those of the file."""
-        numbers = self._read(values)
-        if not np.all(np.abs(np.delete(numbers - self._stated, self.differing)) <= SAME):
-            raise DesignError(UNLIKE)
-        return numbers[self.differing]
+    def _read_varied_numbers(self, values: Floats) -> Floats:
+        """Return the `varied_numbers` of a design (variables,).
+
+        Raises
+        ------
+        SpherekitError
+            If the design is impossible, or another number differs from that of the file.
+        """
+        numbers = self._read_numbers(values)
+        differences = np.delete(numbers - self._nominal_numbers, self.varied_numbers)
+        if not np.all(np.abs(differences) <= SAME_NUMBER):
+            raise DesignError(OTHER_FORM)
+        return numbers[self.varied_numbers]
 
     @cached_property
-    def steady(self) -> list[Floats | None]:
-        """The derivatives (k,) by each variable that are the same everywhere.
+    def constant_slopes(self) -> list[Floats | None]:
+        """For each variable the derivatives (varied numbers,) that are the same everywhere.
 
-        So they are where they are at the designs that were tried; without any, of none.
+        They count as the same everywhere if they agree at all trials. The entry is None if
+        they do not agree, or if no trial is possible.
         """
-        made: list[Floats | None] = []
+        constant_slopes: list[Floats | None] = []
         for k, variable in enumerate(self.variables):
-            if not self._whole and variable.path[0] not in ACTIONS:
-                made.append(np.zeros(len(self.differing)))
+            if not self._reads_whole_file and variable.path[0] not in ACTIONS:
+                constant_slopes.append(np.zeros(len(self.varied_numbers)))
                 continue
-            here, *others = self.tried_slopes(k)
-            same = all(np.allclose(here, x, rtol=STEADY, atol=0.0) for x in others)
-            made.append(here if others and same else None)
-        return made
+            nominal, *others = self.trial_slopes(k)
+            agrees = all(
+                np.allclose(nominal, x, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
+                for x in others
+            )
+            constant_slopes.append(nominal if others and agrees else None)
+        return constant_slopes
 
-    def tried_slopes(self, k: int) -> list[Floats]:
-        """Return the derivatives (k,) by a variable, here and at designs beside this."""
-        designs = [self.values, *(design for design, _ in self._tried)]
-        return [self._slope(design, k) for design in designs]
+    def trial_slopes(self, k: int) -> list[Floats]:
+        """Return the derivatives (varied numbers,) by variable k at the file and trials."""
+        designs = [self.nominal_values, *(design for design, _ in self._trials)]
+        return [self._differentiate_numbers(design, k) for design in designs]
 
-    def _slope(self, values: Floats, k: int) -> Floats:
-        """Return the derivatives of the numbers by one of the values (variables,)."""
+    def _differentiate_numbers(self, values: Floats, k: int) -> Floats:
+        """Return the derivatives of the varied numbers by variable k at a design.
 
-        def read(beside: Floats) -> Floats:
-            # Of angles whole turns do not matter: wheels are put together by them.
-            away = self._differing(beside) - begun
-            of_angles = len(self.of_contacts)
-            away[:of_angles] = wrap(away[:of_angles])
-            return away
+        Parameters
+        ----------
+        values
+            (variables,) values of the variables, in the units of the file.
+        k
+            Index of the variable.
 
-        slope = None
+        Returns
+        -------
+        (varied numbers,) derivatives, NaN if the file allows no difference quotient.
+        """
+
+        def read_change(design: Floats) -> Floats:
+            """Return the change of the numbers from those of `values`."""
+            change = self._read_varied_numbers(design) - nominal
+            # Wheels are put together with angles that may jump by whole revolutions.
+            angle_count = len(self.varied_contact_numbers)
+            change[:angle_count] = wrap(change[:angle_count])
+            return change
+
+        slopes = None
         with suppress(SpherekitError):
-            begun = self._differing(values)
-            slope = slope_by(read, values, k, PARTS * (abs(values[k]) or 1.0))
-        return nans(len(self.differing)) if slope is None else slope
+            nominal = self._read_varied_numbers(values)
+            # A variable that is zero has steps relative to 1.
+            steps = RELATIVE_DIFFERENCE_STEPS * (abs(values[k]) or 1.0)
+            slopes = differentiate_by_variable(read_change, values, k, steps)
+        return nans(len(self.varied_numbers)) if slopes is None else slopes

@@ -23,7 +23,7 @@ from spherekit.designs.design_variables import (
     design_variable,
 )
 from spherekit.designs.figures_of_merit import INERTIAL
-from spherekit.designs.varied_mechanism import STEADY, VariedMechanism
+from spherekit.designs.varied_mechanism import CONSTANT_SLOPE_TOLERANCE, VariedMechanism
 from spherekit.dynamics.reduced_model import StoredModel
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.exchange.formula_expressions import (
@@ -113,7 +113,7 @@ def formulas(
     follows = bool(vary) and any(name.startswith(INERTIAL) for name in wanted)
     varied = VariedMechanism(document, made, variables, inputs, contacts, follows)
     check_numbers_are_followed(varied)
-    terms = varied.terms()
+    terms = varied.make_expressions()
     sizes = symbols(variable.name for variable in variables)
     stands = _numbers(varied, terms, sizes)
     closures = {f"{CLOSURE}{k + 1}": x for k, x in enumerate(terms.triple_squares)}
@@ -149,7 +149,9 @@ def formulas(
         tuple(place.arguments[0] for place in terms.configuration_symbols),
         tuple(
             Argument(v.name, ("as in the file", "rad")[v.is_angle], float(value), v.key)
-            for v, value in zip(variables, varied.scale * varied.values, strict=True)
+            for v, value in zip(
+                variables, varied.unit_scales * varied.nominal_values, strict=True
+            )
         ),
         ModeTable(()),
         {name: units.get(name, "") for name in results},
@@ -328,11 +330,11 @@ def _numbers(
     DesignError
         If they follow in no form that is known, or nothing varies.
     """
-    numbers = terms.size_symbols[len(varied.sized) :]
+    numbers = terms.size_symbols[len(varied.size_variables) :]
     if not len(numbers):
         return {}
     document, variables = varied.document, varied.variables
-    if not varied.varies:
+    if not varied.can_vary:
         raise DesignError(
             f"{document.name}: the file allows no other "
             f"{listing(variable.key for variable in variables)}: it follows from other "
@@ -344,16 +346,16 @@ def _numbers(
         terms.structure.pairs,
         {v.path: size for v, size in zip(variables, sizes, strict=True)},
     )
-    contacts = varied.contacts.numbers if varied.contacts else []
+    contacts = varied.equivalent_linkage.numbers if varied.equivalent_linkage else []
     moved = copy(terms.mechanism)
     object.__setattr__(moved, "masses", masses)  # terms: no mechanism could be checked
     every, stated = (
         [*contacts, *list_numbers(masses_and_loads(x))] for x in (moved, terms.mechanism)
     )
-    slopes = np.stack([varied.tried_slopes(k) for k in range(len(variables))])
+    slopes = np.stack([varied.trial_slopes(k) for k in range(len(variables))])
     stands: dict[ExpressionNode, Expr] = {}
     for number, k, slope in zip(
-        numbers, varied.differing, np.moveaxis(slopes, 2, 0), strict=True
+        numbers, varied.varied_numbers, np.moveaxis(slopes, 2, 0), strict=True
     ):
         if isinstance(every[k], ExpressionNode):
             # Masses along the axes of pairs are terms of the numbers of contacts, which
@@ -361,14 +363,16 @@ def _numbers(
             (stands[number],) = substitute([every[k]], stands)
             continue
         off = np.abs(slope - slope[:, :1])
-        bent = ~np.all(off <= STEADY * np.abs(slope) + ROUNDING, axis=1)
+        bent = ~np.all(off <= CONSTANT_SLOPE_TOLERANCE * np.abs(slope) + ROUNDING, axis=1)
         if np.any(bent):
             keys = (v.key for v, is_bent in zip(variables, bent, strict=True) if is_bent)
             raise DesignError(
                 f"{document.name}: {listing(keys)}: what the formulas hold does not change "
                 "in proportion; vary other numbers"
             )
-        row = np.where(np.abs(slope[:, 0]) < ROUNDING, 0.0, slope[:, 0]) / varied.scale
-        start = stated[k] - row @ (varied.scale * varied.values)
+        row = (
+            np.where(np.abs(slope[:, 0]) < ROUNDING, 0.0, slope[:, 0]) / varied.unit_scales
+        )
+        start = stated[k] - row @ (varied.unit_scales * varied.nominal_values)
         stands[number] = dot([*row.tolist(), 1.0], [*sizes, float(start)])
     return stands

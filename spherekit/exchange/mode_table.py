@@ -372,10 +372,10 @@ def _find_candidate(
     if len(borders):
         interval = np.searchsorted(borders, motion.inputs[:, 0])
     values = motion.values
-    if varied.contacts is not None:
-        values = varied.contacts.values(values)
+    if varied.equivalent_linkage is not None:
+        values = varied.equivalent_linkage.values(values)
     count = len(borders) + 1
-    if terms.has_closed_form and varied.contacts is None:
+    if terms.has_closed_form and varied.equivalent_linkage is None:
         signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * count
         return ModeCandidate(mode, motion, values, interval, np.array(signs, dtype=float))
     places: list[Floats | None] = []

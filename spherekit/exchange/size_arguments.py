@@ -12,8 +12,12 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names
-from spherekit.designs.design_variables import ACTIONS, DesignVariable, designed
-from spherekit.designs.profile_numbers import numbers_of, profiles_of, tracks_of
+from spherekit.designs.design_variables import ACTIONS, DesignVariable, make_design
+from spherekit.designs.profile_numbers import (
+    list_profiles,
+    make_contact_profiles,
+    profile_numbers,
+)
 from spherekit.designs.varied_mechanism import VariedMechanism
 from spherekit.errors import DesignError, SpherekitError
 from spherekit.exchange.formula_expressions import FormulaFunction, Formulas
@@ -57,8 +61,8 @@ def check_numbers_are_followed(varied: VariedMechanism) -> None:
     """Check that the formulas depend correctly on each size.
 
     Arcs, angles, axes and directions are symbols in the formulas. Masses and loads
-    follow the sizes. If contacts of circles are replaced by links between their
-    centres (`varied.contacts`), the links are computed from the sizes too, and all sizes
+    follow the sizes. If contacts of circles are replaced by links between their centres
+    (`varied.equivalent_linkage`), the links are computed from the sizes too, and all sizes
     are accepted. The formulas contain as constants: series of profiles that are not
     circles, circles whose contacts are not replaced by links, and P pairs that are given by
     points.
@@ -73,7 +77,7 @@ def check_numbers_are_followed(varied: VariedMechanism) -> None:
     DesignError
         If one of these constants would have to change with a size.
     """
-    if varied.contacts is not None:
+    if varied.equivalent_linkage is not None:
         return
     mechanism = varied.mechanism
     values_before = _profile_numbers(mechanism)
@@ -102,8 +106,8 @@ def _profile_numbers(mechanism: Mechanism) -> Floats:
 
     They include, for each track, the arc length at which its variable is zero.
     """
-    numbers = [numbers_of(profile) for profile, _ in profiles_of(mechanism)]
-    starts = [track.start for track in tracks_of(mechanism)]
+    numbers = [profile_numbers(profile) for profile, _ in list_profiles(mechanism)]
+    starts = [track.start for track in make_contact_profiles(mechanism)]
     return np.concatenate([*numbers, starts])
 
 
@@ -123,7 +127,9 @@ def _profile_numbers_after_change(
         -1.0,
     ):  # some numbers are whole
         try:
-            changed_design = designed(varied.document, [variable], [variable.value + step])
+            changed_design = make_design(
+                varied.document, [variable], [variable.value + step]
+            )
             return _profile_numbers(changed_design)
         except SpherekitError:
             continue

@@ -1,6 +1,7 @@
 """For analyses with figures of merit that compare designs."""
 
-from spherekit.designs.sensitivity import Distribution, Sensitivity, SizeDeviations
+from spherekit.designs.sensitivity import Sensitivity
+from spherekit.designs.size_deviations import Distribution, SizeDeviations
 from spherekit.runs.figure_of_merit import REDUCTIONS, FigureOfMerit
 from spherekit.velocities.row_quantities import middle_pairs, row_quantities
 

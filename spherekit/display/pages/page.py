@@ -12,7 +12,11 @@ from string import Template
 import numpy as np
 
 from spherekit.conventions import Facts, Names
-from spherekit.designs.design_variables import DesignVariable, design_variable, sizes_of
+from spherekit.designs.design_variables import (
+    DesignVariable,
+    default_size_keys,
+    design_variable,
+)
 from spherekit.display.pages.sliders import slider_range
 from spherekit.display.pages.toml_template import text_with_places
 from spherekit.errors import EngineError, SpherekitError
@@ -205,7 +209,7 @@ class PageMaker:
     def _sizes(self) -> Names:
         """Return the keys of all arcs and angles, of those that can be varied."""
         first = next(iter(self.every))
-        keys = self._axes_by_angles(sizes_of(self.mechanism))
+        keys = self._axes_by_angles(default_size_keys(self.mechanism))
         if not self.mechanism.has_contacts:
             return keys
         kept = []

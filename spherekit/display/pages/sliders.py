@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.conventions import Facts
-from spherekit.designs.design_variables import DesignVariable, designed
+from spherekit.designs.design_variables import DesignVariable, make_design
 from spherekit.errors import SpherekitError
 from spherekit.files.toml_document import Document
 from spherekit.mechanism.elements import SizeGeometry
@@ -171,7 +171,7 @@ def _find_last_accepted(
 def _is_accepted(document: Document, variable: DesignVariable, value: float) -> bool:
     """Return whether the file can be read if the number of `variable` is `value`."""
     try:
-        designed(document, [variable], [value])
+        make_design(document, [variable], [value])
     except SpherekitError:
         return False
     return True

@@ -1,0 +1,352 @@
+"""Angles of passive pairs over full revolutions, for many designs at once.
+
+Closed forms give the angles of pairs in (-pi, pi]. Loads such as wound springs depend on
+the revolutions, too. The angles are therefore followed from the *anchor*, where they are in
+(-pi, pi], along the inputs to each sample, as `positions.angle_unwrapping` does for one
+mechanism. The inputs between are so dense that no angle moves far from one to the next.
+
+The functions return *revolution offsets*: multiples of 2 pi (rad) to be added to the angles
+that the closed form gives.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from spherekit.arrays import Floats, Indices
+from spherekit.conventions import TURN
+from spherekit.geometry.vectors import max_abs
+from spherekit.numerics.angles import wrap
+from spherekit.positions.angle_unwrapping import count_revolutions
+
+INPUT_SPACING_RAD = np.radians(3.0)
+"""Largest distance (rad) of successive inputs at which angles are evaluated.
+
+Larger: a quick revolution between two inputs may be missed. Smaller: more time.
+"""
+
+MAX_ANGLE_STEP_RAD = 1.0
+"""Largest change (rad) of an angle between two inputs; otherwise the interval is halved.
+
+The limit is below half a revolution, from which on the direction of a change is ambiguous.
+"""
+
+MAX_INPUT_HALVINGS = 12
+"""Largest number of halvings of an interval of inputs.
+
+An angle that still changes by more than `MAX_ANGLE_STEP_RAD` is not followed there. Larger:
+angles are followed nearer to singular configurations. Smaller: less time there.
+"""
+
+MODE_END_BISECTIONS = 30
+"""Number of bisections by which the input at which an assembly mode ends is found."""
+
+AngleFunction = Callable[[Indices, Floats], Floats]
+"""A function that returns the angles (pairs, m), in rad, of some pairs.
+
+Its arguments are the indices (m,) of designs and the inputs (m, inputs) of each. The angles
+are NaN where a design does not close.
+"""
+
+
+def _follow_all_designs(
+    angles_at: AngleFunction, design_count: int, q: Floats
+) -> tuple[Floats, Floats]:
+    """Evaluate the angles of all designs at successive inputs, and their growth between.
+
+    Parameters
+    ----------
+    angles_at
+        The angles of designs at inputs.
+    design_count
+        Number n of designs.
+    q
+        (k, inputs) successive inputs (rad).
+
+    Returns
+    -------
+    angles
+        (pairs, k, n) angles (rad) in (-pi, pi].
+    growth
+        (pairs, k - 1, n) growth (rad) of each angle from one input to the next, NaN where
+        it cannot be followed.
+    """
+    # Successive inputs of one design are n rows apart.
+    designs = np.tile(np.arange(design_count), len(q))
+    rows = np.repeat(q, design_count, axis=0)
+    angles = angles_at(designs, rows)
+    growth = _follow_growth(
+        angles_at,
+        designs[design_count:],
+        start_inputs=rows[:-design_count],
+        end_inputs=rows[design_count:],
+        start_angles=angles[:, :-design_count],
+        end_angles=angles[:, design_count:],
+    )
+    pair_count = len(angles)
+    return (
+        angles.reshape(pair_count, -1, design_count),
+        growth.reshape(pair_count, -1, design_count),
+    )
+
+
+def _follow_growth(
+    angles_at: AngleFunction,
+    designs: Indices,
+    start_inputs: Floats,
+    end_inputs: Floats,
+    start_angles: Floats,
+    end_angles: Floats,
+    halvings: int = MAX_INPUT_HALVINGS,
+) -> Floats:
+    """Return the growth of the angles of designs between two inputs.
+
+    Parameters
+    ----------
+    angles_at
+        The angles of designs at inputs.
+    designs
+        (m,) indices of designs.
+    start_inputs, end_inputs
+        (m, inputs) inputs (rad) of each.
+    start_angles, end_angles
+        (pairs, m) angles (rad) there.
+    halvings
+        Number of times that the interval may still be halved.
+
+    Returns
+    -------
+    (pairs, m) growth (rad), NaN where the angles cannot be followed.
+    """
+    growth = wrap(end_angles - start_angles)
+    far = np.flatnonzero(max_abs(growth, axis=0) > MAX_ANGLE_STEP_RAD)
+    growth[:, far] = np.nan
+    if len(far) and halvings:
+        middle_inputs = 0.5 * (start_inputs[far] + end_inputs[far])
+        middle_angles = angles_at(designs[far], middle_inputs)
+        first_half = _follow_growth(
+            angles_at,
+            designs[far],
+            start_inputs=start_inputs[far],
+            end_inputs=middle_inputs,
+            start_angles=start_angles[:, far],
+            end_angles=middle_angles,
+            halvings=halvings - 1,
+        )
+        second_half = _follow_growth(
+            angles_at,
+            designs[far],
+            start_inputs=middle_inputs,
+            end_inputs=end_inputs[far],
+            start_angles=middle_angles,
+            end_angles=end_angles[:, far],
+            halvings=halvings - 1,
+        )
+        growth[:, far] = first_half + second_half
+    return growth
+
+
+def unwrap_along_one_input(
+    angles_at: AngleFunction,
+    design_count: int,
+    anchor: float,
+    q: Floats,
+    repeats: bool,
+) -> Floats:
+    """Return the revolution offsets of angles along a single input.
+
+    Parameters
+    ----------
+    angles_at
+        The angles of designs at inputs.
+    design_count
+        Number n of designs.
+    anchor
+        Input (rad) at which angles are in (-pi, pi].
+    q
+        (k,) inputs (rad).
+    repeats
+        Whether the configurations repeat after a revolution of the input. They do not if
+        gear ratios relate angles to the input.
+
+    Returns
+    -------
+    (pairs, k, n) offsets (rad).
+    """
+    laps = np.floor((q - anchor) / TURN) * repeats
+    reduced_q = q - laps * TURN
+    ends = [anchor, *reduced_q]
+    if repeats:
+        ends.append(anchor + TURN)
+    spacing_count = int(np.ptp(ends) / INPUT_SPACING_RAD)
+    dense = np.linspace(min(ends), max(ends), 2 + spacing_count)
+    stations = np.unique([*ends, *dense])
+    angles, growth = _follow_all_designs(angles_at, design_count, stations[:, None])
+    anchor_index = np.searchsorted(stations, anchor)
+    unwrapped = np.empty_like(angles)
+    upwards = slice(anchor_index, None)
+    unwrapped[:, upwards] = _accumulate_growth(
+        angles_at, stations[upwards], angles[:, upwards], growth[:, anchor_index:]
+    )
+    downwards = slice(anchor_index, None, -1)
+    unwrapped[:, downwards] = _accumulate_growth(
+        angles_at,
+        stations[downwards],
+        angles[:, downwards],
+        -growth[:, :anchor_index][:, ::-1],
+    )
+    growth_per_lap = np.zeros_like(unwrapped[:, 0])
+    if repeats:
+        lap_growth = np.round((unwrapped[:, -1] - unwrapped[:, 0]) / TURN) * TURN
+        # If a mode ends within the revolution, the piece that reaches the end of the lap
+        # continues into the next lap, where the anchor is. Angles of this piece are counted
+        # from that anchor.
+        reaches_end = np.isfinite(np.cumsum(growth[0, ::-1], axis=0))[::-1]
+        closes_all_round = reaches_end[0]
+        unwrapped[:, :-1] -= np.where(
+            reaches_end & ~closes_all_round, lap_growth[:, None], 0.0
+        )
+        growth_per_lap = np.where(closes_all_round, lap_growth, 0.0)
+        unwrapped[:, -1] = unwrapped[:, 0] + growth_per_lap
+    index = np.searchsorted(stations, reduced_q)
+    offsets = (
+        unwrapped[:, index] + laps[:, None] * growth_per_lap[:, None] - angles[:, index]
+    )
+    return np.nan_to_num(offsets)
+
+
+def _accumulate_growth(
+    angles_at: AngleFunction, stations: Floats, angles: Floats, growth: Floats
+) -> Floats:
+    """Return angles that continue from the first station, or from the start of a mode.
+
+    Parameters
+    ----------
+    angles_at
+        The angles of designs at inputs.
+    stations
+        (k,) successive values (rad) of the input.
+    angles
+        (pairs, k, n) angles (rad) there, in (-pi, pi].
+    growth
+        (pairs, k - 1, n) growth (rad) from each station to the next.
+
+    Returns
+    -------
+    (pairs, k, n) angles (rad) over full revolutions.
+    """
+    unwrapped = angles - TURN * count_revolutions(angles)
+    for k in range(1, len(stations)):
+        following = unwrapped[:, k - 1] + growth[:, k - 1]
+        starts_here = np.isnan(following[0]) & np.isfinite(angles[0, k])
+        designs = np.flatnonzero(starts_here)
+        if len(designs):
+            following[:, designs] = _unwrap_from_mode_end(
+                angles_at,
+                designs,
+                open_input=stations[k - 1],
+                closed_input=stations[k],
+                closed_angles=angles[:, k, designs],
+            )
+        unwrapped[:, k] = following
+    return unwrapped
+
+
+def _unwrap_from_mode_end(
+    angles_at: AngleFunction,
+    designs: Indices,
+    open_input: float,
+    closed_input: float,
+    closed_angles: Floats,
+) -> Floats:
+    """Return angles that are in (-pi, pi] where the mode starts between two inputs.
+
+    Parameters
+    ----------
+    angles_at
+        The angles of designs at inputs.
+    designs
+        (m,) indices of designs.
+    open_input, closed_input
+        Inputs (rad) at which the designs do not close, and close.
+    closed_angles
+        (pairs, m) angles (rad) at the second input, in (-pi, pi].
+
+    Returns
+    -------
+    (pairs, m) angles (rad) at the second input, over full revolutions.
+    """
+    outside = np.full((len(designs), 1), open_input)
+    closed = np.full((len(designs), 1), closed_input)
+    inside = closed
+    inside_angles = closed_angles
+    for _ in range(MODE_END_BISECTIONS):
+        middle = 0.5 * (outside + inside)
+        middle_angles = angles_at(designs, middle)
+        closes = np.isfinite(middle_angles[0])
+        inside = np.where(closes[:, None], middle, inside)
+        outside = np.where(closes[:, None], outside, middle)
+        inside_angles = np.where(closes, middle_angles, inside_angles)
+    growth = _follow_growth(
+        angles_at,
+        designs,
+        start_inputs=inside,
+        end_inputs=closed,
+        start_angles=inside_angles,
+        end_angles=closed_angles,
+    )
+    start_angles = inside_angles - TURN * count_revolutions(inside_angles)
+    return start_angles + np.nan_to_num(growth)
+
+
+def unwrap_along_several_inputs(
+    angles_at: AngleFunction, design_count: int, anchor: Floats, q: Floats, points: Floats
+) -> Floats:
+    """Return the revolution offsets of angles along several inputs.
+
+    Each sample is reached from the sample before on a straight path of the inputs, the
+    first one from the anchor. Points are reached from the nearest sample. If a mode is
+    interrupted on this path, the straight path from the anchor is tried. If that fails,
+    too, angles are in (-pi, pi].
+
+    Parameters
+    ----------
+    angles_at
+        The angles of designs at inputs.
+    design_count
+        Number n of designs.
+    anchor
+        (inputs,) inputs (rad) at which angles are in (-pi, pi].
+    q
+        (k, inputs) samples (rad).
+    points
+        (m, inputs) further inputs (rad).
+
+    Returns
+    -------
+    (pairs, k + m, n) offsets (rad) at the samples and then at the points.
+    """
+    targets = np.concatenate([q, points])
+    origins = [*range(-1, len(q) - 1)]
+    origins += [int(np.argmin(max_abs(q - point, axis=1))) for point in points]
+    anchor_angles = angles_at(np.arange(design_count), np.tile(anchor, (design_count, 1)))
+    anchor_offsets = -TURN * count_revolutions(anchor_angles)
+    offsets = np.zeros((len(anchor_offsets), len(targets), design_count))
+    for k, (target, origin) in enumerate(zip(targets, origins, strict=True)):
+        target_offsets = np.full_like(anchor_offsets, np.nan)
+        from_anchor = (anchor, anchor_offsets)
+        from_origin = (targets[origin], offsets[:, origin]) if k else from_anchor
+        for start, start_offsets in (from_origin, from_anchor):
+            path = np.linspace(
+                start, target, 2 + int(max_abs(target - start) / INPUT_SPACING_RAD)
+            )
+            angles, growth = _follow_all_designs(angles_at, design_count, path)
+            total_growth = np.sum(growth, axis=1)
+            followed = start_offsets + total_growth - (angles[:, -1] - angles[:, 0])
+            target_offsets = np.where(np.isnan(target_offsets), followed, target_offsets)
+            if not np.any(np.isnan(target_offsets) & np.isfinite(angles[:, -1])):
+                break
+        reduced = -TURN * count_revolutions(angles[:, -1])
+        target_offsets = np.where(np.isnan(target_offsets), reduced, target_offsets)
+        offsets[:, k] = np.nan_to_num(TURN * np.round(target_offsets / TURN))
+    return offsets

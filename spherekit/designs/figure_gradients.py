@@ -1,0 +1,194 @@
+"""Figures of merit of one design and their exact derivatives by the design variables."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.designs.design_evaluation import DesignEvaluator
+from spherekit.designs.design_kernel import DesignKernel
+from spherekit.designs.figures_of_merit import find_widest_swings
+from spherekit.designs.synthesis_modes import SynthesisMode
+from spherekit.designs.varied_mechanism import DesignPoint
+from spherekit.geometry.vectors import all_finite, nans
+from spherekit.symbolic.expression_derivatives import differentiate
+from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    ExpressionNode,
+    symbols,
+)
+from spherekit.symbolic.parsed_expressions import convert_to_graph
+
+SMALLEST_RMS = 1e-300
+"""Smallest root mean square by which values are divided; it prevents a division by zero."""
+
+
+@dataclass(frozen=True)
+class FigureValues:
+    """Figures of merit of a design in a mode, with their derivatives.
+
+    Attributes
+    ----------
+    figures
+        (figures,) figures in rad and SI units; NaN if there is no such design or the mode
+        cannot be tracked to it.
+    gradients
+        (figures, variables) derivatives by the variables in the units of the file.
+    closes
+        Fraction of the samples at which the mode closes.
+    """
+
+    figures: Floats
+    gradients: Floats
+    closes: float
+
+
+class FigureGradients:
+    """Computes figures of merit and their derivatives by the design variables.
+
+    The derivative of a smallest or largest value is that at the sample where it occurs. At
+    a kink, where another sample takes over, it is that of one side.
+
+    Parameters
+    ----------
+    evaluator
+        An evaluator of designs that has gradients.
+    """
+
+    def __init__(self, evaluator: DesignEvaluator) -> None:
+        self.evaluator = evaluator
+        figures = evaluator.figures
+        self._kernel = DesignKernel(
+            evaluator.varied_mechanism.make_expressions(), figures.columns, gradients=True
+        )
+        quantities = symbols([*figures.sample, *figures.columns])
+        # The same expression is used with and without whole revolutions.
+        named = {node.arguments[0]: (node, node) for node in quantities}
+        self._expressions = with_derivatives(
+            [convert_to_graph(item, named) for item in figures.expressions], quantities
+        )
+
+    def evaluate(self, values: Floats, mode: SynthesisMode) -> FigureValues:
+        """Return the figures of a design in a mode, and their derivatives.
+
+        Parameters
+        ----------
+        values
+            (variables,) values of the variables, in the units of the file.
+        mode
+            The assembly mode.
+        """
+        kernel_figures = self.evaluator.figures
+        merits = kernel_figures.merits
+        figures = nans(len(merits))
+        gradients = nans((len(merits), len(values)))
+        design = self.evaluator.varied_mechanism.evaluate_design(values)
+        if design is None:
+            return FigureValues(figures, gradients, 0.0)
+        samples = kernel_figures.rows.T
+        position_arguments = mode.position_arguments(design, len(kernel_figures.rows))
+        columns = design.evaluate_gradients(
+            self._kernel,
+            samples,
+            position_arguments,
+            position_arguments.T,
+            self._revolution_offsets(design, position_arguments),
+        )
+        closes = columns.closes & all_finite(position_arguments, 0)
+        with np.errstate(all="ignore"):
+            outputs = self._expressions(np.concatenate([samples, columns.columns]))
+        # Index 0 has the values of the expressions, then their derivatives by each number
+        # of the sample and by each column.
+        outputs = outputs.reshape(-1, len(merits), len(closes))
+        first_column = 1 + len(kernel_figures.sample)
+        for k, merit in enumerate(merits):
+            rows = kernel_figures.select_rows(merit)
+            sample_values = np.where(closes[rows], outputs[0, k, rows], np.nan)
+            figures[k] = kernel_figures.reduce_values(merit, sample_values[:, None])[0]
+            weights = self._sample_weights(merit.reduction, sample_values, figures[k])
+            weighted = np.flatnonzero(weights)
+            # The input at which a value is smallest has no derivative here.
+            if not merit.reduction.startswith("arg") and len(weighted):
+                rows = rows[weighted]
+                # Indices: c column, v variable, n sample.
+                gradients[k] = np.einsum(
+                    "cn,vcn,n->v",
+                    outputs[first_column:, k, rows],
+                    columns.gradients[:, :, rows],
+                    weights[weighted],
+                )
+        sample_count = len(kernel_figures.samples.rows)
+        return FigureValues(figures, gradients, float(np.mean(closes[:sample_count])))
+
+    def _sample_weights(self, reduction: str, values: Floats, figure: float) -> Floats:
+        """Return the derivatives (n,) of a figure by its values at the samples.
+
+        Parameters
+        ----------
+        reduction
+            How the values become the figure.
+        values
+            (n,) values, NaN where the mode does not close.
+        figure
+            The figure.
+        """
+        weights = np.zeros(len(values))
+        closes = np.isfinite(values)
+        if not np.any(closes):
+            return weights
+        if reduction == "sum":
+            weights[closes] = 1.0
+        elif reduction in ("mean", "at"):
+            weights[closes] = 1.0 / np.sum(closes)
+        elif reduction == "rms":
+            weights[closes] = 1.0 / np.sum(closes)
+            weights[closes] *= values[closes] / max(figure, SMALLEST_RMS)
+        elif reduction == "min":
+            weights[np.nanargmin(values)] = 1.0
+        elif reduction == "max":
+            weights[np.nanargmax(values)] = 1.0
+        elif reduction == "swing":
+            swings = find_widest_swings(
+                values[:, None], self.evaluator.samples.is_closed_path
+            )
+            weights[swings.high_sample] += 1.0
+            weights[swings.low_sample] -= 1.0
+        else:  # the range; the weights of "argmin" and "argmax" are not used
+            weights[np.nanargmax(values)] += 1.0
+            weights[np.nanargmin(values)] -= 1.0
+        return weights
+
+    def _revolution_offsets(
+        self, design: DesignPoint, position_arguments: Floats
+    ) -> Floats:
+        """Return the revolution offsets (unwrapped pairs, samples + points), rad."""
+        kernel = self._kernel
+        evaluator = self.evaluator
+        if kernel.is_closed_form:
+            prepared = kernel.prepare(design.sizes[:, None])
+            signs = position_arguments[:, 0].tolist()
+            return evaluator.unwrap_signed_mode(kernel, prepared, signs)[:, :, 0]
+        if not kernel.unwrapped_pairs:
+            return np.zeros((0, position_arguments.shape[1]))
+        mechanism = evaluator.make_kernel_mechanism(design.values)
+        return evaluator.unwrap_configurations(
+            kernel, evaluator.make_solver(mechanism), position_arguments[:, :, None]
+        )[:, :, 0]
+
+
+def with_derivatives(
+    expressions: Sequence[Expr], variables: Sequence[ExpressionNode]
+) -> ArrayFunction:
+    """Return a function that evaluates expressions and their derivatives.
+
+    It takes values (variables, n) and returns the expressions, then their derivatives by
+    the first variable, by the second and so on, (expressions (1 + variables), n).
+    """
+    slopes = [
+        slope
+        for variable in variables
+        for slope in differentiate(expressions, {variable: 1.0})
+    ]
+    return array_function([*expressions, *slopes], variables)

@@ -1,0 +1,97 @@
+"""Random deviations of sizes from those of a mechanism file."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import DesignError
+
+Distribution = Literal["normal", "uniform"]
+
+DISTRIBUTIONS: tuple[Distribution, ...] = ("normal", "uniform")
+"""The distributions of deviations."""
+
+MIN_PROBABILITY = 1e-12
+"""Smallest probability, and distance from 1, of a normally distributed deviation.
+
+The deviation of probability 0 would be infinite. This limits deviations to 7 standard
+deviations.
+"""
+
+
+@dataclass(frozen=True)
+class SizeDeviations:
+    """Random deviations of sizes.
+
+    Attributes
+    ----------
+    size
+        Standard deviation of a normal distribution, or largest deviation of a uniform one.
+        It is one number (rad) for all sizes, or one for each, in rad or SI units.
+    distribution
+        ``"normal"`` or ``"uniform"``.
+    count
+        Number of draws.
+    seed
+        Seed of the random numbers.
+
+    Raises
+    ------
+    DesignError
+        If the distribution is unknown, a deviation is negative or not finite, or all are
+        zero.
+    """
+
+    size: float | tuple[float, ...]
+    distribution: Distribution = "normal"
+    count: int = 1024
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.distribution not in DISTRIBUTIONS:
+            raise DesignError(
+                f'distribution "{self.distribution}" is not known; it is normal or uniform'
+            )
+        sizes = np.atleast_1d(self.size)
+        is_possible = np.all(np.isfinite(sizes) & (sizes >= 0.0)) and np.any(sizes > 0.0)
+        if not is_possible or self.count < 0:
+            raise DesignError(
+                "a deviation is a positive number, of some sizes perhaps 0, and the number "
+                "of draws not < 0"
+            )
+
+    @property
+    def spread(self) -> Any:
+        """The standard deviation, one number (rad) or (sizes,) in rad and SI units."""
+        # The standard deviation of a uniform distribution from -a to a is a / sqrt(3).
+        return np.multiply(self.size, 1.0 if self.distribution == "normal" else 3.0**-0.5)
+
+    @property
+    def worst(self) -> Any:
+        """The deviation of the worst case, one number (rad) or (sizes,).
+
+        It is three standard deviations of a normal distribution, or the largest deviation
+        of a uniform one.
+        """
+        return np.multiply(self.size, 3.0 if self.distribution == "normal" else 1.0)
+
+    def draws(self, sizes: int) -> Floats:
+        """Return deviations (sizes, count), spread evenly by a Sobol sequence.
+
+        Parameters
+        ----------
+        sizes
+            Number of sizes.
+        """
+        from scipy.special import ndtri
+        from scipy.stats import qmc
+
+        # Sobol sequences are balanced if their length is a power of 2.
+        power = (self.count - 1).bit_length()
+        unit = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
+        size = np.reshape(self.size, (-1, 1))
+        if self.distribution == "uniform":
+            return size * (2.0 * unit - 1.0)
+        return size * ndtri(np.clip(unit, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY))
