@@ -18,128 +18,34 @@ from spherekit.plugin import (
     input_columns,
 )
 from spherekit.plugin.motion import Motion
-from spherekit.plugin.rotations import (
-    MidPlaneArchitecture,
-)
+from spherekit.plugin.rotations import MidPlaneArchitecture
 
+WORKING_MODE = Column("working_mode", "", "signs of the working mode's legs", "text")
+"""The column of working modes."""
 
-def row_columns(batch: Batch, timed: bool = False) -> dict[str, NDArray[Any]]:
-    """Return sample, assembly mode and inputs of all rows, and their time if asked for."""
-    return {
-        "sample": batch.sample,
-        "assembly_mode": batch.assembly_mode,
-        **({"t": batch.t} if timed else {}),
-        **input_columns(batch.mechanism, batch.inputs),
-    }
-
-
-def repeated(columns: TableData, subjects: Sequence[str], name: str) -> TableData:
-    """Return columns with a row for each subject at every row, the subjects as `name`."""
-    count = len(next(iter(columns.values())))
-    return {
-        **{key: np.repeat(values, len(subjects)) for key, values in columns.items()},
-        name: np.tile(np.array(subjects, dtype=str), count),
-    }
-
-
-def curve(
-    group: str,
-    label: str,
-    title: str,
-    values: Floats,
-    unit: str = "",
-    link: int | None = None,
-) -> Series:
-    """Return a quantity (n,) to be plotted, with others of its group, against the rows."""
-    name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
-    return Series(f"plots/{group}/{name}", label, title, values, unit, link)
-
-
-def plotted(batch: Batch, curves: Sequence[Series]) -> tuple[Scene, ...]:
-    """Return a scene for each assembly mode, with its part of every curve."""
-    return tuple(
-        Scene(mode, tuple(replace(one, values=one.values[rows]) for one in curves))
-        for mode, rows in batch.assembly_mode_rows().items()
-    )
-
-
-def largest_torques(batch: Batch, torques: Floats, size: str) -> dict[str, Any]:
-    """Return by input the torque (n, inputs) farthest from 0 as `size`, and where it is."""
-    figures: dict[str, Any] = {}
-    for k, name in enumerate(batch.moving_inputs):
-        torque = np.abs(torques[:, k])
-        if np.any(np.isfinite(torque)):
-            row = int(np.nanargmax(torque))
-            figures[name] = {
-                size: float(torques[row, k]),
-                "at_sample": int(batch.sample[row]),
-                "at_assembly_mode": int(batch.assembly_mode[row]),
-                "at_rad": batch.inputs[row].tolist(),
-            }
-    return figures
-
-
-def said_of_torques(figures: Mapping[str, Any], size: str, what: str) -> tuple[str, ...]:
-    """Return in words what `largest_torques` found."""
-    return tuple(
-        f"largest {what} at {name}: {largest[size]:.6g} N m at sample "
-        f"{largest['at_sample']} of assembly mode {largest['at_assembly_mode']}"
-        if largest[size]
-        else f"{what} at {name}: zero in every row, to rounding"
-        for name, largest in figures.items()
-    )
-
-
-def largest_of(
-    before: Mapping[str, Any], now: Mapping[str, Any], size: str
-) -> dict[str, Any]:
-    """Return by name whichever record of two has the number `size` farther from 0."""
-    return {
-        name: max(
-            (records[name] for records in (before, now) if name in records),
-            key=lambda record: abs(record[size]),
-        )
-        for name in {**before, **now}
-    }
-
-
-def as_loads_see(batch: Batch) -> Motion:
-    """Return the configurations of a batch with the angles of its loads going on.
-
-    The batch needs the tracer, and continued values of the pairs that loads depend on.
-    """
-    values = batch.motion.values.copy()
-    for pair in batch.needs.continued_values:
-        values[:, batch.mechanism.angles[pair]] = batch.continued_value(pair)
-    return replace(batch.motion, values=values)
-
-
-MODE = Column("working_mode", "", "signs of the working mode's legs", "text")
-
-
-DIRECTION = tuple(
+DIRECTION_COLUMNS = tuple(
     Column(name, "", "of the direction, or of the unit quaternion xyzw", turns="otherwise")
     for name in "xyz"
 )
+"""The columns of a direction, or of the first three components of a unit quaternion."""
 
-
-MIRROR = tuple(
+MID_PLANE_COLUMNS = tuple(
     Column(name, "rad", f"{meaning}; empty without a mid-plane symmetric architecture")
     for name, meaning in (
         ("phi", "arc from Q to P, negative where P is on the side z0 < 0"),
         ("gamma", "turn of the mid-plane"),
     )
 )
+"""The columns of the angles of the mid-plane of a direction."""
 
-
-PLACE = (
-    *DIRECTION,
+POSE_COLUMNS = (
+    *DIRECTION_COLUMNS,
     Column("w", "", "of the quaternion; empty for directions", turns="otherwise"),
-    *MIRROR,
+    *MID_PLANE_COLUMNS,
 )
+"""The columns of a pose, which is a direction or an orientation of the output."""
 
-
-TILTED = tuple(
+TILT_TORSION_COLUMNS = tuple(
     Column(name, "rad", meaning, turns="otherwise")
     for name, meaning in (
         ("azimuth", "of the direction, or in which the link is tilted"),
@@ -147,14 +53,184 @@ TILTED = tuple(
         ("torsion", "turn of the link that is not a tilt; empty for directions"),
     )
 )
+"""The columns of a pose in tilt and torsion angles."""
 
 
-def place_columns(places: Floats, form: MidPlaneArchitecture | None) -> dict[str, Any]:
-    """Return the columns of directions (n, 3), or of quaternions xyzw (n, 4).
+def row_columns(batch: Batch, with_time: bool = False) -> dict[str, NDArray[Any]]:
+    """Return the columns that identify the rows of a batch.
 
-    With the angles of the mid-planes of directions, where the mechanism has these.
+    Parameters
+    ----------
+    batch
+        The rows.
+    with_time
+        Whether the time of each row is included.
+
+    Returns
+    -------
+    Sample, assembly mode, time if wanted, and inputs, (n,) each.
     """
-    columns = {name: places[:, k] for k, name in enumerate("xyzw"[: places.shape[1]])}
-    if form is not None and places.shape[1] == len(DIRECTION):
-        columns["phi"], columns["gamma"], _ = form.angles_to(places)
+    columns = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
+    if with_time:
+        columns["t"] = batch.t
+    return {**columns, **input_columns(batch.mechanism, batch.inputs)}
+
+
+def repeat_rows(columns: TableData, subjects: Sequence[str], name: str) -> TableData:
+    """Return columns in which each row is repeated once for every subject.
+
+    Parameters
+    ----------
+    columns
+        Columns (n,) of a table.
+    subjects
+        What the repeated rows are about, such as the names of k links.
+    name
+        Name of the column that lists the subjects.
+
+    Returns
+    -------
+    Columns (n k,), the subjects of one row following each other.
+    """
+    row_count = len(next(iter(columns.values())))
+    repeated: TableData = {
+        key: np.repeat(values, len(subjects)) for key, values in columns.items()
+    }
+    return {**repeated, name: np.tile(np.array(subjects, dtype=str), row_count)}
+
+
+def plot_series(
+    group: str,
+    label: str,
+    title: str,
+    values: Floats,
+    unit: str = "",
+    link: int | None = None,
+) -> Series:
+    """Return a plot of a quantity against the rows.
+
+    Parameters
+    ----------
+    group
+        Plots of one group are drawn together; part of the path of the plot.
+    label, title
+        Name of the curve, and title of the plot.
+    values
+        (n,) the quantity.
+    unit
+        Its unit.
+    link
+        Number of the link whose colour the curve has, or None.
+    """
+    file_name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
+    return Series(f"plots/{group}/{file_name}", label, title, values, unit, link)
+
+
+def plots_by_mode(batch: Batch, plots: Sequence[Series]) -> tuple[Scene, ...]:
+    """Return a scene for each assembly mode of a batch, with its rows of every plot."""
+    scenes = []
+    for mode, rows in batch.assembly_mode_rows().items():
+        plots_of_mode = [replace(plot, values=plot.values[rows]) for plot in plots]
+        scenes.append(Scene(mode, tuple(plots_of_mode)))
+    return tuple(scenes)
+
+
+def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, Any]:
+    """Return the torque of largest size at each input, and where it occurs.
+
+    Parameters
+    ----------
+    batch
+        The rows.
+    torques
+        (n, inputs) torques at the inputs (N m), NaN if unknown.
+    key
+        Key of the torque in the result.
+
+    Returns
+    -------
+    A record by the name of each input with a known torque: the torque (N m), sample,
+    assembly mode and inputs (rad).
+    """
+    records: dict[str, Any] = {}
+    for number, name in enumerate(batch.moving_inputs):
+        sizes = np.abs(torques[:, number])
+        if not np.any(np.isfinite(sizes)):
+            continue
+        row = int(np.nanargmax(sizes))
+        records[name] = {
+            key: float(torques[row, number]),
+            "at_sample": int(batch.sample[row]),
+            "at_assembly_mode": int(batch.assembly_mode[row]),
+            "at_rad": batch.inputs[row].tolist(),
+        }
+    return records
+
+
+def describe_largest_torques(
+    records: Mapping[str, Any], key: str, quantity: str
+) -> tuple[str, ...]:
+    """Return a sentence for each input about its largest torque.
+
+    Parameters
+    ----------
+    records, key
+        Result and parameter of `find_largest_torques`.
+    quantity
+        The torque in words, such as ``driving torque``.
+    """
+    sentences = []
+    for name, record in records.items():
+        if record[key]:
+            sentences.append(
+                f"largest {quantity} at {name}: {record[key]:.6g} N m at sample "
+                f"{record['at_sample']} of assembly mode {record['at_assembly_mode']}"
+            )
+        else:
+            sentences.append(f"{quantity} at {name}: zero in every row, to rounding")
+    return tuple(sentences)
+
+
+def merge_largest(
+    first: Mapping[str, Any], second: Mapping[str, Any], key: str
+) -> dict[str, Any]:
+    """Return by name the record of two whose number `key` has the larger size.
+
+    A name that only one of the two has keeps its record.
+    """
+    merged: dict[str, Any] = {}
+    for name in {**first, **second}:
+        records = [records[name] for records in (first, second) if name in records]
+        merged[name] = max(records, key=lambda record: abs(record[key]))
+    return merged
+
+
+def continue_load_angles(batch: Batch) -> Motion:
+    """Return the configurations of a batch with unwrapped angles of the loads' pairs.
+
+    Loads such as springs depend on the whole rotation of a pair. The batch needs the
+    tracer, and continued values of the pairs on which loads depend.
+    """
+    values = batch.motion.values.copy()
+    for pair in batch.needs.continued_values:
+        values[:, batch.mechanism.angles[pair]] = batch.continued_value(pair)
+    return replace(batch.motion, values=values)
+
+
+def direction_or_quaternion_columns(
+    poses: Floats, architecture: MidPlaneArchitecture | None
+) -> dict[str, Any]:
+    """Return the columns of poses.
+
+    Parameters
+    ----------
+    poses
+        Directions (n, 3), or unit quaternions xyzw (n, 4).
+    architecture
+        The mid-plane symmetric architecture of the mechanism, if it has one. The angles of
+        the mid-planes of directions are then included.
+    """
+    columns = {name: poses[:, k] for k, name in enumerate("xyzw"[: poses.shape[1]])}
+    if architecture is not None and poses.shape[1] == len(DIRECTION_COLUMNS):
+        columns["phi"], columns["gamma"], _ = architecture.angles_to(poses)
     return columns

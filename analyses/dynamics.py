@@ -36,14 +36,14 @@ from spherekit.plugin.dynamics import (
 )
 
 from .common import (
-    as_loads_see,
-    curve,
-    largest_of,
-    largest_torques,
-    plotted,
-    repeated,
+    continue_load_angles,
+    describe_largest_torques,
+    find_largest_torques,
+    merge_largest,
+    plot_series,
+    plots_by_mode,
+    repeat_rows,
     row_columns,
-    said_of_torques,
 )
 
 RATES = Column("dq", "rad/s", "rate of the variable of", per_input=True)
@@ -133,7 +133,7 @@ class Dynamics(AbstractAnalysis):
         inputs = batch.moving_inputs
         loads = [load.name for load in mechanism.loads]
         m = len(inputs)
-        timed = row_columns(batch, timed=True)
+        timed = row_columns(batch, with_time=True)
         rows, columns = np.triu_indices(m)
         entries = solution.M[:, rows, columns]
         slopes = solution.dM[:, rows, columns]
@@ -151,14 +151,14 @@ class Dynamics(AbstractAnalysis):
                 "status": solution.status,
             },
             "inertia": {
-                **repeated(row_columns(batch), [inputs[row] for row in rows], "row"),
+                **repeat_rows(row_columns(batch), [inputs[row] for row in rows], "row"),
                 "column": np.tile(np.array(inputs)[columns], len(batch)),
                 "M": entries.ravel(),
                 **input_columns(mechanism, slopes.reshape(-1, m), "dM"),
                 "status": of_parts(entries, solution.status).ravel(),
             },
             "loads": {
-                **repeated(timed, loads, "load"),
+                **repeat_rows(timed, loads, "load"),
                 **input_columns(mechanism, forces.reshape(-1, m), "Q"),
                 "power": solution.power.ravel(),
                 "status": of_parts(solution.power, solution.status).ravel(),
@@ -166,7 +166,7 @@ class Dynamics(AbstractAnalysis):
         }
 
     def _found(self, batch: Batch) -> InverseSolution:
-        return batch.once("torques", lambda: needed_torques(as_loads_see(batch)))
+        return batch.once("torques", lambda: needed_torques(continue_load_angles(batch)))
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque at each input, and where that is."""
@@ -174,7 +174,9 @@ class Dynamics(AbstractAnalysis):
         mechanism = batch.mechanism
         lost = solution.status == Status.AT_SINGULARITY
         figures = {
-            "inputs": largest_torques(batch, solution.sure_torques, "largest_torque_Nm"),
+            "inputs": find_largest_torques(
+                batch, solution.sure_torques, "largest_torque_Nm"
+            ),
             "rows_at_singularities": int(np.count_nonzero(lost)),
             "masses": bool(mechanism.masses),
             "loads": bool(mechanism.loads),
@@ -184,7 +186,7 @@ class Dynamics(AbstractAnalysis):
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
         lost = sum(item.figures["rows_at_singularities"] for item in (before, now))
-        largest = largest_of(
+        largest = merge_largest(
             before.figures["inputs"], now.figures["inputs"], "largest_torque_Nm"
         )
         return _said({**now.figures, "inputs": largest, "rows_at_singularities": lost})
@@ -194,23 +196,31 @@ class Dynamics(AbstractAnalysis):
         solution = self._found(batch)
         inputs = batch.moving_inputs
         curves = [
-            curve("torque", f"at {name}", "driving torques", solution.torques[:, k], "N m")
+            plot_series(
+                "torque", f"at {name}", "driving torques", solution.torques[:, k], "N m"
+            )
             for k, name in enumerate(inputs)
         ]
         for i, one in enumerate(inputs):
             for k, other in enumerate(inputs[i:], i):
                 label = f"M {one} {other}"
                 entry = solution.M[:, i, k]
-                curves.append(curve("inertia", label, "inertia matrix", entry, "kg m2"))
+                curves.append(
+                    plot_series("inertia", label, "inertia matrix", entry, "kg m2")
+                )
         power = np.vecdot(solution.torques, batch.input_rates)
-        curves.append(curve("power", "driving torques", "power", power, "W"))
+        curves.append(plot_series("power", "driving torques", "power", power, "W"))
         for k, load in enumerate(batch.mechanism.loads):
-            curves.append(curve("power", load.name, "power", solution.power[:, k], "W"))
-        return plotted(batch, curves)
+            curves.append(
+                plot_series("power", load.name, "power", solution.power[:, k], "W")
+            )
+        return plots_by_mode(batch, curves)
 
 
 def _said(figures: Mapping[str, Any]) -> Findings:
-    remarks = said_of_torques(figures["inputs"], "largest_torque_Nm", "driving torque")
+    remarks = describe_largest_torques(
+        figures["inputs"], "largest_torque_Nm", "driving torque"
+    )
     for given, other in (("masses", "loads"), ("loads", "inertia")):
         if not figures[given]:
             remarks += (f"the file has no {given}: the torques are against {other} alone",)

@@ -44,13 +44,13 @@ from spherekit.plugin.dynamics import (
 )
 
 from .common import (
-    as_loads_see,
-    curve,
-    largest_torques,
-    plotted,
-    repeated,
+    continue_load_angles,
+    describe_largest_torques,
+    find_largest_torques,
+    plot_series,
+    plots_by_mode,
+    repeat_rows,
     row_columns,
-    said_of_torques,
 )
 
 LARGEST = "largest_torque_Nm"
@@ -163,7 +163,7 @@ class Eksergian(AbstractAnalysis):
         """Return the tables of torque, of the links' inertia and of the loads."""
         solution = self._found(batch)
         mechanism = batch.mechanism
-        timed = row_columns(batch, timed=True)
+        timed = row_columns(batch, with_time=True)
         inertia = solution.B_parts
         forces = solution.Q_parts[:, 0]
         return {
@@ -179,13 +179,15 @@ class Eksergian(AbstractAnalysis):
                 "status": solution.status,
             },
             "inertia": {
-                **repeated(row_columns(batch), [x.link for x in mechanism.masses], "link"),
+                **repeat_rows(
+                    row_columns(batch), [x.link for x in mechanism.masses], "link"
+                ),
                 "B": inertia.ravel(),
                 "dB_dq": solution.dB_parts.ravel(),
                 "status": of_parts(inertia, solution.status).ravel(),
             },
             "loads": {
-                **repeated(timed, [load.name for load in mechanism.loads], "load"),
+                **repeat_rows(timed, [load.name for load in mechanism.loads], "load"),
                 "Q": forces.ravel(),
                 "power": solution.power.ravel(),
                 "status": of_parts(forces, solution.status).ravel(),
@@ -213,7 +215,7 @@ class Eksergian(AbstractAnalysis):
             "at_q_rad": float(batch.q[worst]),
             "at_assembly_mode": int(batch.assembly_mode[worst]),
         }
-        for name, largest in largest_torques(batch, torque[:, None], LARGEST).items():
+        for name, largest in find_largest_torques(batch, torque[:, None], LARGEST).items():
             figures["torque"] = {"pair": self.at or name, **largest}
         return _said(figures)
 
@@ -240,7 +242,7 @@ class Eksergian(AbstractAnalysis):
         for k, load in enumerate(mechanism.loads):
             torques[f"against {load.name}"] = -solution.Q_parts[:, 0, k]
         curves = [
-            curve("torque", label, "driving torque", values, "N m")
+            plot_series("torque", label, "driving torque", values, "N m")
             for label, values in torques.items()
         ]
         for group, label, title, unit, whole, parts in (
@@ -254,11 +256,13 @@ class Eksergian(AbstractAnalysis):
                 solution.dB_parts,
             ),
         ):
-            curves.append(curve(group, label, title, whole, unit, 0))
+            curves.append(plot_series(group, label, title, whole, unit, 0))
             for mass, part in zip(mechanism.masses, parts.T, strict=True):
                 number = mechanism.link_number[mass.link]
-                curves.append(curve(group, f"link {mass.link}", title, part, unit, number))
-        scenes = plotted(batch, curves)
+                curves.append(
+                    plot_series(group, f"link {mass.link}", title, part, unit, number)
+                )
+        scenes = plots_by_mode(batch, curves)
         if not batch.timed:
             return scenes
         portraits = (
@@ -286,7 +290,9 @@ def _said(figures: Mapping[str, Any]) -> Findings:
     """Return the figures, and the largest torque in words."""
     torques = [figures["torque"]] if "torque" in figures else []
     by_pair = {torque["pair"]: torque for torque in torques}
-    return Findings(figures, (), said_of_torques(by_pair, LARGEST, "driving torque"))
+    return Findings(
+        figures, (), describe_largest_torques(by_pair, LARGEST, "driving torque")
+    )
 
 
 def _solution(batch: Batch) -> InverseSolution:
@@ -296,7 +302,7 @@ def _solution(batch: Batch) -> InverseSolution:
     enough.
     """
     if Loads(batch.mechanism).friction_components:
-        return needed_torques(as_loads_see(batch))
+        return needed_torques(continue_load_angles(batch))
     status = batch.status.copy()
     lost = ~(batch.rates_loss() < USABLE_RATES)
     status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED

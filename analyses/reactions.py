@@ -36,7 +36,13 @@ from spherekit.plugin.dynamics import (
     used_pairs,
 )
 
-from .common import as_loads_see, curve, plotted, repeated, row_columns
+from .common import (
+    continue_load_angles,
+    plot_series,
+    plots_by_mode,
+    repeat_rows,
+    row_columns,
+)
 
 ROUNDING = 1e-13
 """Loads of bearings that are a smaller part of the couples beside them are zero."""
@@ -149,7 +155,7 @@ class ReactionAnalysis(AbstractAnalysis):
         first, held = (result.in_first(x).reshape(-1, 2) for x in both)
         return {
             "reactions": {
-                **repeated(row_columns(batch, timed=True), names, "pair"),
+                **repeat_rows(row_columns(batch, with_time=True), names, "pair"),
                 **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
                 **{f"moment_{axis}_first": first[:, k] for k, axis in enumerate("xy")},
                 "transverse_moment": result.across.ravel(),
@@ -163,7 +169,7 @@ class ReactionAnalysis(AbstractAnalysis):
         }
 
     def _found(self, batch: Batch) -> Reactions:
-        return batch.once("reactions", lambda: reactions(as_loads_see(batch)))
+        return batch.once("reactions", lambda: reactions(continue_load_angles(batch)))
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest moments and loads, contacts that pull, and what is open."""
@@ -221,19 +227,25 @@ class ReactionAnalysis(AbstractAnalysis):
         for k, pair in enumerate(batch.mechanism.pairs):
             title = "moment across the axis"
             moment = result.across[:, k]
-            curves.append(curve("transverse_moment", pair.name, title, moment, "N m"))
+            curves.append(plot_series("transverse_moment", pair.name, title, moment, "N m"))
             if not pair.kind.has_axis:
                 title = "push of contacts, times the radius"
                 moment = result.push[:, k]
-                curves.append(curve("contact_torque", pair.name, title, moment, "N m"))
+                curves.append(
+                    plot_series("contact_torque", pair.name, title, moment, "N m")
+                )
         for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result):
             label = _named(load, at)
             whole = np.any(np.isfinite(radial))
             title = "radial load of bearings" if whole else "load of bearings by the couple"
-            curves.append(curve("radial", label, title, radial if whole else couple, "N"))
+            curves.append(
+                plot_series("radial", label, title, radial if whole else couple, "N")
+            )
             if np.any(np.isfinite(axial)):
-                curves.append(curve("axial", label, "axial load of bearings", axial, "N"))
-        return plotted(batch, curves)
+                curves.append(
+                    plot_series("axial", label, "axial load of bearings", axial, "N")
+                )
+        return plots_by_mode(batch, curves)
 
 
 def _placed(mechanism: Mechanism) -> list[Bearings]:
@@ -268,9 +280,9 @@ def _bearing_rows(batch: Batch, result: Reactions) -> TableData:
     n = len(batch)
     pairs = [load.pair for load, *_ in bearings]
     numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
-    timed = row_columns(batch, timed=True)
+    timed = row_columns(batch, with_time=True)
     return {
-        **repeated(timed, [load.name for load, *_ in bearings], "load"),
+        **repeat_rows(timed, [load.name for load, *_ in bearings], "load"),
         "pair": np.tile(np.array(pairs, dtype=str), n),
         "position": np.tile([float(at) for _, at, *_ in bearings], n),
         **{

@@ -28,7 +28,13 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.designs import Distribution, Sensitivity, SizeDeviations
 
-from .common import as_loads_see, curve, largest_of, repeated, row_columns
+from .common import (
+    continue_load_angles,
+    merge_largest,
+    plot_series,
+    repeat_rows,
+    row_columns,
+)
 
 DEG = np.pi / 180.0
 EQUAL = 1e-9
@@ -182,14 +188,14 @@ class SensitivityAnalysis(AbstractAnalysis):
         every = [name for name in names for _ in keys]
         return {
             "sensitivity": {
-                **repeated(row_columns(batch), every, "quantity"),
+                **repeat_rows(row_columns(batch), every, "quantity"),
                 "size": np.tile(np.array(keys), len(names) * len(batch)),
                 "value": np.repeat(made.values.T.ravel(), len(keys)),
                 "derivative": np.transpose(made.gradients, (2, 1, 0)).ravel(),
                 "status": np.repeat(status, len(every)),
             },
             "tolerances": {
-                **repeated(row_columns(batch), names, "quantity"),
+                **repeat_rows(row_columns(batch), names, "quantity"),
                 **{name: part.T.ravel() for name, part in made.tolerances.items()},
                 "status": np.repeat(status, len(names)),
             },
@@ -201,7 +207,7 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _spread(self, batch: Batch) -> Spread:
         sensitivity, deviations = self._asked(batch.mechanism)
         samples = _samples(batch, sensitivity)
-        configurations = as_loads_see(batch).values
+        configurations = continue_load_angles(batch).values
         with np.errstate(all="ignore"):
             values, gradients = sensitivity.at(samples, configurations)
             failed = batch.status != Status.OK
@@ -256,7 +262,7 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the largest spreads of all blocks."""
-        largest = largest_of(before.figures, now.figures, "spread")
+        largest = merge_largest(before.figures, now.figures, "spread")
         return replace(self._said(largest, now.remarks[-1]), warnings=now.warnings)
 
     def _varied(self, keys: Sequence[str]) -> str:
@@ -299,11 +305,11 @@ class SensitivityAnalysis(AbstractAnalysis):
             if _is_angle(name):
                 title = "standard deviation"
                 unit = "rad"
-            curves.append(curve("spread", name, title, spread, unit))
+            curves.append(plot_series("spread", name, title, spread, unit))
         scenes = []
         for mode, rows in batch.assembly_mode_rows().items():
             more = [
-                curve(
+                plot_series(
                     f"derivative_{name}",
                     keys[size],
                     f"derivative of {name} by",

@@ -37,14 +37,14 @@ from spherekit.plugin.dynamics import (
 )
 
 from .common import (
-    as_loads_see,
-    curve,
-    largest_of,
-    largest_torques,
-    plotted,
-    repeated,
+    continue_load_angles,
+    describe_largest_torques,
+    find_largest_torques,
+    merge_largest,
+    plot_series,
+    plots_by_mode,
+    repeat_rows,
     row_columns,
-    said_of_torques,
 )
 
 LARGEST = "largest_holding_torque_Nm"
@@ -164,7 +164,7 @@ class Statics(AbstractAnalysis):
                 "status": solution.status,
             },
             "outputs": {
-                **repeated(common, list(outputs), "output"),
+                **repeat_rows(common, list(outputs), "output"),
                 **input_columns(mechanism, advantages, "advantage"),
                 **principal,
                 "status": np.repeat(solution.rate_status, len(outputs)),
@@ -173,7 +173,7 @@ class Statics(AbstractAnalysis):
 
     def _found(self, batch: Batch) -> InverseSolution:
         return batch.once(
-            "torques", lambda: holding_torques(as_loads_see(batch), self.time)
+            "torques", lambda: holding_torques(continue_load_angles(batch), self.time)
         )
 
     def _outputs(self, batch: Batch) -> Mapping[str, Stiffness]:
@@ -193,36 +193,40 @@ class Statics(AbstractAnalysis):
         """Return the largest holding torque at each input."""
         torques = self._found(batch).sure_torques
         loads = bool(batch.mechanism.loads)
-        return _said(largest_torques(batch, torques, LARGEST) if loads else {}, loads)
+        return _said(find_largest_torques(batch, torques, LARGEST) if loads else {}, loads)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of both."""
-        largest = largest_of(before.figures["inputs"], now.figures["inputs"], LARGEST)
+        largest = merge_largest(before.figures["inputs"], now.figures["inputs"], LARGEST)
         return _said(largest, now.figures["loads"])
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of holding torques, mechanical advantage and stiffness."""
         solution = self._found(batch)
         curves = [
-            curve("torque", f"at {name}", "holding torques", solution.torques[:, k], "N m")
+            plot_series(
+                "torque", f"at {name}", "holding torques", solution.torques[:, k], "N m"
+            )
             for k, name in enumerate(batch.moving_inputs)
         ]
         for output, held in self._outputs(batch).items():
             for k, name in enumerate(batch.moving_inputs):
                 label = f"{output} by {name}"
                 values = held.advantage[:, k]
-                curves.append(curve("advantage", label, "mechanical advantage", values))
+                curves.append(
+                    plot_series("advantage", label, "mechanical advantage", values)
+                )
             for k, word in enumerate(("least", "middle", "largest")):
                 values = held.stiffness[:, k]
                 if np.any(np.isfinite(values)):
                     label = f"{output}, {word}"
                     title = "principal stiffness"
-                    curves.append(curve("stiffness", label, title, values, "N m/rad"))
-        return plotted(batch, curves)
+                    curves.append(plot_series("stiffness", label, title, values, "N m/rad"))
+        return plots_by_mode(batch, curves)
 
 
 def _said(largest: Mapping[str, Any], loads: bool) -> Findings:
-    remarks = said_of_torques(largest, LARGEST, "holding torque")
+    remarks = describe_largest_torques(largest, LARGEST, "holding torque")
     if not loads:
         remarks = ("the file has no loads, so there is nothing to hold; see [loads.NAME]",)
     return Findings({"inputs": largest, "loads": loads}, (), remarks)

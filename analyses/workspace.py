@@ -60,7 +60,13 @@ from spherekit.plugin.workspace import (
     sphere_mesh,
 )
 
-from .common import DIRECTION, MIRROR, MODE, PLACE, place_columns
+from .common import (
+    DIRECTION_COLUMNS,
+    MID_PLANE_COLUMNS,
+    POSE_COLUMNS,
+    WORKING_MODE,
+    direction_or_quaternion_columns,
+)
 from .inverse_kinematics.pose_lists import read_poses
 from .output_poses import nearest_at, read_apart, read_limit, shown
 
@@ -137,7 +143,7 @@ class Reached:
             rows["workspace"].append(
                 {
                     **mode,
-                    **place_columns(places, self.kinematics.form),
+                    **direction_or_quaternion_columns(places, self.kinematics.form),
                     "inside": np.where(judged.inside, "yes", "no"),
                     "margin": judged.margin,
                     "limiting": np.array(self.names)[judged.limiting],
@@ -156,7 +162,7 @@ class Reached:
                         "gap": boundary.gap,
                         "arc": number,
                         "point": np.arange(len(arc.points)),
-                        **place_columns(arc.points, self.kinematics.form),
+                        **direction_or_quaternion_columns(arc.points, self.kinematics.form),
                         "constraint": self.names[arc.margin],
                     }
                     for curve, boundary in enumerate(item.region.boundaries)
@@ -189,7 +195,7 @@ class Reached:
             "size": sizes,
             "error": error,
             "curves": [" ".join(map(str, touching)) for touching in curves],
-            **place_columns(places, self.kinematics.form),
+            **direction_or_quaternion_columns(places, self.kinematics.form),
             "margin": self.judge(item, places).margin + 0.0 * places[:, 0],
         }
 
@@ -456,8 +462,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "workspace",
             "one row per mode and sample, inside and outside",
             (
-                MODE,
-                *PLACE,
+                WORKING_MODE,
+                *POSE_COLUMNS,
                 Column("inside", "", "yes or no", "text"),
                 Column("margin", "rad", "left to the nearest limit, negative outside"),
                 Column("limiting", "", "that limit", "text"),
@@ -470,14 +476,14 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "boundary",
             "one row per point of the border of directions, the workspace to its left",
             (
-                MODE,
+                WORKING_MODE,
                 Column("curve", "", "number of the closed curve", "integer"),
                 Column("component", "", "the part of the workspace beside it", "integer"),
                 Column("gap", "", "the part of the outside beside it", "integer"),
                 Column("arc", "", "number of the smooth arc in its curve", "integer"),
                 Column("point", "", "number of the point in its arc", "integer"),
-                *DIRECTION,
-                *MIRROR,
+                *DIRECTION_COLUMNS,
+                *MID_PLANE_COLUMNS,
                 Column("constraint", "", "the limit that ends the workspace", "text"),
             ),
         ),
@@ -485,13 +491,13 @@ class WorkspaceAnalysis(AbstractAnalysis):
             "areas",
             "one row per mode for the whole, and for each part and hole",
             (
-                MODE,
+                WORKING_MODE,
                 Column("part", "", "whole, component, hole or outside", "text"),
                 Column("number", "", "of the part, the largest first", "integer"),
                 Column("size", AREA, "area, or volume of all 8 pi^2 orientations"),
                 Column("error", AREA, "bound of its error"),
                 Column("curves", "", "numbers of the curves around it", "text"),
-                *PLACE,
+                *POSE_COLUMNS,
                 Column("margin", "rad", "at this sample, well within the part"),
             ),
         ),

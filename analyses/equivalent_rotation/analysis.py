@@ -39,7 +39,7 @@ from spherekit.plugin.rotations import (
     time_optimal,
 )
 
-from ..common import MIRROR, TILTED
+from ..common import MID_PLANE_COLUMNS, TILT_TORSION_COLUMNS
 from ..output_poses import read_end, read_pose
 from .scenes import FoundRotation, mid_planes
 
@@ -91,8 +91,8 @@ class EquivalentRotation(AbstractAnalysis):
             (
                 Column("sample", "", "number of the angle, from 0", "integer"),
                 Column("theta", "rad", "angle turned through about the axis"),
-                *MIRROR,
-                *TILTED,
+                *MID_PLANE_COLUMNS,
+                *TILT_TORSION_COLUMNS,
                 INPUTS,
                 Column("dq_dtheta", "", "derivative of q by theta", per_input=True),
                 Column("orientation_error", "rad", "angle from the pose turned exactly"),

@@ -27,7 +27,12 @@ from spherekit.plugin.workspace import (
     label_of,
 )
 
-from ..common import MODE, PLACE, TILTED, place_columns
+from ..common import (
+    POSE_COLUMNS,
+    TILT_TORSION_COLUMNS,
+    WORKING_MODE,
+    direction_or_quaternion_columns,
+)
 
 Row = dict[str, Any]
 
@@ -39,7 +44,7 @@ SAME_VALUES = 1e-6
 POSE = Column("pose", "", "number of the pose or of the inputs given, from 0", "integer")
 
 
-PLACES = *PLACE, *TILTED
+PLACES = *POSE_COLUMNS, *TILT_TORSION_COLUMNS
 
 
 MIRROR_RATES = tuple(
@@ -61,7 +66,7 @@ INVERSE = Table(
     "one row per pose and working mode, or configuration found",
     (
         POSE,
-        MODE,
+        WORKING_MODE,
         *PLACES,
         INPUTS,
         *(
@@ -110,7 +115,7 @@ PAIRS = Table(
     "variables of pairs: one row per pose, mode and pair asked for",
     (
         POSE,
-        MODE,
+        WORKING_MODE,
         Column("pair", "", "name of the pair", "text"),
         Column("value", "rad", "its variable"),
     ),
@@ -167,7 +172,7 @@ def pose_columns(solver: OutputKinematics, poses: Floats) -> Row:
         angles = tilt_torsion(poses)
         places = quaternion(poses)
     return {
-        **place_columns(places, solver.form),
+        **direction_or_quaternion_columns(places, solver.form),
         **dict(zip(("azimuth", "tilt", "torsion"), angles.T, strict=False)),
     }
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -22,15 +21,26 @@ from spherekit.plugin.designs import FigureOfMerit, middle_pairs
 from spherekit.plugin.singularities import ordered_pole, output_of
 
 from .one_input import OneInput
-from .several_inputs import MOST_INPUTS, SeveralInputs, no_aspects
+from .several_inputs import MAX_OUTPUT_FREEDOMS, SeveralInputs, no_aspects
 from .tables import ASPECTS, RELATION, SINGULARITIES
 
 
-def _found_with(
+def _trade_positions(
     parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
 ) -> Sweep:
-    """Return the places of singularities by values of a parameter."""
-    beside = () if parameter in ("samples", "seconds") else (("seconds", 100.0),)
+    """Return the trade of speed against accuracy by a parameter of this analysis.
+
+    The positions of singularities with different values of the parameter are compared.
+
+    Parameters
+    ----------
+    parameter, values
+        Name of the parameter, and the values that are compared.
+    inputs
+        Whether it applies to mechanisms with one input or with several.
+    """
+    # Enough time, so that only the parameter limits the accuracy.
+    needs_time = parameter not in ("samples", "seconds")
     return Sweep(
         parameter,
         values,
@@ -38,7 +48,7 @@ def _found_with(
         "q",
         ("kind", "output"),
         places=True,
-        beside=beside,
+        beside=(("seconds", 100.0),) if needs_time else (),
         inputs=inputs,
     )
 
@@ -58,8 +68,8 @@ class SingularityAnalysis(AbstractAnalysis):
     slice then costs seconds to minutes. `mesh` is the length of the edges of surfaces
     (degrees), 0 for none, by default a sixteenth of the narrowest range. Aspects are found
     over `input_grid` values of each input, 0 for none, by default 11 of at most three
-    inputs, as an output of more can always rest. All that ends after `seconds` of
-    processor time with what it has.
+    inputs, as an output of more can always rest. The searches end after `seconds` of
+    processor time with the results until then.
     """
 
     name = "singularities"
@@ -72,10 +82,10 @@ class SingularityAnalysis(AbstractAnalysis):
     tables = (SINGULARITIES, RELATION, ASPECTS)
 
     trades = (
-        _found_with("samples", (31, 91, 181, 361, 1441), "one"),
-        _found_with("slices", (3, 6, 12, 24), "several"),
-        _found_with("mesh", (20.0, 10.0, 5.0, 2.5), "several"),
-        _found_with("seconds", (1.0, 3.0, 10.0, 100.0), "several"),
+        _trade_positions("samples", (31, 91, 181, 361, 1441), "one"),
+        _trade_positions("slices", (3, 6, 12, 24), "several"),
+        _trade_positions("mesh", (20.0, 10.0, 5.0, 2.5), "several"),
+        _trade_positions("seconds", (1.0, 3.0, 10.0, 100.0), "several"),
     )
 
     output: tuple[str, ...] = ()
@@ -86,24 +96,35 @@ class SingularityAnalysis(AbstractAnalysis):
     seconds: float = 50.0
 
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
-        """Return the relative motions wanted, as numbers of links."""
+        """Return the relative motions of interest as numbers (o, s) of links.
+
+        They are those of the parameter `output`, or those that the mechanism declares. If
+        it declares no output other than the input, they are the links that are joined to
+        the ground, or else all other links, relative to the ground.
+        """
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)
         number = mechanism.link_number
-        ends = mechanism.ends
         declared = dict.fromkeys(
             (number[output.link], number[output.relative_to])
             for output in mechanism.outputs
         )
         if len(mechanism.inputs) > 1:
             return tuple(declared)
-        driven = set(ends[mechanism.pair_number[mechanism.inputs[0].pair]])
-        others = tuple(links for links in declared if set(links) != driven)
-        if others:
-            return others
-        beside = [max(two) for two in ends if 0 in two and not set(two) <= driven]
-        rest = beside or [k for k in range(1, len(mechanism.links)) if k not in driven]
-        return tuple((link, 0) for link in dict.fromkeys(rest))
+        input_pair = mechanism.pair_number[mechanism.inputs[0].pair]
+        input_links = set(mechanism.ends[input_pair])
+        outputs = tuple(links for links in declared if set(links) != input_links)
+        if outputs:
+            return outputs
+        ground_neighbours = [
+            max(links)
+            for links in mechanism.ends
+            if 0 in links and not set(links) <= input_links
+        ]
+        other_links = [
+            link for link in range(1, len(mechanism.links)) if link not in input_links
+        ]
+        return tuple((link, 0) for link in dict.fromkeys(ground_neighbours or other_links))
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the least transmission angle of each dyad, 0 at a type II singularity."""
@@ -118,7 +139,13 @@ class SingularityAnalysis(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the tracer, whose configuration curves are asked for more points."""
+        """Return the need for the position analysis, whose curves have the singularities.
+
+        Raises
+        ------
+        AnalysisError
+            If a parameter is not valid for the mechanism.
+        """
         for name in ("near", "slices", "mesh", "input_grid", "seconds"):
             value = getattr(self, name)
             if value is not None and not value >= 0:
@@ -132,37 +159,44 @@ class SingularityAnalysis(AbstractAnalysis):
                     "the mechanism declares as [outputs.NAME]"
                 )
             output_of(mechanism)
-            if self.input_grid and len(mechanism.inputs) > MOST_INPUTS:
+            if self.input_grid and len(mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
                 raise AnalysisError(
                     f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "
                     "give 0"
                 )
-        return Needs(tracer=True, links=frozenset(chain(*self.outputs(mechanism))))
+        output_links = {link for links in self.outputs(mechanism) for link in links}
+        return Needs(tracer=True, links=frozenset(output_links))
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of singularities, the relation along the motion, aspects."""
-        half = self._half(batch)
+        singularities = self._singularities(batch)
         return {
-            "singularities": half.points,
-            "relation": half.relation,
-            "aspects": half.aspects,
+            "singularities": singularities.points,
+            "relation": singularities.relation,
+            "aspects": singularities.aspects,
         }
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of each assembly mode, and what there is to see of singularities."""
-        return self._half(batch).scenes()
+        """Return plots of each assembly mode, and drawings of the singularities."""
+        return self._singularities(batch).scenes()
 
     def findings(self, batch: Batch) -> Findings:
         """Return how many singularities there are, and where a mode comes near one."""
-        return self._half(batch).findings()
+        return self._singularities(batch).findings()
 
-    def _half(self, batch: Batch) -> OneInput | SeveralInputs:
-        def half() -> OneInput | SeveralInputs:
+    def _singularities(self, batch: Batch) -> OneInput | SeveralInputs:
+        """Return the singularities of a batch, which are computed once."""
+
+        def compute() -> OneInput | SeveralInputs:
             if len(batch.mechanism.inputs) == 1:
                 return OneInput(batch, self.outputs(batch.mechanism), self.near)
-            side = None if self.mesh is None else float(np.radians(self.mesh))
             return SeveralInputs(
-                batch, self.slices, side, self.input_grid, self.near, self.seconds
+                batch,
+                slices=self.slices,
+                mesh=None if self.mesh is None else float(np.radians(self.mesh)),
+                input_grid=self.input_grid,
+                near=self.near,
+                seconds=self.seconds,
             )
 
-        return batch.once("half", half)
+        return batch.once("half", compute)

@@ -1,7 +1,6 @@
-"""What is said of the singularities of a mechanism with one input, in a few lines."""
+"""Sentences about the singularities of a mechanism with one input."""
 
-from collections.abc import Iterable, Mapping
-from itertools import product
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,88 +13,133 @@ from spherekit.plugin.singularities import (
     least_transmission,
 )
 
-from .scenes import SELF_MOTION, words_of
+from .scenes import SELF_MOTION, name_kind
 
-Row = Mapping[str, Any]
-
-MOST_SHOWN = 6
-"""Places of one type that are told one by one."""
-TRACED = 721
-"""Points of a curve among which an output's extremes are looked for."""
-FULL_TURN = 355.0
-"""An output that turned by more (deg) between the points of a curve turns fully."""
-MEANING = (
-    ("I", "it rests or turns back"),
-    ("II", "the locked input does not hold it"),
-    (SELF_MOTION, "it rests with the input while other links move"),
-    ("III", "curves of configurations cross"),
-)
-
-
-def places(points: Row, output: str, input_pair: str) -> list[str]:
-    """Return a line for each type of singularity of an output within the range."""
-    lines = []
-    shown = (points["output"] == output) & (points["inside"] == "yes")
-    for kind, meaning in MEANING:
-        here = shown & (points["kind"] == kind)
-        at = np.degrees(points["q"][here])
-        where = "everywhere on a curve"
-        if np.all(np.isfinite(at)):
-            where = f"at {input_pair} = " + "; ".join(
-                f"{_angles(values)} deg" + (f" in {modes}" if modes else "")
-                for modes, values in _by_modes(at, points["assembly_mode"][here]).items()
-            )
-        if len(at):
-            lines.append(f"{words_of(kind)} of {output}, {meaning}: {where}")
-    return lines
+MAX_LISTED_INPUTS = 6
+"""Inputs of one kind of singularity that are listed; of others the number is stated."""
+OUTPUT_SAMPLES_PER_CURVE = 721
+"""Points of a curve among which the extremes of an output are searched. Larger: extremes
+between singularities are more accurate."""
+FULL_TURN_DEG = 355.0
+"""An output that turned by more between the sampled points of a curve turns fully. Smaller
+than 360, because the last sample is before the end of the curve."""
+MEANING_OF_KIND = {
+    "I": "it rests or turns back",
+    "II": "the locked input does not hold it",
+    SELF_MOTION: "it rests with the input while other links move",
+    "III": "curves of configurations cross",
+}
+"""What each kind of singularity means for an output, in the order of the sentences."""
 
 
-def _by_modes(at: Floats, modes: Iterable[str]) -> dict[str, list[str]]:
-    """Return the places (deg) by the modes that have them, as they are shown."""
-    having: dict[str, set[int]] = {}
-    for value, joined in sorted(zip(at.tolist(), modes, strict=True)):
-        having.setdefault(_degrees(value), set()).update(_numbers([joined]))
-    grouped: dict[str, list[str]] = {}
-    for place, numbers in having.items():
-        words = numbered("mode", sorted(numbers)) if numbers else ""
-        grouped.setdefault(words, []).append(place)
-    return grouped
+def describe_inputs_of_kinds(
+    points: Mapping[str, Any], output: str, input_pair: str
+) -> list[str]:
+    """Return a sentence for each kind of singularity of an output within the range.
+
+    Parameters
+    ----------
+    points
+        The table of singularities, by column.
+    output
+        The output, as it is named in this table.
+    input_pair
+        Name of the driven pair.
+    """
+    sentences = []
+    is_shown = (points["output"] == output) & (points["inside"] == "yes")
+    for kind, meaning in MEANING_OF_KIND.items():
+        rows = is_shown & (points["kind"] == kind)
+        if not np.any(rows):
+            continue
+        inputs_deg = np.degrees(points["q"][rows])
+        location = "everywhere on a curve"
+        if np.all(np.isfinite(inputs_deg)):
+            parts = []
+            inputs_by_modes = _group_by_modes(inputs_deg, points["assembly_mode"][rows])
+            for modes, inputs in inputs_by_modes.items():
+                in_modes = f" in {modes}" if modes else ""
+                parts.append(f"{_list_angles(inputs)} deg{in_modes}")
+            location = f"at {input_pair} = " + "; ".join(parts)
+        sentences.append(f"{name_kind(kind)} of {output}, {meaning}: {location}")
+    return sentences
 
 
-def _numbers(modes: Iterable[str]) -> set[int]:
-    """Return the numbers of modes that are joined by plus signs."""
+def _group_by_modes(inputs_deg: Floats, modes: Iterable[str]) -> dict[str, list[str]]:
+    """Return formatted inputs (deg) by the assembly modes in which they occur.
+
+    Parameters
+    ----------
+    inputs_deg
+        (n,) inputs of singularities (deg).
+    modes
+        Assembly modes of each singularity, joined by plus signs.
+    """
+    modes_of_input: dict[str, set[int]] = {}
+    for value, joined_modes in sorted(zip(inputs_deg.tolist(), modes, strict=True)):
+        numbers = modes_of_input.setdefault(_format_degrees(value), set())
+        numbers.update(_split_modes([joined_modes]))
+    inputs_by_modes: dict[str, list[str]] = {}
+    for formatted_input, numbers in modes_of_input.items():
+        modes_in_words = numbered("mode", sorted(numbers)) if numbers else ""
+        inputs_by_modes.setdefault(modes_in_words, []).append(formatted_input)
+    return inputs_by_modes
+
+
+def _split_modes(modes: Iterable[str]) -> set[int]:
+    """Return the numbers of assembly modes in texts such as ``0+2``."""
     return {int(number) for number in "+".join(modes).split("+") if number}
 
 
-def _angles(places: list[str]) -> str:
-    rest = len(places) - MOST_SHOWN
-    shown = ", ".join(places[:MOST_SHOWN])
-    return f"{shown} and {rest} more" if rest > 0 else shown
+def _list_angles(angles: list[str]) -> str:
+    """Return a list of formatted angles; long lists end with the number of the others."""
+    omitted = len(angles) - MAX_LISTED_INPUTS
+    listed = ", ".join(angles[:MAX_LISTED_INPUTS])
+    return f"{listed} and {omitted} more" if omitted > 0 else listed
 
 
-def _degrees(value: float) -> str:
-    """Return an angle (deg) as text, zero but for rounding as 0."""
+def _format_degrees(value: float) -> str:
+    """Return an angle (deg) as text; an angle that is zero up to rounding as 0."""
     return f"{round(value, 6) + 0.0:.6g}"
 
 
-def swings(sampled: SampledSingularities, names: list[str]) -> list[str]:
-    """Return how far each output turns on the configuration curves, curves alike in one."""
-    lines: dict[str, list[int]] = {}
-    every = len(sampled.curves)
-    for number, (output, name) in product(range(every), enumerate(names)):
-        words = f"{name} {_turning(sampled, number, output)}"
-        lines.setdefault(words, []).append(number)
-    return [
-        words
-        + ("" if len(curves) == every else f" on {numbered('configuration curve', curves)}")
-        for words, curves in lines.items()
-    ]
+def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> list[str]:
+    """Return how far each output turns on the configuration curves.
+
+    Curves with the same sentence are listed together.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves.
+    names
+        Name of each output.
+    """
+    curves_by_sentence: dict[str, list[int]] = {}
+    curve_count = len(sampled.curves)
+    for number in range(curve_count):
+        for output, name in enumerate(names):
+            sentence = f"{name} {_describe_output_range(sampled, number, output)}"
+            curves_by_sentence.setdefault(sentence, []).append(number)
+    sentences = []
+    for sentence, curves in curves_by_sentence.items():
+        if len(curves) != curve_count:
+            sentence += f" on {numbered('configuration curve', curves)}"
+        sentences.append(sentence)
+    return sentences
 
 
-def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
-    """Return how far an output turns on a configuration curve.
+def _describe_output_range(sampled: SampledSingularities, number: int, output: int) -> str:
+    """Return how far an output turns on a configuration curve, as a verb phrase.
 
-    It swings where it turns back, or where the curve ends before it has turned fully.
+    It swings if it turns back, or if the curve ends before it has turned fully.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves.
+    number, output
+        Number of the curve, and position of the output.
     """
     curve = sampled.curves[number]
     links = sampled.report.outputs[output]
@@ -105,84 +149,136 @@ def _turning(sampled: SampledSingularities, number: int, output: int) -> str:
         for point in sampled.report.points
         if (point.curve, point.output) == (number, links)
     ]
-    s = np.linspace(0.0, curve.length * (1.0 - 1e-12), TRACED)
+    # The extremes of the output are at its singularities of type I.
+    s = np.linspace(0.0, curve.length * (1.0 - 1e-12), OUTPUT_SAMPLES_PER_CURVE)
     s = np.unique(np.append(s, [point.s for point in points]))
-    angle = along = sampled.output_angle(number, output, s)
+    angle_on_curve = sampled.output_angle(number, output, s)
+    angle = angle_on_curve
     if variable is not None:
-        beyond = [values[variable] for _, values in sampled.crossing_ends(number)]
-        angle = np.append(along, beyond) - along[0] + wrap(along[0])
+        crossing_angles = [values[variable] for _, values in sampled.crossing_ends(number)]
+        angle = np.append(angle_on_curve, crossing_angles)
+        # The start of the curve is in (-pi, pi].
+        angle = angle - angle_on_curve[0] + wrap(angle_on_curve[0])
     low, high = np.degrees([np.min(angle), np.max(angle)])
-    swing = _degrees(high - low)
+    swing = _format_degrees(high - low)
     reverses = any(point.output_turns for point in points)
-    left = not curve.closed and Status.OK in curve.ends
-    far = ", as far as the curve was followed" if left else ""
+    is_unfinished = not curve.closed and Status.OK in curve.ends
     if swing == "0":
-        return "rests" + (f" at {_degrees(high)} deg" if variable is not None else "")
-    input_ends = curve.at(s[[0, -1]]).values[:, sampled.tracer.solver.input_variable]
-    input_turns = np.ptp(input_ends) / (2.0 * np.pi)
-    if left and input_turns > 1.0 and not reverses:
-        ratio = _degrees(np.degrees(np.ptp(along)) / input_turns)
-        return f"turns in one sense, by {ratio} deg in a turn of the input"
+        return "rests" + (
+            f" at {_format_degrees(high)} deg" if variable is not None else ""
+        )
+
+    input_variable = sampled.tracer.solver.input_variable
+    input_ends = curve.at(s[[0, -1]]).values[:, input_variable]
+    input_revolutions = np.ptp(input_ends) / (2.0 * np.pi)
+    if is_unfinished and input_revolutions > 1.0 and not reverses:
+        angle_per_revolution = np.degrees(np.ptp(angle_on_curve)) / input_revolutions
+        return (
+            f"turns in one sense, by {_format_degrees(angle_per_revolution)} deg in a turn "
+            "of the input"
+        )
+    limitation = ", as far as the curve was followed" if is_unfinished else ""
     if variable is None:
         to_and_fro = "to and fro " if reverses else ""
-        return f"turns {to_and_fro}by {swing} deg about its moving pole{far}"
-    if abs(along[-1] - along[0]) > np.pi and high - low > FULL_TURN:
+        return f"turns {to_and_fro}by {swing} deg about its moving pole{limitation}"
+    net_angle = abs(angle_on_curve[-1] - angle_on_curve[0])
+    if net_angle > np.pi and high - low > FULL_TURN_DEG:
         return "turns fully"
-    if left and not reverses:
-        return f"turns in one sense, by {swing} deg{far}"
-    return f"swings {swing} deg, from {_degrees(low)} to {_degrees(high)} deg{far}"
+    if is_unfinished and not reverses:
+        return f"turns in one sense, by {swing} deg{limitation}"
+    return (
+        f"swings {swing} deg, from {_format_degrees(low)} to {_format_degrees(high)} deg"
+        f"{limitation}"
+    )
 
 
-def least_angles(
+def describe_least_transmission(
     sampled: SampledSingularities, names: list[str], input_pair: str
 ) -> list[str]:
-    """Return the least transmission angle of each output that has one."""
-    lines = []
+    """Return the least transmission angle of each output that has one.
+
+    Parameters
+    ----------
+    sampled
+        The singularities on all curves.
+    names
+        Name of each output.
+    input_pair
+        Name of the driven pair.
+    """
+    sentences = []
     for output, name in enumerate(names):
         least = least_transmission(sampled, output)
         if least is None:
             continue
         angle, q, modes = least
-        lines.append(
+        sentences.append(
             f"least transmission angle of {name}: {np.degrees(angle):.4g} deg at "
-            f"{input_pair} = {_degrees(np.degrees(q))} deg in {numbered('mode', modes)}"
+            f"{input_pair} = {_format_degrees(np.degrees(q))} deg in "
+            f"{numbered('mode', modes)}"
         )
-    return lines
+    return sentences
 
 
-def coming_near(
-    misses: list[NearMiss], points: Row, names: list[str], near: float, input_pair: str
+def warn_of_near_misses(
+    misses: Sequence[NearMiss],
+    points: Mapping[str, Any],
+    names: Sequence[str],
+    near_deg: float,
+    input_pair: str,
 ) -> list[str]:
-    """Return a line for each output that comes near a type without meeting it.
+    """Return a warning for each output that comes near a type without reaching it.
 
-    Assembly modes that meet it elsewhere in the range are left out.
+    Assembly modes that reach the type elsewhere in the range are left out.
+
+    Parameters
+    ----------
+    misses
+        The near misses.
+    points
+        The table of singularities, by column.
+    names
+        Name of each output, as in this table.
+    near_deg
+        The angle below which a warning is given (deg).
+    input_pair
+        Name of the driven pair.
     """
-    lines = []
+    warnings = []
     for kind, output in dict.fromkeys((miss.type, miss.output) for miss in misses):
         name = names[output]
-        met = _met(points, kind, name)
-        beside = [
-            (miss, modes)
-            for miss in misses
-            if (miss.type, miss.output) == (kind, output)
-            and (modes := set(miss.assembly_modes) - met)
-        ]
-        if not beside:
+        modes_with_singularity = _modes_with_singularity(points, kind, name)
+        remaining: list[tuple[NearMiss, set[int]]] = []
+        for miss in misses:
+            modes = set(miss.assembly_modes) - modes_with_singularity
+            if (miss.type, miss.output) == (kind, output) and modes:
+                remaining.append((miss, modes))
+        if not remaining:
             continue
-        least, having = min(beside, key=lambda entry: entry[0].angle)
-        every = sorted(set().union(*(modes for _, modes in beside)))
-        lines.append(
-            f"{numbered('assembly mode', every)} of output {name} "
-            f"come{'s' * (len(every) == 1)} within {near:g} deg of type {kind} without "
-            f"meeting it, nearest {np.degrees(least.angle):.3g} deg in "
-            f"{numbered('mode', sorted(having))} at {input_pair} = "
-            f"{_degrees(np.degrees(least.q))} deg, velocity coefficient "
-            f"{least.velocity_coefficient:.3g}"
+        nearest, modes_of_nearest = min(remaining, key=lambda entry: entry[0].angle)
+        all_modes = sorted(set().union(*(modes for _, modes in remaining)))
+        verb = "comes" if len(all_modes) == 1 else "come"
+        warnings.append(
+            f"{numbered('assembly mode', all_modes)} of output {name} "
+            f"{verb} within {near_deg:g} deg of type {kind} without "
+            f"meeting it, nearest {np.degrees(nearest.angle):.3g} deg in "
+            f"{numbered('mode', sorted(modes_of_nearest))} at {input_pair} = "
+            f"{_format_degrees(np.degrees(nearest.q))} deg, velocity coefficient "
+            f"{nearest.velocity_coefficient:.3g}"
         )
-    return lines
+    return warnings
 
 
-def _met(points: Row, kind: str, output: str) -> set[int]:
-    """Return the assembly modes in which an output meets a type of singularity."""
-    here = (points["kind"] == kind) & (points["output"] == output)
-    return _numbers(points["assembly_mode"][here & (points["inside"] == "yes")])
+def _modes_with_singularity(points: Mapping[str, Any], kind: str, output: str) -> set[int]:
+    """Return the assembly modes in which an output has a kind of singularity in the range.
+
+    Parameters
+    ----------
+    points
+        The table of singularities, by column.
+    kind, output
+        The kind and the output, as they are named in this table.
+    """
+    is_of_output = (points["kind"] == kind) & (points["output"] == output)
+    is_inside = points["inside"] == "yes"
+    return _split_modes(points["assembly_mode"][is_of_output & is_inside])

@@ -1,4 +1,4 @@
-"""The half of the analysis `singularities` for mechanisms with one input."""
+"""The analysis `singularities` of mechanisms with one input."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,43 +32,71 @@ from spherekit.plugin.singularities import (
     NearMiss,
     SampledSingularities,
     SingularPoint,
+    SixPoles,
     Type,
     grashof,
     near_misses,
 )
 
-from .findings import coming_near, least_angles, places, swings
-from .scenes import SELF_MOTION, TONES, plane, relation_plots, without_jumps
-from .tables import ASPECTS, RELATION, SINGULARITIES, configuration_columns, of_type
+from .findings import (
+    describe_inputs_of_kinds,
+    describe_least_transmission,
+    describe_output_ranges,
+    warn_of_near_misses,
+)
+from .scenes import (
+    COLOUR_OF_KIND,
+    SELF_MOTION,
+    break_at_jumps,
+    plot_plane,
+    relation_plots,
+)
+from .tables import ASPECTS, RELATION, SINGULARITIES, configuration_columns, of_kind
 
-Row = dict[str, Any]
+Columns = dict[str, Any]
+"""Columns of a table, or one row of it, by the names of columns."""
 
-RESTS = 1e-8
-"""A rate by arc length below this is none."""
-LINE_TONE = 4
-DRAWN = 721
-"""Points with which a whole configuration curve is drawn."""
-AXES = ("ir", "or_", "os", "io", "is_", "rs")
-COINCIDE = {
-    "I": (("io", "os", "is_"), ("ir", "is_", "rs")),
-    "II": (("or_", "os", "rs"), ("io", "os", "is_")),
+RESTING_RATE = 1e-8
+"""A rate by arc length below this is zero in the table of relations. Larger: rows near
+singularities are called singular; smaller: rounding hides singular rows."""
+CURVE_COLOUR = 4
+"""Number of the colour of configuration curves."""
+POINTS_PER_CURVE = 721
+"""Points with which a whole configuration curve is drawn. Larger: smoother lines."""
+LABEL_OF_AXIS = {
+    "ir": "ir",
+    "or_": "or",
+    "os": "os",
+    "io": "io",
+    "is_": "is",
+    "rs": "rs",
 }
-"""The axes of the planes that coincide in a type of singularity."""
-GALLERY = (
+"""Labels of the axes of `SixPoles` in drawings, in the order in which they are drawn."""
+AXES_OF_FIRST_PLANE = {"I": ("io", "os", "is_"), "II": ("or_", "os", "rs")}
+AXES_OF_SECOND_PLANE = {"I": ("ir", "is_", "rs"), "II": ("io", "os", "is_")}
+"""The axes of the two planes that coincide at a type of singularity."""
+GALLERY_HEADER = (
     "Arrows: poles of the input link i, its reference r, the output link o and its "
     "reference s, or the fourth link of form ii. Great circles: the planes that "
     "coincide.\n\n"
     "| sample | type | condition | mode | q, deg | output |\n"
     "|---|---|---|---|---:|---|"
 )
+"""Text above the list of singularities on their page, in Markdown."""
 
 
 @dataclass(frozen=True)
 class OneInput:
     """Singularities of the rows of a mechanism with one input.
 
-    `outputs` are the relative motions of interest, as numbers of links; `near` (degrees)
-    is the angle to a singularity below which a warning is given.
+    Attributes
+    ----------
+    batch
+        The rows.
+    outputs
+        The relative motions of interest, as numbers of links.
+    near
+        Angle to a singularity (deg) below which a warning is given.
     """
 
     batch: Batch
@@ -79,115 +107,131 @@ class OneInput:
     def sampled(self) -> SampledSingularities:
         """The singularities on all curves, and the rows on these."""
         batch = self.batch
+        # A motion with a sense is a simulation, which passes parts of curves only.
+        is_simulation = batch.motion.sense is not None
         return SampledSingularities(
             batch.tracer,
             self.outputs,
             batch.motion.values,
             batch.assembly_mode,
-            None if batch.motion.sense is None else batch.q,
+            batch.q if is_simulation else None,
         )
 
     @cached_property
     def names(self) -> list[str]:
         """The outputs by names of links."""
-        return [self._named(links) for links in self.sampled.report.outputs]
+        return [self._name_links(links) for links in self.sampled.report.outputs]
 
-    def _named(self, links: Iterable[int]) -> str:
-        return "/".join(self.sampled.tracer.mechanism.links[k] for k in links)
+    def _name_links(self, links: Iterable[int]) -> str:
+        """Return the names of links, given by their numbers, such as ``4/1``."""
+        return "/".join(self.sampled.tracer.mechanism.links[link] for link in links)
 
     @cached_property
-    def points(self) -> Row:
-        """The main table: points on curves, where curves cross, then whole curves."""
+    def points(self) -> Columns:
+        """The main table: points on curves, crossings of curves, then whole curves."""
         sampled = self.sampled
-        certain = {"double": "no", "guarantee": sampled.configurations.guarantee.value}
-        rows: list[Row] = []
-        for point in (*sampled.report.points, *sampled.report.crossings):
-            rows += self._rows(point)
-        for whole in sampled.report.resting_curves:
+        report = sampled.report
+        rows: list[Columns] = []
+        for point in (*report.points, *report.crossings):
+            rows += self._rows_of_point(point)
+        for point in report.resting_curves:
+            pieces = sampled.configurations.curves[point.curve].pieces
             rows.append(
                 {
-                    "kind": str(whole.type),
-                    "assembly_mode": _joined(
-                        sampled.modes_of(sampled.configurations.curves[whole.curve].pieces)
-                    ),
+                    "kind": str(point.type),
+                    "assembly_mode": _join_numbers(sampled.modes_of(pieces)),
                     "inside": "yes",
-                    "output": self._named(whole.output),
-                    "curve": whole.curve,
+                    "output": self._name_links(point.output),
+                    "curve": point.curve,
                     "residual": 0.0,
                     "certain": "yes",
-                    "note": f"at rest on the whole of curve {whole.curve}",
+                    "note": f"at rest on the whole of curve {point.curve}",
                 }
             )
-        return SINGULARITIES.stacked(self.batch.mechanism, [certain | row for row in rows])
+        defaults = {"double": "no", "guarantee": sampled.configurations.guarantee.value}
+        return SINGULARITIES.stacked(self.batch.mechanism, [defaults | row for row in rows])
 
-    def _rows(self, point: SingularPoint) -> list[Row]:
-        """Return a row for each input of the range at which a singularity is met."""
+    def _rows_of_point(self, point: SingularPoint) -> list[Columns]:
+        """Return a row for each input of the range at which a singularity occurs."""
         sampled = self.sampled
-        ends = point.places
         part = None if sampled.tracer is self.batch.tracer else sampled.tracer
-        crossed = point.type is Type.III
-        relations = [at for at in point.relations if crossed or at.agrees]
-        held = [item for at in relations for item in at.conditions]
-        words = [item.words for item in held] or [at.note for at in point.relations]
-        if crossed:
-            count = 0 if point.crossing is None else len(point.crossing.tangents)
-            numbers = sorted({curve for curve, _ in ends})
-            words = [
-                f"{counted(count, 'curve')} cross" if count else "curves end",
-                f"ends of curves {_joined(numbers, ', ')}",
-            ]
-        notes = [*words, point.note] if crossed else [point.note, *words]
-        turns = (
-            "input" * (point.input_turns and point.type is not Type.I),
-            "output" * (point.output_turns and point.type is not Type.II),
-        )
-        whole = {
+        is_crossing = point.type is Type.III
+        # A relation that disagrees with the rates has no conditions of this singularity.
+        relations = [
+            relation for relation in point.relations if is_crossing or relation.agrees
+        ]
+        conditions = [
+            condition for relation in relations for condition in relation.conditions
+        ]
+        labels = [
+            condition.label + ("" if condition.certain else "?") for condition in conditions
+        ]
+        residuals = [condition.residual for condition in conditions]
+        if is_crossing:
+            notes = [*_describe_crossing(point), point.note]
+        elif conditions:
+            notes = [point.note, *(condition.words for condition in conditions)]
+        else:
+            notes = [point.note, *(relation.note for relation in point.relations)]
+        reversals = []
+        if point.input_turns and point.type is not Type.I:
+            reversals.append("input")
+        if point.output_turns and point.type is not Type.II:
+            reversals.append("output")
+        columns = {
             **configuration_columns(
                 self.batch, point.values[None], point.output, part=part
             ),
             "kind": str(point.type),
             "certain": "yes" if point.certain else "no",
             "error": point.error,
-            "reversal": " and ".join(filter(None, turns)),
+            "reversal": " and ".join(reversals),
             "double": "yes" if point.double else "no",
-            "condition": " ".join(
-                dict.fromkeys(h.label + ("" if h.certain else "?") for h in held)
-            ),
-            "residual": min((h.residual for h in held), default=np.nan),
-            "output": self._named(point.output),
+            "condition": " ".join(dict.fromkeys(labels)),
+            "residual": min(residuals, default=np.nan),
+            "output": self._name_links(point.output),
             "curve": point.curve,
             "s": point.s,
             "note": "; ".join(dict.fromkeys(filter(None, notes))),
         }
         return [
             {
-                **whole,
-                "assembly_mode": _joined(modes),
+                **columns,
+                "assembly_mode": _join_numbers(modes),
                 "q": q,
-                "inside": "yes" if inside else "no",
+                "inside": "yes" if is_inside else "no",
             }
-            for q, modes, inside in sampled.met(ends, point.values)
+            for q, modes, is_inside in sampled.met(point.places, point.values)
         ]
 
     @cached_property
-    def relation(self) -> Row:
+    def relation(self) -> Columns:
         """C y' = d q' and nearness of every row, by output and form."""
         batch = self.batch
         sampled = self.sampled
         sigma, reciprocal_condition = sampled.singular_values()
         status = np.where(batch.status == Status.OK, sampled.status, batch.status)
-        rows: list[Row] = []
+        tables: list[Columns] = []
         for (output, form), columns in sampled.measures().items():
-            rates = columns["output_rate"], columns["input_rate"]
-            still, held = (np.abs(rate) < RESTS for rate in rates)
+            output_rate = columns["output_rate"]
+            input_rate = columns["input_rate"]
+            output_rests = np.abs(output_rate) < RESTING_RATE
+            input_rests = np.abs(input_rate) < RESTING_RATE
+            # The first condition that is fulfilled decides.
             kinds = np.select(
-                [sampled.crossed, np.isnan(rates[1]), still & held, still, held],
+                [
+                    sampled.crossed,
+                    np.isnan(input_rate),
+                    output_rests & input_rests,
+                    output_rests,
+                    input_rests,
+                ],
                 ["III", "", SELF_MOTION, "I", "II"],
                 "regular",
             )
             with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = rates[0] / rates[1]
-            rows.append(
+                velocity_coefficient = output_rate / input_rate
+            tables.append(
                 {
                     **columns,
                     "sample": batch.sample,
@@ -195,7 +239,7 @@ class OneInput:
                     "q": batch.q,
                     "output": self.names[output],
                     "form": form,
-                    "velocity_coefficient": ratio,
+                    "velocity_coefficient": velocity_coefficient,
                     "sigma": sigma,
                     "reciprocal_condition": reciprocal_condition,
                     "status": status,
@@ -204,10 +248,10 @@ class OneInput:
                     "group": np.isin(kinds, ("I", "II", "III")).astype(np.int64),
                 }
             )
-        return RELATION.stacked(batch.mechanism, rows)
+        return RELATION.stacked(batch.mechanism, tables)
 
     @property
-    def aspects(self) -> Row:
+    def aspects(self) -> Columns:
         """No rows: aspects are those of several inputs."""
         return ASPECTS.stacked(self.batch.mechanism)
 
@@ -218,180 +262,253 @@ class OneInput:
         names = self.names
         report = sampled.report
         configurations = sampled.configurations
-        inside = points["inside"] == "yes"
-        curves = counted(len(sampled.curves), "configuration curve")
-        here, beyond = (
-            dict(sorted(Counter(points["kind"][some].tolist()).items()))
-            for some in (inside, ~inside)
-        )
+        input_pair = self.batch.moving_inputs[0]
+        is_inside = points["inside"] == "yes"
+        counts_inside = _count_kinds(points["kind"][is_inside])
+        counts_outside = _count_kinds(points["kind"][~is_inside])
         misses = near_misses(sampled, np.radians(self.near))
-        figures: dict[str, Any] = {
-            "singularities": here,
-            "outside": beyond,
+        summary: dict[str, Any] = {
+            "singularities": counts_inside,
+            "outside": counts_outside,
             "configuration_curves": len(sampled.curves),
             "guarantee": str(configurations.claim),
             "checks_failed": list(configurations.mismatches),
             "notes": [*report.gaps, *report.notes],
-            "near_misses": [_stated(miss, names) for miss in misses],
+            "near_misses": [_near_miss_record(miss, names) for miss in misses],
         }
+
         warnings = [*report.gaps, *configurations.mismatches]
         if report.everywhere is not None:
-            figures["freedoms_everywhere"] = report.everywhere
+            summary["freedoms_everywhere"] = report.everywhere
             warnings.append(
                 f"to a part in a million, the mechanism has {report.everywhere} freedoms "
                 "in every configuration: it is singular everywhere, and its tables are "
                 "empty"
             )
-        for name in dict.fromkeys(points["output"][inside & (points["kind"] == "II")]):
+        is_type_two = is_inside & (points["kind"] == "II")
+        for name in dict.fromkeys(points["output"][is_type_two]):
             warnings.append(
                 f"output {name} meets type II in the range: the locked input does not hold "
                 "it there"
             )
-        pair = self.batch.moving_inputs[0]
-        warnings += coming_near(misses, points, names, self.near, pair)
-        counts = _in_words(here) or "no singularities"
-        counts += " passed" if sampled.is_simulation else " in the range of the input"
-        if beyond:
-            counts += f", {_in_words(beyond)} outside"
-        links = sampled.tracer.mechanism.links
-        if len(links) < len(self.batch.mechanism.links):
-            curves += f" of the links {listing(links)}"
-        remarks = [f"{counts} on {curves}; {configurations.claim}"]
-        made = grashof(self.batch.mechanism)
-        if made is not None:
-            figures["grashof"] = made.name
-            remarks.append(str(made))
+        warnings += warn_of_near_misses(misses, points, names, self.near, input_pair)
+
+        remarks = [self._describe_counts(counts_inside, counts_outside)]
+        four_bar_class = grashof(self.batch.mechanism)
+        if four_bar_class is not None:
+            summary["grashof"] = four_bar_class.name
+            remarks.append(str(four_bar_class))
         for name in names:
-            remarks += places(points, name, pair)
+            remarks += describe_inputs_of_kinds(points, name, input_pair)
         if report.everywhere is None:
-            remarks += swings(sampled, names)
-        remarks += least_angles(sampled, names, pair)
-        return Findings(figures, tuple(warnings), tuple(remarks))
+            remarks += describe_output_ranges(sampled, names)
+        remarks += describe_least_transmission(sampled, names, input_pair)
+        return Findings(summary, tuple(warnings), tuple(remarks))
+
+    def _describe_counts(
+        self, counts_inside: Mapping[str, int], counts_outside: Mapping[str, int]
+    ) -> str:
+        """Return the numbers of singularities by kind, and on which curves, in words."""
+        sampled = self.sampled
+        counts = _format_counts(counts_inside) or "no singularities"
+        if sampled.is_simulation:
+            counts += " passed"
+        else:
+            counts += " in the range of the input"
+        if counts_outside:
+            counts += f", {_format_counts(counts_outside)} outside"
+        curves = counted(len(sampled.curves), "configuration curve")
+        links_of_part = sampled.tracer.mechanism.links
+        if len(links_of_part) < len(self.batch.mechanism.links):
+            curves += f" of the links {listing(links_of_part)}"
+        return f"{counts} on {curves}; {sampled.configurations.claim}"
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the page of singularities, if they have places, and one of each mode."""
-        pages = [self._gallery()] if np.any(np.isfinite(self.points["s"])) else []
-        for number, rows in self.batch.assembly_mode_rows().items():
-            drawn = [self._input_output(output, rows) for output in range(len(self.names))]
+        """Return the page of singularities, if there are points, and one of each mode."""
+        pages = []
+        if np.any(np.isfinite(self.points["s"])):
+            pages.append(self._gallery())
+        for mode, rows in self.batch.assembly_mode_rows().items():
+            portraits = [
+                self._input_output_plot(output, rows) for output in range(len(self.names))
+            ]
             plots = relation_plots(self.relation, len(self.batch), rows)
-            pages.append(Scene(number, (*drawn, *plots, *self._marked(rows))))
+            marks = self._mark_singular_inputs(rows)
+            pages.append(Scene(mode, (*portraits, *plots, *marks)))
         return tuple(pages)
 
-    def _marked(self, rows: slice) -> list[Primitive]:
-        """Return the inputs at which singularities of an assembly mode are."""
+    def _mark_singular_inputs(self, rows: slice) -> list[Primitive]:
+        """Return marks at the inputs of the singularities of an assembly mode.
+
+        `rows` are the rows of the batch with that mode. There are no marks over time.
+        """
         if self.batch.timed:
             return []
         points = self.points
         mode = str(int(self.batch.assembly_mode[rows.start]))
-        here = np.array([mode in m.split("+") for m in points["assembly_mode"]], bool)
-        here &= np.isfinite(points["q"])
-        parts: list[Primitive] = []
-        for kind in dict.fromkeys(points["kind"][here].tolist()):
-            q = np.unique(points["q"][here & (points["kind"] == kind)])[:, None]
-            parts.append(InputMarks(f"marks/{kind}", f"type {kind}", q, TONES[kind]))
-        return parts
+        is_in_mode = np.array(
+            [mode in modes.split("+") for modes in points["assembly_mode"]], bool
+        )
+        is_marked = is_in_mode & np.isfinite(points["q"])
+        marks: list[Primitive] = []
+        for kind in dict.fromkeys(points["kind"][is_marked].tolist()):
+            q = np.unique(points["q"][is_marked & (points["kind"] == kind)])[:, None]
+            colour = COLOUR_OF_KIND[kind]
+            marks.append(InputMarks(f"marks/{kind}", f"type {kind}", q, colour))
+        return marks
 
     @cached_property
-    def drawn(self) -> dict[tuple[int, int], Floats]:
-        """Inputs and outputs (`DRAWN`, 2) at even places, by curve and output."""
-        lines = {}
+    def curve_lines(self) -> dict[tuple[int, int], Floats]:
+        """Input and output (`POINTS_PER_CURVE`, 2) in rad, by curve and output.
+
+        Points are at equal distances in arc length.
+        """
+        lines: dict[tuple[int, int], Floats] = {}
         sampled = self.sampled
         for number, curve in enumerate(sampled.curves):
-            s = np.linspace(0.0, curve.length * (1.0 - 1e-12), DRAWN)
+            s = np.linspace(0.0, curve.length * (1.0 - 1e-12), POINTS_PER_CURVE)
             for output in range(len(self.names)):
-                turned = sampled.output_angle(number, output, s)
+                angle = sampled.output_angle(number, output, s)
                 links = sampled.report.outputs[output]
                 if sampled.tracer.mechanism.angle_between(*links) is not None:
-                    turned = wrap(turned)
-                line = sampled.input_at(number, s), turned
-                lines[number, output] = np.stack(line, axis=1)
+                    angle = wrap(angle)
+                q = sampled.input_at(number, s)
+                lines[number, output] = np.stack([q, angle], axis=1)
         return lines
 
-    def _places(self, curve: int, output: int, s: Floats) -> Floats:
-        """Return where places (k,) of a curve are drawn, (k, 2)."""
+    def _points_on_line(self, curve: int, output: int, s: Floats) -> Floats:
+        """Return the drawn points (k, 2) in rad that are nearest to arc lengths s (k,)."""
         parts = s / self.sampled.curves[curve].length
-        return self.drawn[curve, output][np.rint(parts * (DRAWN - 1)).astype(int)]
+        numbers = np.rint(parts * (POINTS_PER_CURVE - 1)).astype(int)
+        return self.curve_lines[curve, output][numbers]
 
-    def _input_output(self, output: int, rows: slice) -> Portrait:
-        """Return the output against the input at some rows, with all curves drawn.
+    def _input_output_plot(self, output: int, rows: slice) -> Portrait:
+        """Return the output against the input, with all curves and marked singularities.
 
-        Singularities are marked.
+        Parameters
+        ----------
+        output
+            Position of the output.
+        rows
+            Rows of the batch at which the moving point is drawn.
         """
         batch = self.batch
         sampled = self.sampled
         name = self.names[output]
-        numbers = range(len(sampled.curves))
-        at = np.full((len(batch), 2), np.nan)
-        for number in numbers:
-            here = sampled.curve == number
-            at[here, 0] = batch.q[here]
-            at[here, 1] = self._places(number, output, sampled.s[here])[:, 1]
-        met = [
-            (point.type, self._places(point.curve, output, np.array([point.s]))[0])
-            for point in sampled.report.points
-            if point.output == sampled.report.outputs[output]
-        ]
-        return plane(
+        curve_numbers = range(len(sampled.curves))
+        row_points = np.full((len(batch), 2), np.nan)
+        for number in curve_numbers:
+            is_on_curve = sampled.curve == number
+            drawn_points = self._points_on_line(number, output, sampled.s[is_on_curve])
+            row_points[is_on_curve, 0] = batch.q[is_on_curve]
+            row_points[is_on_curve, 1] = drawn_points[:, 1]
+        marks = []
+        for point in sampled.report.points:
+            if point.output != sampled.report.outputs[output]:
+                continue
+            (position,) = self._points_on_line(point.curve, output, np.array([point.s]))
+            if np.all(np.isfinite(position)):
+                colour = COLOUR_OF_KIND[str(point.type)]
+                marks.append(Mark(f"type {point.type}", position, colour))
+        return plot_plane(
             f"plots/input_output/{name.replace('/', '_')}",
             f"output {name} against the input",
-            at[rows],
+            row_points[rows],
             (f"input {batch.moving_inputs[0]}", f"output {name}"),
             [
-                PlaneCurve(without_jumps(self.drawn[number, output]), LINE_TONE)
-                for number in numbers
+                PlaneCurve(break_at_jumps(self.curve_lines[number, output]), CURVE_COLOUR)
+                for number in curve_numbers
             ],
-            [
-                Mark(f"type {kind}", place, TONES[str(kind)])
-                for kind, place in met
-                if np.all(np.isfinite(place))
-            ],
+            marks,
         )
 
     def _gallery(self) -> Scene:
         """Return a page on which row k is singularity k, with what coincides there."""
         sampled = self.sampled
-        every = self.points
-        points = {k: v[np.isfinite(every["s"])] for k, v in every.items()}
-        outputs = [self.names.index(name) for name in points["output"]]
-        places = [points["curve"].tolist(), points["s"]]
-        six = [
-            sampled.report.evaluate_relations(curve, s[None], output).relations[-1].poles
-            for curve, s, output in zip(*places, outputs, strict=True)
-        ]
-        turned = np.stack([*map(sampled.configuration, *places)])
-        coincide = [COINCIDE["I" if kind == "I" else "II"] for kind in points["kind"]]
-        parts: list[Primitive] = [*link_bodies(sampled.tracer.mechanism, turned)]
-        for name in AXES:
-            axes = np.concatenate([getattr(poles, name) for poles in six])
+        has_point = np.isfinite(self.points["s"])
+        points = {name: column[has_point] for name, column in self.points.items()}
+        curves = points["curve"].tolist()
+        # The last relation is that of form ii if there is one, otherwise of form i.
+        six_poles: list[SixPoles] = []
+        for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
+            output = self.names.index(name)
+            relations = sampled.report.evaluate_relations(curve, s[None], output).relations
+            six_poles.append(relations[-1].poles)
+        rotations = np.stack(
+            [
+                sampled.configuration(curve, s)
+                for curve, s in zip(curves, points["s"], strict=True)
+            ]
+        )
+        parts: list[Primitive] = [*link_bodies(sampled.tracer.mechanism, rotations)]
+        for name, label in LABEL_OF_AXIS.items():
+            axes = np.concatenate([getattr(poles, name) for poles in six_poles])
             if np.any(np.isfinite(axes)):
-                words = name.rstrip("_")
-                parts.append(Arrow(f"pole/{name}", words, axes, False, path_shown=False))
-        for k, which in enumerate(("one triplet", "the other")):
-            normals = np.concatenate(
-                [poles.plane(two[k])[0] for poles, two in zip(six, coincide, strict=True)]
-            )
-            parts.append(GreatCircle(f"plane/{k}", f"plane of {which}", normals))
-        told = ("kind", "condition", "assembly_mode", "q", "output")
-        points["q"] = np.array([f"{q:.4f}" for q in np.degrees(points["q"])])
-        rows = zip(*(points[name] for name in told), strict=True)
-        lines = [f"| {k} | {' | '.join(texts)} |" for k, texts in enumerate(rows)]
-        notes = [f"- sample {k}: {note}" for k, note in enumerate(points["note"]) if note]
-        words = "\n".join([GALLERY, *lines, "", "What coincides:", "", *notes])
-        parts.append(Text("list", "Singularities", words))
-        over = Axis("singularity", "", np.arange(float(len(six))))
-        return Scene("Singularities", tuple(parts), (over,))
+                parts.append(Arrow(f"pole/{name}", label, axes, False, path_shown=False))
+        types = ["I" if kind == "I" else "II" for kind in points["kind"]]
+        for number, (label, axes_of_plane) in enumerate(
+            (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))
+        ):
+            normals = [
+                poles.plane(axes_of_plane[kind])[0]
+                for poles, kind in zip(six_poles, types, strict=True)
+            ]
+            path = f"plane/{number}"
+            parts.append(GreatCircle(path, f"plane of {label}", np.concatenate(normals)))
+        parts.append(Text("list", "Singularities", _gallery_text(points)))
+        sample_axis = Axis("singularity", "", np.arange(float(len(six_poles))))
+        return Scene("Singularities", tuple(parts), (sample_axis,))
 
 
-def _in_words(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{n} {of_type(kind)}" for kind, n in counts.items())
+def _gallery_text(points: Mapping[str, Any]) -> str:
+    """Return the list of singularities (columns of the table) in Markdown."""
+    q_texts = [f"{q:.4f}" for q in np.degrees(points["q"])]
+    lines = []
+    for row, cells in enumerate(
+        zip(
+            points["kind"],
+            points["condition"],
+            points["assembly_mode"],
+            q_texts,
+            points["output"],
+            strict=True,
+        )
+    ):
+        lines.append(f"| {row} | {' | '.join(cells)} |")
+    notes = [f"- sample {row}: {note}" for row, note in enumerate(points["note"]) if note]
+    return "\n".join([GALLERY_HEADER, *lines, "", "What coincides:", "", *notes])
 
 
-def _joined(numbers: Iterable[int], sign: str = "+") -> str:
-    return sign.join(map(str, numbers))
+def _describe_crossing(point: SingularPoint) -> list[str]:
+    """Return how many curves cross, and which curves end at the crossing."""
+    curve_count = 0 if point.crossing is None else len(point.crossing.tangents)
+    numbers = sorted({curve for curve, _ in point.places})
+    return [
+        f"{counted(curve_count, 'curve')} cross" if curve_count else "curves end",
+        f"ends of curves {_join_numbers(numbers, ', ')}",
+    ]
 
 
-def _stated(miss: NearMiss, names: Sequence[str]) -> dict[str, Any]:
-    """Return a near miss as the summary has it."""
+def _count_kinds(kinds: Any) -> dict[str, int]:
+    """Return how often each kind occurs in a column (n,) of kinds, sorted by kind."""
+    return dict(sorted(Counter(kinds.tolist()).items()))
+
+
+def _format_counts(counts: Mapping[str, int]) -> str:
+    """Return numbers of singularities by kind in words, such as ``2 of type II``."""
+    return ", ".join(f"{count} {of_kind(kind)}" for kind, count in counts.items())
+
+
+def _join_numbers(numbers: Iterable[int], separator: str = "+") -> str:
+    """Return numbers as one text, such as ``0+2``."""
+    return separator.join(str(number) for number in numbers)
+
+
+def _near_miss_record(miss: NearMiss, names: Sequence[str]) -> dict[str, Any]:
+    """Return a near miss as a record of the summary.
+
+    `names` are the names of the outputs by position.
+    """
     return {
         "type": str(miss.type),
         "output": names[miss.output],

@@ -1,6 +1,7 @@
-"""Scenes of the analysis `singularities`, with one input and with several."""
+"""Scenes of the analysis `singularities` that both numbers of inputs have."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -15,69 +16,131 @@ from spherekit.plugin import (
 )
 
 SELF_MOTION: Final = "self-motion"
+"""The kind of singularity in which links move while inputs and output rest."""
+
+COLOUR_OF_KIND = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
+"""Number of the colour of each kind of singularity."""
 
 
-Row = Mapping[str, Any]
+@dataclass(frozen=True)
+class PlottedColumn:
+    """A column of the table of relations that is drawn.
+
+    Attributes
+    ----------
+    label
+        What it is, in words.
+    group
+        Plots of one group are drawn together.
+    unit
+        Its unit. Columns with a unit do not depend on the moving input.
+    """
+
+    label: str
+    group: str
+    unit: str
 
 
-TONES = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
-
-
-_PLOTTED = {
-    "c": ("c", "input-output relation", ""),
-    "d": ("d", "input-output relation", ""),
-    "distance_I": ("to type I", "angles", "rad"),
-    "distance_II": ("to type II", "angles", "rad"),
-    "transmission": ("transmission angle", "angles", "rad"),
+PLOTTED_COLUMNS = {
+    "c": PlottedColumn("c", "input-output relation", ""),
+    "d": PlottedColumn("d", "input-output relation", ""),
+    "distance_I": PlottedColumn("to type I", "angles", "rad"),
+    "distance_II": PlottedColumn("to type II", "angles", "rad"),
+    "transmission": PlottedColumn("transmission angle", "angles", "rad"),
 }
-"""Columns of relations that are drawn: what of, group, and unit."""
+"""The drawn columns of the table of relations by name."""
 
 
-def without_jumps(line: Floats) -> Floats:
-    """Return points (n, 2) rad with NaN between two where an angle jumps by a turn."""
+def break_at_jumps(line: Floats) -> Floats:
+    """Return points (n, 2) of a line of angles (rad), broken where an angle jumps.
+
+    A jump by more than half a revolution comes from the range of the angle. NaN between
+    the two points prevents that they are connected.
+    """
     jumps = np.max(np.abs(np.diff(line, axis=0)), axis=1) > np.pi
     return np.insert(line, np.flatnonzero(jumps) + 1, np.nan, axis=0)
 
 
-def plane(
+def plot_plane(
     path: str,
     label: str,
     rows: Floats,
     axes: tuple[str, str],
     curves: Sequence[PlaneCurve],
     marks: Sequence[Mark],
-    spanned: Iterable[Floats] = (),
+    further_points: Iterable[Floats] = (),
 ) -> Portrait:
-    """Return curves in a plane of angles (rad), with a mark at each of the rows (n, 2).
+    """Return curves in a plane of two angles (rad), with a moving point.
 
-    The frame spans the curves, and the points (k, 2) to be `spanned`.
+    Parameters
+    ----------
+    path, label
+        Path and name of the plot.
+    rows
+        (n, 2) position of the moving point in each row.
+    axes
+        Names of the two angles.
+    curves, marks
+        Curves and marked points.
+    further_points
+        Arrays (k, 2) of points that the frame has to include in addition to the curves.
     """
-    every = [*(curve.points for curve in curves), *spanned] or [np.zeros((1, 2))]
-    points = np.concatenate(every)
-    x, y = zip(np.nanmin(points, axis=0), np.nanmax(points, axis=0), strict=True)
+    point_arrays = [*(curve.points for curve in curves), *further_points]
+    points = np.concatenate(point_arrays or [np.zeros((1, 2))])
+    low = np.nanmin(points, axis=0)
+    high = np.nanmax(points, axis=0)
+    x_range, y_range = zip(low, high, strict=True)
     return Portrait(
-        path, label, rows[:, 0], rows[:, 1], *axes, x, y, "rad", "rad", curves, marks
+        path,
+        label,
+        rows[:, 0],
+        rows[:, 1],
+        *axes,
+        x_range,
+        y_range,
+        "rad",
+        "rad",
+        curves,
+        marks,
     )
 
 
-def relation_plots(relation: Row, count: int, rows: slice) -> list[Primitive]:
-    """Return c, d and angles of each output in some of so many rows of a batch."""
-    parts: dict[str, Primitive] = {}
-    several = len(set(relation["moving"])) > 1
-    for start in range(0, len(relation["c"]), count):
-        output, form, moving = (relation[k][start] for k in ("output", "form", "moving"))
-        at = slice(start + rows.start, start + rows.stop)
-        for name, (words, group, unit) in _PLOTTED.items():
-            by = f" by {moving}" * (several and not unit)
-            end = (name + by).replace(" ", "_")
-            values = relation[name][at]
-            path = f"plots/{form}/{output.replace('/', '_')}/{end}"
+def relation_plots(
+    relation: Mapping[str, Any], rows_of_batch: int, rows: slice
+) -> list[Primitive]:
+    """Return plots of c, d and angles of each output in some rows of a batch.
+
+    Parameters
+    ----------
+    relation
+        The table of relations of the batch, by column. It has the rows of the batch once
+        for every output, form and moving input.
+    rows_of_batch
+        Number of rows of the batch.
+    rows
+        The rows of the batch that are drawn, those of an assembly mode.
+    """
+    plots: dict[str, Primitive] = {}
+    has_several_inputs = len(set(relation["moving"])) > 1
+    for start in range(0, len(relation["c"]), rows_of_batch):
+        output = relation["output"][start]
+        form = relation["form"][start]
+        moving_input = relation["moving"][start]
+        table_rows = slice(start + rows.start, start + rows.stop)
+        for name, column in PLOTTED_COLUMNS.items():
+            by_input = ""
+            if has_several_inputs and not column.unit:
+                by_input = f" by {moving_input}"
+            values = relation[name][table_rows]
+            file_name = (name + by_input).replace(" ", "_")
+            path = f"plots/{form}/{output.replace('/', '_')}/{file_name}"
             if np.any(np.isfinite(values)):
-                label = f"{words}{by}, output {output}"
-                parts[path] = Series(path, label, f"{group}, form {form}", values, unit)
-    return [*parts.values()]
+                label = f"{column.label}{by_input}, output {output}"
+                title = f"{column.group}, form {form}"
+                plots[path] = Series(path, label, title, values, column.unit)
+    return list(plots.values())
 
 
-def words_of(kind: str) -> str:
-    """Return the words for a kind: type II, self-motion."""
+def name_kind(kind: str) -> str:
+    """Return a kind of singularity in words, such as ``type II`` or ``self-motion``."""
     return kind if kind == SELF_MOTION else f"type {kind}"

@@ -1,6 +1,6 @@
-"""The half of the analysis `singularities` for mechanisms with several inputs."""
+"""The analysis `singularities` of mechanisms with several inputs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -51,61 +51,103 @@ from spherekit.plugin.singularities import (
     what_vanishes,
 )
 
-from .scenes import SELF_MOTION, TONES, plane, relation_plots, without_jumps, words_of
+from .scenes import (
+    COLOUR_OF_KIND,
+    SELF_MOTION,
+    break_at_jumps,
+    name_kind,
+    plot_plane,
+    relation_plots,
+)
 from .tables import (
     ASPECTS,
     RELATION,
     SINGULARITIES,
-    angle_of,
+    angle_from_sine,
     configuration_columns,
-    of_type,
+    of_kind,
 )
 
-Row = dict[str, Any]
+Columns = dict[str, Any]
+"""Columns of a table, or one row of it, by the names of columns."""
 
-KINDS: tuple[LocusName, ...] = ("II", "I")
-FOR_SLICES = 0.4
-"""Part of the time that slices may take."""
-SAME = 1e-6
-"""Points of type III whose variables differ by less (rad) are one, met on two curves."""
-ROUNDED = 9
-"""Places of an angle in degrees: further ones are rounding."""
-SLICES = 12
-"""Values of each input at which dyads are cut by default."""
-SIDES = 4.0
-"""Edges that a mesh is laid with along the narrowest range of an input, and the longest."""
-HALVED = 2
-"""How often edges are halved afterwards, with vertices on the surface."""
-PARTS = 8
-"""Parts of each way between two nodes of a singular curve that is drawn."""
-LONGEST_SIDE = np.radians(15.0)
-MOST_INPUTS = 3
-"""The freedoms that an output has at most."""
-INPUT_GRID = 11
-"""Values of each input for aspects, unless told."""
+OUTPUT_KINDS: tuple[LocusName, ...] = ("II", "I")
+"""Kinds of singularities that are searched for every output."""
+SLICE_TIME_SHARE = 0.4
+"""Part of the time limit that slices may take. The rest is for following loci and
+aspects."""
+SAME_TYPE_THREE_POINT_RAD = 1e-6
+"""Points of type III whose variables differ by less are one point, met on two curves.
+Larger: points near each other are listed once; smaller: one point is listed twice."""
+ANGLE_DECIMALS = 9
+"""Decimals of an angle in degrees that are not rounding."""
+DEFAULT_SLICES = 12
+"""Values of each of two inputs at which mechanisms of dyads are cut by default."""
+EDGES_PER_RANGE = 4.0
+"""Edges of the first mesh along the narrowest range of an input, at least. Larger: smaller
+triangles, and more time."""
+MAX_HALVINGS = 2
+"""How often edges are halved afterwards at most, with vertices on the surface."""
+PARTS_PER_CHORD = 8
+"""Parts into which each chord between two nodes of a drawn curve is divided."""
+LONGEST_EDGE_RAD = np.radians(15.0)
+"""Longest edge of the first mesh."""
+MAX_OUTPUT_FREEDOMS = 3
+"""Degrees of freedom that an output has at most."""
+DEFAULT_ASPECT_SAMPLES = 11
+"""Values of each input for aspects by default."""
 
 
 def no_aspects(mechanism: Mechanism) -> str:
-    """Return why a mechanism of more than three inputs has none."""
+    """Return why a mechanism of more than three inputs has no aspects."""
     return (
         f"with {len(mechanism.inputs)} inputs an output can always rest: it has "
-        f"{MOST_INPUTS} freedoms at most, so no part is free of type I"
+        f"{MAX_OUTPUT_FREEDOMS} freedoms at most, so no part is free of type I"
     )
 
 
 Locus = SingularCurves | SingularSurface
-"""What is found of a type: curves of two inputs, surfaces of three."""
+"""The singularities of one kind: curves of two inputs, surfaces of three."""
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The results of all searches that share the time limit.
+
+    Attributes
+    ----------
+    loci
+        The loci of each output, by its name.
+    aspects
+        The aspects, or None if they are not wanted.
+    """
+
+    loci: dict[str, list[Locus]]
+    aspects: Aspects | None
 
 
 @dataclass(frozen=True)
 class SeveralInputs:
     """Singularities of the rows of a mechanism with several inputs.
 
-    `slices` is the number of values at which each input is locked to look for singular
-    curves, or surfaces where `mesh` (rad) is the length of their triangles' edges; with 0
-    there is none, and by default random starts are the seeds of what no dyads cut quickly.
-    `input_grid` is the number of values of each input for aspects, by default 11 where an
-    output may be free of type I, and `seconds` the processor time that all this may take.
+    Attributes
+    ----------
+    batch
+        The rows.
+    slices
+        Number of values at which each input is locked to search for singular curves and
+        surfaces. With 0 nothing is searched. By default (None) mechanisms of dyads with two
+        inputs are cut, others are searched from random starts, because their slices take
+        long.
+    mesh
+        Length (rad) of the edges of surfaces, 0 for no surfaces; None for the default.
+    input_grid
+        Number of values of each input for aspects, 0 for none. By default (None) 11 if the
+        mechanism has at most three inputs.
+    near
+        Angle to a singularity (deg) below which a warning is given.
+    seconds
+        Processor time (s) that the searches may take.
     """
 
     batch: Batch
@@ -116,389 +158,532 @@ class SeveralInputs:
     seconds: float
 
     @cached_property
-    def at_slices(self) -> int:
-        """The number of slices, by default what dyads of two inputs allow."""
+    def slice_count(self) -> int:
+        """The number of values of each input for slices, 0 for random starts."""
         if self.slices is not None:
             return self.slices
-        two = len(self.batch.moving_inputs) == 2
-        return SLICES if two and self.batch.tracer.assembly.has_closed_form else 0
+        has_two_inputs = len(self.batch.moving_inputs) == 2
+        if has_two_inputs and self.batch.tracer.assembly.has_closed_form:
+            return DEFAULT_SLICES
+        return 0
 
     @cached_property
-    def sides(self) -> tuple[float, int]:
-        """The length (rad) of the edges that a mesh is laid with, and halvings.
-
-        0 for no mesh.
-        """
+    def first_edge_and_halvings(self) -> tuple[float, int]:
+        """The edge (rad) of the first mesh, 0 for none, and the number of halvings."""
         widths = [abs(item.stop - item.start) for item in self.batch.mechanism.inputs]
-        longest = min(LONGEST_SIDE, min(widths) / SIDES)
+        longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
         if self.mesh is None:
-            return longest, HALVED
+            return longest, MAX_HALVINGS
         if not self.mesh:
             return 0.0, 0
-        halved = int(np.clip(np.log2(longest / self.mesh), 0, HALVED))
-        return self.mesh * 2**halved, halved
+        halvings = int(np.clip(np.log2(longest / self.mesh), 0, MAX_HALVINGS))
+        return self.mesh * 2**halvings, halvings
 
     @cached_property
-    def points(self) -> Row:
+    def points(self) -> Columns:
         """The main table: points of singular curves or surfaces, by output."""
-        parts: list[Row] = []
+        tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
-            met = np.zeros((0, len(self.batch.mechanism.variable_names)))
-            number = 0
-            name = named(self.batch.mechanism, output)
+            name = name_output(self.batch.mechanism, output)
+            curve_number = 0
+            listed_values = np.zeros((0, len(self.batch.mechanism.variable_names)))
             for locus in self.loci[output.name]:
                 if locus.everywhere:
-                    told = {"kind": locus.kind, "inside": "yes", "residual": 0.0}
-                    told |= {"output": name, "curve": -1, **_claimed(locus.claim)}
-                    parts.append(told | {"note": "in every configuration"})
+                    tables.append(
+                        {
+                            "kind": locus.kind,
+                            "inside": "yes",
+                            "residual": 0.0,
+                            "output": name,
+                            "curve": -1,
+                            **_certainty_columns(locus.claim),
+                            "note": "in every configuration",
+                        }
+                    )
                 elif isinstance(locus, SingularSurface):
-                    vertices = self._rows(locus.points, output, locus.claim)
-                    note = "vertex of a surface"
-                    parts.append(vertices | {"curve": locus.component, "note": note})
+                    columns = self._point_columns(locus.points, output, locus.claim)
+                    columns["curve"] = locus.component
+                    columns["note"] = "vertex of a surface"
+                    tables.append(columns)
                 else:
                     for curve in locus.curves:
-                        whole = self._rows(curve.points, output, locus.claim)
-                        note = "closed" if curve.closed else "open"
-                        whole |= {"curve": number, "s": curve.s, "note": note}
-                        whole |= {"condition": curve.why} if curve.why else {}
-                        away = np.abs(wrap(curve.both.values[:, None] - met))
-                        fresh = ~np.any(np.max(away, axis=2) < SAME, axis=1)
-                        parts.append(whole)
-                        if fresh.any():
-                            both = self._rows(curve.both.rows(fresh), output, locus.claim)
-                            kind = {"kind": "III", "note": "of both types"}
-                            parts.append(both | kind | {"curve": number})
-                        met = np.concatenate([met, curve.both.values])
-                        number += 1
-        return SINGULARITIES.stacked(self.batch.mechanism, parts)
+                        tables += self._curve_tables(
+                            curve, curve_number, output, locus.claim, listed_values
+                        )
+                        listed_values = np.concatenate([listed_values, curve.both.values])
+                        curve_number += 1
+        return SINGULARITIES.stacked(self.batch.mechanism, tables)
 
-    def _rows(self, points: SingularPoints, output: Output, claim: Completeness) -> Row:
+    def _curve_tables(
+        self,
+        curve: CurveSeen,
+        number: int,
+        output: Output,
+        claim: Completeness,
+        listed_values: Floats,
+    ) -> list[Columns]:
+        """Return the rows of a singular curve, and of its points of type III.
+
+        Parameters
+        ----------
+        curve, number
+            The curve and its number.
+        output
+            The output.
+        claim
+            What is known of curves that were not found.
+        listed_values
+            (k, variables) points of type III of this output that are listed already (rad).
+        """
+        columns = self._point_columns(curve.points, output, claim)
+        columns["curve"] = number
+        columns["s"] = curve.s
+        columns["note"] = "closed" if curve.closed else "open"
+        if curve.why:
+            columns["condition"] = curve.why
+        tables = [columns]
+
+        # Axes: point of this curve, listed point, variable.
+        differences = np.abs(wrap(curve.both.values[:, None] - listed_values))
+        is_listed = np.any(np.max(differences, axis=2) < SAME_TYPE_THREE_POINT_RAD, axis=1)
+        if not np.all(is_listed):
+            both_types = self._point_columns(curve.both.rows(~is_listed), output, claim)
+            both_types["kind"] = "III"
+            both_types["note"] = "of both types"
+            both_types["curve"] = number
+            tables.append(both_types)
+        return tables
+
+    def _point_columns(
+        self, points: SingularPoints, output: Output, claim: Completeness
+    ) -> Columns:
+        """Return columns of singular points of an output.
+
+        `claim` is what is known of points that were not found.
+        """
         batch = self.batch
         mechanism = self.batch.mechanism
-        number = mechanism.link_number
-        rest = output_of(mechanism, output.name)
-        links = number[output.link], number[output.relative_to]
+        links = (
+            mechanism.link_number[output.link],
+            mechanism.link_number[output.relative_to],
+        )
         motion = batch.tracer.given(points.values)
+        conditions = what_vanishes(
+            motion,
+            output_of(mechanism, output.name),
+            points.pointing,
+            batch.tracer.by_rank,
+        )
         return {
             "kind": [RowType(code).label for code in points.type],
-            "condition": what_vanishes(motion, rest, points.pointing, batch.tracer.by_rank),
+            "condition": conditions,
             **input_columns(mechanism, points.inputs),
             **configuration_columns(batch, points.values, links, points.pointing),
             "inside": np.where(points.inside, "yes", "no"),
-            "output": named(mechanism, output),
+            "output": name_output(mechanism, output),
             "residual": points.residual,
-            **_claimed(claim),
+            **_certainty_columns(claim),
         }
 
     @cached_property
-    def relation(self) -> Row:
+    def relation(self) -> Columns:
         """c_i w_i = d_i q_i' and nearness of every row, by output and input."""
-        parts: list[Row] = []
         batch = self.batch
+        tables: list[Columns] = []
         for output in batch.mechanism.outputs:
             rows = self.coefficients[output.name]
-            whole = {
-                "sample": batch.sample,
-                "assembly_mode": batch.assembly_mode,
-                **input_columns(batch.mechanism, batch.inputs),
-                "output": named(batch.mechanism, output),
-                "form": "i",
-                "distance_I": angle_of(rows.type_one),
-                "distance_II": angle_of(rows.type_two),
-                "sigma": rows.hold,
-                "reciprocal_condition": rows.reciprocal_condition,
-                "status": batch.status,
-                "type": [RowType(code).label for code in rows.type],
-                "group": rows.group,
-            }
-            by_input = {
-                "c": rows.c,
-                "d": rows.d,
-                "velocity_coefficient": np.vecdot(rows.w, rows.u),
-                "output_rate": rows.output_rate,
-                "input_rate": rows.input_rate,
-            }
-            parts += [
-                {**whole, "moving": pair, **{name: x[:, k] for name, x in by_input.items()}}
-                for k, pair in enumerate(batch.moving_inputs)
-            ]
-        return RELATION.stacked(batch.mechanism, parts)
+            velocity_coefficients = np.vecdot(rows.w, rows.u)
+            for number, pair in enumerate(batch.moving_inputs):
+                tables.append(
+                    {
+                        "sample": batch.sample,
+                        "assembly_mode": batch.assembly_mode,
+                        **input_columns(batch.mechanism, batch.inputs),
+                        "output": name_output(batch.mechanism, output),
+                        "form": "i",
+                        "distance_I": angle_from_sine(rows.type_one),
+                        "distance_II": angle_from_sine(rows.type_two),
+                        "sigma": rows.hold,
+                        "reciprocal_condition": rows.reciprocal_condition,
+                        "status": batch.status,
+                        "type": [RowType(code).label for code in rows.type],
+                        "group": rows.group,
+                        "moving": pair,
+                        "c": rows.c[:, number],
+                        "d": rows.d[:, number],
+                        "velocity_coefficient": velocity_coefficients[:, number],
+                        "output_rate": rows.output_rate[:, number],
+                        "input_rate": rows.input_rate[:, number],
+                    }
+                )
+        return RELATION.stacked(batch.mechanism, tables)
 
     @property
-    def aspects(self) -> Row:
+    def aspects(self) -> Columns:
         """The configurations over an input grid, with the number of their aspect."""
-        parts = self._found[1]
+        found_aspects = self._search_result.aspects
         mechanism = self.batch.mechanism
-        if parts is None:
+        if found_aspects is None:
             return ASPECTS.stacked(mechanism)
-        rows = {
-            "aspect": parts.label,
-            **input_columns(mechanism, parts.inputs),
-            "sign_II": parts.sign_two[parts.label],
-            "sign_I": parts.sign_one[parts.label],
-            "assembly_modes": parts.modes[parts.label],
+        label = found_aspects.label
+        columns = {
+            "aspect": label,
+            **input_columns(mechanism, found_aspects.inputs),
+            "sign_II": found_aspects.sign_two[label],
+            "sign_I": found_aspects.sign_one[label],
+            "assembly_modes": found_aspects.modes[label],
         }
-        return ASPECTS.stacked(mechanism, [rows])
+        return ASPECTS.stacked(mechanism, [columns])
 
     def findings(self) -> Findings:
         """Return curves, aspects and claims, and where rows come near a type."""
         batch = self.batch
-        parts = self._found[1]
-        figures: dict[str, Any] = {"slices": self.at_slices}
+        summary: dict[str, Any] = {"slices": self.slice_count}
         warnings: list[str] = []
         remarks: list[str] = []
-        everywhere: set[str] = set()
+        is_singular_everywhere = False
         for output in batch.mechanism.outputs:
-            name = named(batch.mechanism, output)
+            name = name_output(batch.mechanism, output)
             loci = self.loci[output.name]
-            always = [locus.kind for locus in loci if locus.everywhere]
-            told = [f"{of_type(kind)} in every configuration" for kind in always]
-            figures[name] = {"everywhere": sorted(always)}
-            everywhere.update(always)
+            kinds_everywhere = [locus.kind for locus in loci if locus.everywhere]
+            is_singular_everywhere |= bool(kinds_everywhere)
+            sentences = [
+                f"{of_kind(kind)} in every configuration" for kind in kinds_everywhere
+            ]
+            summary[name] = {"everywhere": sorted(kinds_everywhere)}
             for locus in loci:
                 if not locus.everywhere:
-                    counts, words = _in_words(locus)
-                    key = locus.kind.replace("-", "_")
-                    figures[name] |= {f"{what}_{key}": n for what, n in counts.items()}
-                    told.append(f"{words}; {counts['claim']}")
+                    counts, words = _describe_locus(locus)
+                    suffix = locus.kind.replace("-", "_")
+                    for key, value in counts.items():
+                        summary[name][f"{key}_{suffix}"] = value
+                    sentences.append(f"{words}; {counts['claim']}")
             rows = self.coefficients[output.name]
-            throughout = {} if always else _throughout(batch, rows)
-            told += [
-                f"{of_type(kind)} in every row of " + numbered("assembly mode", numbers)
-                for kind, numbers in throughout.items()
-            ]
-            remarks += [f"output {name}: {words}" for words in told]
-            for kind, sizes in (("I", rows.type_one), ("II", rows.type_two)):
-                told_already = np.isin(batch.assembly_mode, throughout.get(kind, []))
-                angles = np.where(told_already, np.nan, np.degrees(angle_of(sizes)))
-                near = angles <= self.near
-                if kind not in always and np.any(near):
-                    row = int(np.nanargmin(angles))
-                    place = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
-                    modes = numbered("assembly mode", np.unique(batch.assembly_mode[near]))
-                    warnings.append(
-                        f"type {kind} of output {name} comes within {self.near:g} deg of "
-                        f"{modes}, nearest sample {round(angles[row], ROUNDED) + 0.0:.3g} "
-                        f"deg on assembly mode {batch.assembly_mode[row]} at inputs "
-                        f"{place} deg"
-                    )
-        if self.input_grid is None and len(batch.mechanism.inputs) > MOST_INPUTS:
+            singular_modes = {} if kinds_everywhere else _singular_modes(batch, rows)
+            for kind, modes in singular_modes.items():
+                modes_in_words = numbered("assembly mode", modes)
+                sentences.append(f"{of_kind(kind)} in every row of {modes_in_words}")
+            remarks += [f"output {name}: {sentence}" for sentence in sentences]
+            for kind, sines in (("I", rows.type_one), ("II", rows.type_two)):
+                if kind not in kinds_everywhere:
+                    modes = singular_modes.get(kind, [])
+                    warnings += self._warn_of_near_rows(kind, name, sines, modes)
+        if self.input_grid is None and len(batch.mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
             remarks.append(f"no aspects: {no_aspects(batch.mechanism)}")
-        if parts is not None:
-            figures["aspects"] = parts.sizes.tolist()
-            figures["aspects_guarantee"] = parts.guarantee
-            figures["singular_on_lattice"] = parts.singular
-            if parts.note or not (len(parts.sizes) or everywhere):
-                remarks.append(
-                    f"{counted(len(parts.sizes), 'aspect')}; "
-                    f"{counted(parts.singular, 'configuration')} met are singular"
-                    + f"; {parts.note}"
-                    * bool(parts.note)
+        found_aspects = self._search_result.aspects
+        if found_aspects is not None:
+            summary["aspects"] = found_aspects.sizes.tolist()
+            summary["aspects_guarantee"] = found_aspects.guarantee
+            summary["singular_on_lattice"] = found_aspects.singular
+            has_none_unexpectedly = (
+                len(found_aspects.sizes) == 0 and not is_singular_everywhere
+            )
+            if found_aspects.note or has_none_unexpectedly:
+                remark = (
+                    f"{counted(len(found_aspects.sizes), 'aspect')}; "
+                    f"{counted(found_aspects.singular, 'configuration')} met are singular"
                 )
-        return Findings(figures, tuple(warnings), tuple(remarks))
+                if found_aspects.note:
+                    remark += f"; {found_aspects.note}"
+                remarks.append(remark)
+        return Findings(summary, tuple(warnings), tuple(remarks))
+
+    def _warn_of_near_rows(
+        self, kind: str, output: str, sines: Floats, singular_modes: Sequence[int]
+    ) -> list[str]:
+        """Return a warning if rows come near a type of singularity, otherwise nothing.
+
+        Parameters
+        ----------
+        kind, output
+            Type I or II, and the output in words.
+        sines
+            (n,) sine of the angle of each row to the type.
+        singular_modes
+            Assembly modes that are of this type in every row, which are left out.
+        """
+        batch = self.batch
+        is_left_out = np.isin(batch.assembly_mode, singular_modes)
+        angles_deg = np.where(is_left_out, np.nan, np.degrees(angle_from_sine(sines)))
+        is_near = angles_deg <= self.near
+        if not np.any(is_near):
+            return []
+        row = int(np.nanargmin(angles_deg))
+        inputs = ", ".join(f"{q:.6g}" for q in np.degrees(batch.inputs[row]))
+        modes = numbered("assembly mode", np.unique(batch.assembly_mode[is_near]))
+        # Adding zero turns a negative zero into zero.
+        nearest_deg = round(angles_deg[row], ANGLE_DECIMALS) + 0.0
+        return [
+            f"type {kind} of output {output} comes within {self.near:g} deg of "
+            f"{modes}, nearest sample {nearest_deg:.3g} "
+            f"deg on assembly mode {batch.assembly_mode[row]} at inputs "
+            f"{inputs} deg"
+        ]
 
     @property
     def loci(self) -> dict[str, list[Locus]]:
-        """What is found of each output by its name."""
-        return self._found[0]
+        """The loci of each output, by its name."""
+        return self._search_result.loci
 
     @cached_property
-    def _found(self) -> tuple[dict[str, list[Locus]], Aspects | None]:
-        """All that takes of the time: types of outputs, then self-motions, aspects.
+    def _search_result(self) -> SearchResult:
+        """The results of the searches: types of outputs, self-motions, then aspects.
 
-        Each takes an even part of the time that is left. What every pair moves has its
-        self-motions on the locus of type II.
+        Each search gets an equal share of the time that is left. If every pair moves an
+        output, its locus of type II includes all self-motions, which are not searched then.
         """
         mechanism = self.batch.mechanism
-        budget = TimeLimit(self.seconds)
-        names = [output.name for output in mechanism.outputs]
-        input_grid = self.input_grid
-        if input_grid is None:
-            input_grid = INPUT_GRID if len(mechanism.inputs) <= MOST_INPUTS else 0
-        surfaces = len(mechanism.inputs) == MOST_INPUTS and self.sides[0] > 0.0
-        sought: list[tuple[LocusName, str]] = []
-        if self.slices != 0 and (len(mechanism.inputs) == 2 or surfaces):
-            sought = [(kind, name) for name in names for kind in KINDS]
-            apart = (name for name in names if not moved_by_all(mechanism, name))
-            sought += [(SELF_MOTION, name) for name in apart]
-        slices = self.at_slices
-        made = None
-        if slices and sought:
-            share = budget.part(FOR_SLICES, "slices")
-            made = cut(solver_of(mechanism), ranges_of(mechanism), slices, share)
-        loci: dict[str, list[Locus]] = {name: [] for name in names}
-        for number, (kind, name) in enumerate(sought):
-            left = len(sought) - number + (input_grid > 0)
-            share = budget.part(1.0 / left, f"singularities {of_type(kind)}")
-            loci[name].append(self._searched(kind, name, made, share))
-        if not input_grid:
-            return loci, None
-        share = budget.part(1.0, "aspects")
-        return loci, aspects(mechanism, input_grid, KINDS, names[0], budget=share)
+        input_count = len(mechanism.inputs)
+        time_limit = TimeLimit(self.seconds)
+        outputs = [output.name for output in mechanism.outputs]
+        aspect_samples = self.input_grid
+        if aspect_samples is None:
+            has_aspects = input_count <= MAX_OUTPUT_FREEDOMS
+            aspect_samples = DEFAULT_ASPECT_SAMPLES if has_aspects else 0
 
-    def _searched(
+        searches: list[tuple[LocusName, str]] = []
+        first_edge, _ = self.first_edge_and_halvings
+        has_surfaces = input_count == MAX_OUTPUT_FREEDOMS and first_edge > 0.0
+        if self.slices != 0 and (input_count == 2 or has_surfaces):
+            for name in outputs:
+                for kind in OUTPUT_KINDS:
+                    searches.append((kind, name))
+            for name in outputs:
+                if not moved_by_all(mechanism, name):
+                    searches.append((SELF_MOTION, name))
+        section = None
+        if self.slice_count and searches:
+            share = time_limit.part(SLICE_TIME_SHARE, "slices")
+            solver = solver_of(mechanism)
+            section = cut(solver, ranges_of(mechanism), self.slice_count, share)
+        loci: dict[str, list[Locus]] = {name: [] for name in outputs}
+        for number, (kind, name) in enumerate(searches):
+            remaining = len(searches) - number + (aspect_samples > 0)
+            share = time_limit.part(1.0 / remaining, f"singularities {of_kind(kind)}")
+            loci[name].append(self._search_locus(kind, name, section, share))
+        if not aspect_samples:
+            return SearchResult(loci, None)
+        share = time_limit.part(1.0, "aspects")
+        found_aspects = aspects(
+            mechanism, aspect_samples, OUTPUT_KINDS, outputs[0], budget=share
+        )
+        return SearchResult(loci, found_aspects)
+
+    def _search_locus(
         self,
         kind: LocusName,
         output: str,
-        made: LockedInputSection | None,
-        budget: TimeLimit,
+        section: LockedInputSection | None,
+        time_limit: TimeLimit,
     ) -> Locus:
-        """Look for a type: curves of a mid-plane architecture, or as slices find them."""
+        """Return the singularities of one kind.
+
+        Curves of a mid-plane symmetric architecture have a closed form, which is used
+        unless there are slices.
+
+        Parameters
+        ----------
+        kind, output
+            The kind, and the name of the output.
+        section
+            Slices, or None to search from random starts.
+        time_limit
+            Processor time to spend.
+        """
         mechanism = self.batch.mechanism
-        if len(mechanism.inputs) == MOST_INPUTS:
-            side, halved = self.sides
+        if len(mechanism.inputs) == MAX_OUTPUT_FREEDOMS:
+            edge, halvings = self.first_edge_and_halvings
             return singular_surface(
-                mechanism, kind, output, None, side, halved, 0, made=made, budget=budget
+                mechanism,
+                kind,
+                output,
+                side=edge,
+                halved=halvings,
+                slices_of_each=0,
+                made=section,
+                budget=time_limit,
             )
-        if made is None and kind != SELF_MOTION:
-            curves = mid_plane_loci(mechanism, kind, output, budget)
+        if section is None and kind != SELF_MOTION:
+            curves = mid_plane_loci(mechanism, kind, output, time_limit)
             if curves is not None:
                 return curves
-        return singular_curves(mechanism, kind, output, None, 0, made=made, budget=budget)
+        return singular_curves(
+            mechanism, kind, output, slices_of_each=0, made=section, budget=time_limit
+        )
 
     @cached_property
     def coefficients(self) -> dict[str, OutputCoefficients]:
-        """The rows as each output sees them, by its name."""
-        tracer = self.batch.tracer
+        """Coefficients and types of the rows for each output, by its name."""
+        position_analysis = self.batch.tracer
         mechanism = self.batch.mechanism
         return {
             output.name: coefficients(
-                self.batch.motion, output_of(mechanism, output.name), tracer.by_rank
+                self.batch.motion,
+                output_of(mechanism, output.name),
+                position_analysis.by_rank,
             )
             for output in mechanism.outputs
         }
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return plots of each mode, curves in the plane of inputs and on the sphere."""
+        """Return surfaces, and for each mode curves in the plane of inputs and plots."""
         pages = []
-        outputs = self.batch.mechanism.outputs
-        surfaces = tuple(
-            Surface(
-                f"plots/surface/{output.name}/{mesh.kind}",
-                f"{words_of(mesh.kind)} of {output.name}",
-                mesh.points.inputs,
-                mesh.triangles,
-                (a, b, c),
-                TONES[mesh.kind],
-                "rad",
-            )
-            for output in outputs
-            for mesh in self.loci[output.name]
-            if isinstance(mesh, SingularSurface) and len(mesh.triangles)
-            for a, b, c in [self.batch.moving_inputs]
-        )
+        surfaces = self._draw_surfaces()
         if surfaces:
-            pages.append(
-                Scene("Singular surfaces", surfaces, (Axis("surfaces", "", np.zeros(1)),))
-            )
-        for number, rows in self.batch.assembly_mode_rows().items():
+            single_sample = Axis("surfaces", "", np.zeros(1))
+            pages.append(Scene("Singular surfaces", surfaces, (single_sample,)))
+        for mode, rows in self.batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
-            for output in outputs:
-                curves = [
+            for output in self.batch.mechanism.outputs:
+                loci = [
                     locus
                     for locus in self.loci[output.name]
                     if isinstance(locus, SingularCurves) and locus.curves
                 ]
-                if curves:
-                    parts.append(self._plane(output, curves, rows))
-                    parts += self._on_sphere(output, curves)
+                if loci:
+                    parts.append(self._draw_in_input_plane(output, loci, rows))
+                    parts += self._draw_on_sphere(output, loci)
             parts += relation_plots(self.relation, len(self.batch), rows)
-            pages.append(Scene(number, tuple(parts)))
+            pages.append(Scene(mode, tuple(parts)))
         return tuple(pages)
 
-    def _plane(
+    def _draw_surfaces(self) -> tuple[Surface, ...]:
+        """Return the singular surfaces in the space of the three inputs."""
+        surfaces = []
+        for output in self.batch.mechanism.outputs:
+            for mesh in self.loci[output.name]:
+                if not isinstance(mesh, SingularSurface) or not len(mesh.triangles):
+                    continue
+                a, b, c = self.batch.moving_inputs
+                surfaces.append(
+                    Surface(
+                        f"plots/surface/{output.name}/{mesh.kind}",
+                        f"{name_kind(mesh.kind)} of {output.name}",
+                        mesh.points.inputs,
+                        mesh.triangles,
+                        (a, b, c),
+                        COLOUR_OF_KIND[mesh.kind],
+                        "rad",
+                    )
+                )
+        return tuple(surfaces)
+
+    def _draw_in_input_plane(
         self, output: Output, loci: Sequence[SingularCurves], rows: slice
     ) -> Portrait:
-        """Return the singular curves in the plane of both inputs."""
-        curves = [
-            PlaneCurve(
-                without_jumps(self._dense(curve).inputs),
-                TONES[locus.kind],
-                words_of(locus.kind),
-            )
-            for locus in loci
-            for curve in locus.curves
-        ]
+        """Return the singular curves of an output in the plane of both inputs.
+
+        `rows` are the rows of the batch at which the moving point is drawn.
+        """
+        curves = []
+        marks = []
+        for locus in loci:
+            colour = COLOUR_OF_KIND[locus.kind]
+            for curve in locus.curves:
+                line = break_at_jumps(self._dense_points(curve).inputs)
+                curves.append(PlaneCurve(line, colour, name_kind(locus.kind)))
+                marks += _mark_type_three(curve.both.inputs)
         first, second = self.batch.moving_inputs
-        return plane(
+        return plot_plane(
             f"plots/inputs/{output.name}",
             f"singular curves of {output.name} in the inputs",
             self.batch.inputs[rows],
             (first, second),
             curves,
-            [m for x in loci for curve in x.curves for m in _marks(curve.both.inputs)],
+            marks,
             [self.batch.inputs],
         )
 
-    def _on_sphere(self, output: Output, loci: Sequence[SingularCurves]) -> list[Primitive]:
-        """Return the singular curves as what the output points at, in ground axes.
-
-        The third axis of an output without a direction.
-        """
-        return [
-            SphereCurves(
-                f"singular/{output.name}/{locus.kind}",
-                f"{words_of(locus.kind)} of {output.name}",
-                [_directions(self._dense(curve)) for curve in locus.curves],
-                TONES[locus.kind],
-                [m for curve in locus.curves for m in _marks(_directions(curve.both))],
+    def _draw_on_sphere(
+        self, output: Output, loci: Sequence[SingularCurves]
+    ) -> list[Primitive]:
+        """Return the singular curves of an output as curves of its direction."""
+        parts: list[Primitive] = []
+        for locus in loci:
+            lines = [
+                _output_directions(self._dense_points(curve)) for curve in locus.curves
+            ]
+            marks = []
+            for curve in locus.curves:
+                marks += _mark_type_three(_output_directions(curve.both))
+            parts.append(
+                SphereCurves(
+                    f"singular/{output.name}/{locus.kind}",
+                    f"{name_kind(locus.kind)} of {output.name}",
+                    lines,
+                    COLOUR_OF_KIND[locus.kind],
+                    marks,
+                )
             )
-            for locus in loci
-        ]
+        return parts
 
-    def _dense(self, curve: CurveSeen) -> SingularPoints:
-        return self.batch.once(("dense", id(curve)), lambda: curve.dense(PARTS))
-
-
-def _marks(places: Floats) -> list[Mark]:
-    return [Mark("type III", place, TONES["III"]) for place in places]
+    def _dense_points(self, curve: CurveSeen) -> SingularPoints:
+        """Return points of a curve that are dense enough to draw it; they are kept."""
+        key = ("dense", id(curve))
+        return self.batch.once(key, lambda: curve.dense(PARTS_PER_CHORD))
 
 
-def _directions(points: SingularPoints) -> Floats:
+def _mark_type_three(points: Floats) -> list[Mark]:
+    """Return marks of type III at points (k, 2) of a plane or (k, 3) of the sphere."""
+    return [Mark("type III", point, COLOUR_OF_KIND["III"]) for point in points]
+
+
+def _output_directions(points: SingularPoints) -> Floats:
+    """Return the direction of the output (n, 3), or its z axis if it has no direction."""
     return points.orientation[:, :, 2] if points.pointing is None else points.pointing
 
 
-def _claimed(claim: Completeness) -> Row:
-    """Return what is known of a place on a locus."""
+def _certainty_columns(claim: Completeness) -> Columns:
+    """Return the columns that say how certain points of a locus are.
+
+    `claim` is what is known of points that were not found.
+    """
     return {"double": "no", "certain": "yes", "guarantee": claim.guarantee.value}
 
 
-def _in_words(locus: Locus) -> tuple[dict[str, Any], str]:
-    """Return what is found of a type, as figures and in words."""
+def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
+    """Return the counts of a locus for the summary, and the same in words."""
     if isinstance(locus, SingularSurface):
-        what = "surface"
+        item = "surface"
         irregular = locus.irregular
         count = len(locus.nodes)
-        figures = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
-        words = f"{count} vertices of surfaces {of_type(locus.kind)}"
+        counts = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
+        words = f"{count} vertices of surfaces {of_kind(locus.kind)}"
     else:
-        what = "curve"
+        item = "curve"
         irregular = len(locus.stray)
         count = sum(bool(np.any(curve.points.inside)) for curve in locus.curves)
-        beyond = len(locus.curves) - count
-        figures = {"curves": count, "curves_outside": beyond, "claim": str(locus.claim)}
-        words = f"{counted(count, 'curve')} {of_type(locus.kind)}"
-        words += f" and {beyond} outside the ranges" if beyond else ""
+        outside = len(locus.curves) - count
+        counts = {"curves": count, "curves_outside": outside, "claim": str(locus.claim)}
+        words = f"{counted(count, 'curve')} {of_kind(locus.kind)}"
+        if outside:
+            words += f" and {outside} outside the ranges"
     if irregular:
         words += (
             f"; {counted(irregular, 'configuration')} met are singular where the locus is "
-            f"not a regular {what}, and not listed"
+            f"not a regular {item}, and not listed"
         )
-    return figures, words
+    return counts, words
 
 
-def _throughout(batch: Batch, rows: OutputCoefficients) -> dict[str, list[int]]:
-    """Return by type which assembly modes are singular in every row that is known."""
-    modes: dict[str, list[int]] = {}
-    for number, in_mode in batch.assembly_mode_rows().items():
-        kinds = set(rows.type[in_mode].tolist()) - {RowType.UNKNOWN}
-        if len(kinds) == 1 and kinds != {RowType.REGULAR}:
-            modes.setdefault(RowType(kinds.pop()).label, []).append(number)
-    return modes
+def _singular_modes(batch: Batch, rows: OutputCoefficients) -> Mapping[str, list[int]]:
+    """Return the assembly modes that are singular in every known row, by their type."""
+    modes_by_type: dict[str, list[int]] = {}
+    for mode, mode_rows in batch.assembly_mode_rows().items():
+        types = set(rows.type[mode_rows].tolist()) - {RowType.UNKNOWN}
+        if len(types) == 1 and types != {RowType.REGULAR}:
+            label = RowType(types.pop()).label
+            modes_by_type.setdefault(label, []).append(mode)
+    return modes_by_type
 
 
-def named(mechanism: Mechanism, output: Output) -> str:
-    """Return the links of an output, with its name where another one has these too."""
+def name_output(mechanism: Mechanism, output: Output) -> str:
+    """Return the links of an output, such as ``4/1``.
+
+    The name of the output is added if another output has the same links.
+    """
     links = f"{output.link}/{output.relative_to}"
-    every = [f"{o.link}/{o.relative_to}" for o in mechanism.outputs]
-    return links if every.count(links) == 1 else f"{links} {output.name}"
+    links_of_outputs = [f"{item.link}/{item.relative_to}" for item in mechanism.outputs]
+    if links_of_outputs.count(links) == 1:
+        return links
+    return f"{links} {output.name}"

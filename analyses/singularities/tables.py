@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.plugin import (
     ASSEMBLY_MODE,
@@ -16,17 +17,16 @@ from spherekit.plugin import (
 )
 from spherekit.plugin.motion import PositionAnalysis
 from spherekit.plugin.rotations import quaternion, wrap
-from spherekit.plugin.singularities import (
-    group_signs,
-)
+from spherekit.plugin.singularities import group_signs
 
-from ..common import PLACE, place_columns
-from .scenes import words_of
+from ..common import POSE_COLUMNS, direction_or_quaternion_columns
+from .scenes import name_kind
 
-KIND = (
+KIND_MEANING = (
     "I: the output rests though inputs move; II: it moves though they rest; III: both; "
     "self-motion: other links move, and neither does"
 )
+"""Explanation of the column of kinds."""
 OUTPUT = Column(
     "output", "", "link relative to link, with its name where others are these", "text"
 )
@@ -34,13 +34,13 @@ SINGULARITIES = Table(
     "singularities",
     "one row per singularity and output",
     (
-        Column("kind", "", KIND, "text"),
+        Column("kind", "", KIND_MEANING, "text"),
         Column("condition", "", "geometric conditions that hold", "text"),
         Column("assembly_mode", "", "assembly modes that it belongs to", "text"),
         INPUTS,
         Column("inside", "", "whether the inputs are in their ranges", "text"),
         OUTPUT,
-        *PLACE[:4],
+        *POSE_COLUMNS[:4],
         Column("signs", "", "of its groups; 0 where singular, * of one left out", "text"),
         Column("theta", "rad", "variable of the passive pair", per_passive=True),
         Column("curve", "", "number of the configuration curve", "integer"),
@@ -98,14 +98,14 @@ ASPECTS = Table(
 )
 
 
-def of_type(kind: str) -> str:
-    """Return the words for a kind: of type II, of self-motion."""
-    return f"of {words_of(kind)}"
+def of_kind(kind: str) -> str:
+    """Return a kind in words with "of", such as ``of type II`` or ``of self-motion``."""
+    return f"of {name_kind(kind)}"
 
 
-def angle_of(sizes: Floats) -> Floats:
-    """Return (n,) rad: the angle of all motions to those that keep inputs or output."""
-    return np.arcsin(np.minimum(sizes, 1.0))
+def angle_from_sine(sines: Floats) -> Floats:
+    """Return the angles (n,) in rad of sines (n,) that may exceed 1 by rounding."""
+    return np.arcsin(np.minimum(sines, 1.0))
 
 
 def configuration_columns(
@@ -115,36 +115,99 @@ def configuration_columns(
     pointing: Floats | None = None,
     part: PositionAnalysis | None = None,
 ) -> dict[str, Any]:
-    """Return passive variables, signs, modes and the output's pose of rows (n, V).
+    """Return the columns of configurations: variables, pose, signs of groups and modes.
 
-    The pose is the direction `pointing` (n, 3), or the orientation of the first of two
-    links in the second. Modes are those with the signs of dyads. Where values and links
-    are those of a part, its tracer is given; groups of the rest have the sign ``*``.
+    Parameters
+    ----------
+    batch
+        The rows of the run, with the position analysis of the whole mechanism.
+    values
+        (n, variables) configurations (rad).
+    links
+        Numbers of the output link and of its reference link.
+    pointing
+        (n, 3) output directions in axes of the reference link. Without them the pose is
+        the orientation of the output link in the reference link.
+    part
+        Position analysis of a part of the mechanism, if values and links are those of the
+        part. Groups outside of it have the sign ``*``.
+
+    Returns
+    -------
+    Columns (n,). Assembly modes are those with the same signs of dyads; there is no such
+    column for a part or for larger groups.
     """
-    tracer = part or batch.tracer
-    mechanism = tracer.mechanism
-    solver = tracer.solver
+    position_analysis = part or batch.tracer
+    mechanism = position_analysis.mechanism
+    solver = position_analysis.solver
     angles = set(mechanism.angles.values())
-    columns: dict[str, Any] = {
-        name: wrap(values[:, v]) if v in angles else values[:, v]
-        for v, name in enumerate(mechanism.variable_names)
-        if v not in solver.driven
-    }
-    placed = tracer.given(values).rotations
-    turned = np.swapaxes(placed[:, links[1]], 1, 2) @ placed[:, links[0]]
-    columns |= place_columns(quaternion(turned) if pointing is None else pointing, None)
+    columns: dict[str, Any] = {}
+    for variable, name in enumerate(mechanism.variable_names):
+        if variable not in solver.driven:
+            column = values[:, variable]
+            columns[name] = wrap(column) if variable in angles else column
+
+    link, reference_link = links
+    rotations = position_analysis.given(values).rotations
+    orientation = np.swapaxes(rotations[:, reference_link], 1, 2) @ rotations[:, link]
+    pose = quaternion(orientation) if pointing is None else pointing
+    columns |= direction_or_quaternion_columns(pose, None)
+
     signs = group_signs(solver, values)
-    names = [set(mechanism.names_of(g.pairs)) for g in solver.assembly.groups]
-    every = batch.tracer.assembly.groups
-    groups = [set(batch.mechanism.names_of(g.pairs)) for g in every]
-    columns["signs"] = [
-        "".join("0+-"[row[names.index(g)]] if g in names else "*" for g in groups)
-        for row in signs.tolist()
-    ]
+    columns["signs"] = _format_signs(batch, position_analysis, signs)
     if solver.assembly.has_closed_form and part is None:
-        modes = batch.motion.assembly_modes
-        of_modes = np.reshape([x.signs for x in modes], (len(modes), signs.shape[1]))
-        alike = np.all((signs[:, None] == of_modes) | (signs[:, None] == 0), axis=2)
-        numbers = np.array([str(mode.number) for mode in modes])
-        columns["assembly_mode"] = ["+".join(numbers[row]) for row in alike]
+        columns["assembly_mode"] = _format_modes(batch, signs)
     return columns
+
+
+def _format_signs(
+    batch: Batch, position_analysis: PositionAnalysis, signs: NDArray[np.int8]
+) -> list[str]:
+    """Return the signs of the groups of the whole mechanism as text, one for each row.
+
+    Parameters
+    ----------
+    batch
+        The rows of the run, with the position analysis of the whole mechanism.
+    position_analysis
+        The position analysis of the whole mechanism or of a part.
+    signs
+        (n, groups of that) 1, -1, or 0 where the group is singular.
+    """
+    groups = [
+        set(position_analysis.mechanism.names_of(group.pairs))
+        for group in position_analysis.solver.assembly.groups
+    ]
+    groups_of_whole = [
+        set(batch.mechanism.names_of(group.pairs)) for group in batch.tracer.assembly.groups
+    ]
+    text_of_sign = {0: "0", 1: "+", -1: "-"}
+    texts = []
+    for row in signs.tolist():
+        text = ""
+        for group in groups_of_whole:
+            is_in_part = group in groups
+            text += text_of_sign[row[groups.index(group)]] if is_in_part else "*"
+        texts.append(text)
+    return texts
+
+
+def _format_modes(batch: Batch, signs: NDArray[np.int8]) -> list[str]:
+    """Return the assembly modes with the given signs of groups, such as ``0+2``.
+
+    A group that is singular, with sign 0, belongs to modes of both signs.
+
+    Parameters
+    ----------
+    batch
+        The rows of the run, with their assembly modes.
+    signs
+        (n, groups) 1, -1 or 0.
+    """
+    modes = batch.motion.assembly_modes
+    mode_signs = np.reshape([mode.signs for mode in modes], (len(modes), signs.shape[1]))
+    # Axes: row, mode, group.
+    agrees = (signs[:, None] == mode_signs) | (signs[:, None] == 0)
+    belongs = np.all(agrees, axis=2)
+    numbers = np.array([str(mode.number) for mode in modes])
+    return ["+".join(numbers[row]) for row in belongs]
