@@ -12,7 +12,7 @@ from spherekit.exchange import identifiers
 from spherekit.exchange.coupling_table import CouplingTable
 from spherekit.exchange.identifiers import unique_names
 
-TEXT = """\
+HEADER_TEMPLATE = """\
 /* Coupling table of the mechanism {mechanism}, made by spherekit {made_by}.
    SHA-256 of the mechanism: {sha256}
 
@@ -127,9 +127,9 @@ static int {name}_at(int mode, const double q[{m}], double angle[{k}],
 
 #endif
 """
+"""Template of the header. Fields in braces; m inputs, k variables, p poles."""
 
-
-TURNING = """\
+TURNING_TEMPLATE = """\
     for (int p = 0; turning && p < {p}; ++p)
         for (int i = 0; i < {m}; ++i)
             for (int x = 0; x < 3; ++x) {{
@@ -151,6 +151,7 @@ TURNING = """\
                 turning[p][i][x] = w;
             }}
 """
+"""Template of the statements that interpolate angular velocities."""
 
 
 def header(table: CouplingTable) -> str:
@@ -159,20 +160,39 @@ def header(table: CouplingTable) -> str:
     # POSIX defines X_OK and others as macros.
     if identifiers.C.is_taken(f"{name.upper()}_OK"):
         name = f"m_{name}"
-    variables = [re.sub(r"\W", "_", word, flags=re.ASCII) for word in table.variables]
-    m, k, p = len(table.inputs), len(table.variables), len(table.poles)
-    sizes = {"m": m, "k": k, "p": p, "name": name}
-    arrays = {
-        "double {}_rise": table.rise,
-        "unsigned char {}_sure": table.sure.astype(int),
-        "double {}_angle": table.angles,
-        "double {}_coefficient": table.coefficients,
-        "double {}_derivative": table.derivatives,
+    variable_names = unique_names(
+        re.sub(r"\W", "_", variable, flags=re.ASCII) for variable in table.variables
+    )
+    enumerators = ",".join(
+        f"\n    {name}_{variable} = {index}"
+        for index, variable in enumerate(variable_names)
+    )
+    pole_count = len(table.poles)
+    sizes = {
+        "m": len(table.inputs),
+        "k": len(table.variables),
+        "p": pole_count,
+        "name": name,
     }
-    if p:
-        arrays["double {}_turning"] = table.turning
-        arrays["double {}_turning_derivative"] = table.turning_derivatives
-    return TEXT.format(
+    array_by_declaration = {
+        f"double {name}_rise": table.rise,
+        f"unsigned char {name}_sure": table.sure.astype(int),
+        f"double {name}_angle": table.angles,
+        f"double {name}_coefficient": table.coefficients,
+        f"double {name}_derivative": table.derivatives,
+    }
+    turning_code = "    (void)turning;\n"
+    if pole_count:
+        array_by_declaration[f"double {name}_turning"] = table.turning
+        array_by_declaration[f"double {name}_turning_derivative"] = (
+            table.turning_derivatives
+        )
+        turning_code = TURNING_TEMPLATE.format(**sizes)
+    arrays = [
+        _format_array(declaration, values)
+        for declaration, values in array_by_declaration.items()
+    ]
+    return HEADER_TEMPLATE.format(
         **sizes,
         table=table,
         mechanism=c_comment(table.mechanism),
@@ -182,34 +202,45 @@ def header(table: CouplingTable) -> str:
         variables=c_comment(", ".join(table.variables)),
         poles=c_comment(", ".join(table.poles) or "none"),
         guard=name.upper(),
-        p1=max(p, 1),
-        enums=",".join(
-            f"\n    {name}_{word} = {k}" for k, word in enumerate(unique_names(variables))
-        ),
-        mode_numbers=_row(table.modes),
-        start=_row(table.start),
-        step=_row(table.step),
-        count=_row(table.count),
-        periodic=_row(table.periodic.astype(int)),
-        arrays="\n".join(
-            _array(head.format(name), values) for head, values in arrays.items()
-        ),
-        turning_code=TURNING.format(**sizes) if p else "    (void)turning;\n",
+        p1=max(pole_count, 1),  # C has no arrays of length 0.
+        enums=enumerators,
+        mode_numbers=_format_row(table.modes),
+        start=_format_row(table.start),
+        step=_format_row(table.step),
+        count=_format_row(table.count),
+        periodic=_format_row(table.periodic.astype(int)),
+        arrays="\n".join(arrays),
+        turning_code=turning_code,
     )
 
 
-def _array(head: str, values: Array) -> str:
-    """Return an array of C, a line for each node of each mode."""
-    shape = "".join(f"[{size}]" for size in values.shape)
-    modes = (",\n".join(f"    {_braced(node)}" for node in mode) for mode in values)
-    lines = "".join(f"  {{\n{nodes}\n  }},\n" for nodes in modes)
-    return f"static const {head}{shape} = {{\n{lines}}};"
+def _format_array(declaration: str, values: Array) -> str:
+    """Return a static array of C, in one line for each node of each mode.
+
+    Parameters
+    ----------
+    declaration
+        Type and name of the array.
+    values
+        (modes, nodes, ...) its values.
+    """
+    shape = "".join(f"[{length}]" for length in values.shape)
+    lines = ""
+    for nodes in values:
+        node_lines = ",\n".join(f"    {_format_nested(node)}" for node in nodes)
+        lines += f"  {{\n{node_lines}\n  }},\n"
+    return f"static const {declaration}{shape} = {{\n{lines}}};"
 
 
-def _braced(values: ArrayLike) -> str:
-    """Return numbers of C; places without a mode are never read, and zero."""
-    return json.dumps(np.nan_to_num(values).tolist()).replace("[", "{").replace("]", "}")
+def _format_nested(values: ArrayLike) -> str:
+    """Return an array as an initialiser of C, in braces.
+
+    Nodes without a mode, whose values are NaN, are zero. The function never reads them.
+    """
+    text = json.dumps(np.nan_to_num(values).tolist())
+    return text.replace("[", "{").replace("]", "}")
 
 
-def _row(values: ArrayLike) -> str:
-    return _braced(values)[1:-1]
+def _format_row(values: ArrayLike) -> str:
+    """Return a row of numbers without the outer braces, which the template has."""
+    return _format_nested(values)[1:-1]

@@ -1,4 +1,8 @@
-"""Tables for controllers: what inputs do to everything else, read between nodes."""
+"""Coupling tables for controllers: passive variables on a grid of the inputs.
+
+A table is interpolated between its nodes. The m inputs have nodes at equal steps. A cell is
+the box between neighbouring nodes, with 2^m corners.
+"""
 
 from dataclasses import dataclass, fields
 from itertools import combinations_with_replacement, product
@@ -16,9 +20,10 @@ from spherekit.storage.atomic_write import write_text
 from spherekit.tables.table_files import make_frame
 from spherekit.wording import counted, listing
 
-KIND = ("spherekit coupling table", 1, "write one with `--to coupling`")
+ARCHIVE_KIND = ("spherekit coupling table", 1, "write one with `--to coupling`")
+"""Kind and version of the archive, and advice for an archive of another kind."""
 
-WORDS = (
+HEADING_FIELDS = (
     "mechanism",
     "mechanism_sha256",
     "made_by",
@@ -29,16 +34,30 @@ WORDS = (
     "tolerance",
     "coefficient_error",
 )
-"""What the heading of an archive says; the rest are arrays of their names."""
+"""Fields of a table in the heading of an archive. The others are arrays of their names."""
+
+GRID_SLACK_STEPS = 1e-9
+"""Distance from the grid, in steps, up to which an input counts as inside.
+
+Smaller: an end of the range is refused because of rounding; larger: inputs outside are
+extrapolated. The C header has the same number.
+"""
 
 
-class Coupled(NamedTuple):
-    """What a table says at inputs (n, m): NaN where it is not sure.
+class CouplingValues(NamedTuple):
+    """The values of a table at n points of its m inputs. NaN in cells that are not sure.
 
-    `angles` (n, K) the passive variables, rad; `coefficients` (n, K, m) their rates per
-    unit rate of each input; `derivatives` (n, K, m, m) of the coefficients by each input,
-    1/rad. `turning` (n, P, m, 3): the angular velocity of the first link of a pole
-    relative to the second, in ground axes, per unit rate of each input.
+    Attributes
+    ----------
+    angles
+        (n, K) the K passive variables (rad).
+    coefficients
+        (n, K, m) their rates per unit rate of each input.
+    derivatives
+        (n, K, m, m) derivatives of the coefficients with respect to each input (1/rad).
+    turning
+        (n, P, m, 3) angular velocity of the first link of each of the P poles relative to
+        the second, in ground axes, per unit rate of each input.
     """
 
     angles: Floats
@@ -49,17 +68,55 @@ class Coupled(NamedTuple):
 
 @dataclass(frozen=True)
 class CouplingTable:
-    """Passive variables and coefficients of some assembly modes on a grid of the inputs.
+    """Passive variables and coefficients of assembly modes on a grid of m inputs.
 
-    `start`, `step`, `count` (m,): the nodes of each input; `periodic` (m,) says that its
-    range is a turn after which all returns, and `rise` (modes, m, K) by how much variables
-    have grown then. `angles` (modes, nodes, K), `coefficients` (modes, nodes, K, m),
-    `derivatives` (modes, nodes, K, m, m), `turning` (modes, nodes, P, m, 3) and
-    `turning_derivatives` (modes, nodes, P, m, m, 3), nodes in rows with the last input
-    running fastest. `error` (modes, cells): the largest error of an angle (rad) that was
-    measured in a cell; `sure` (modes, cells) where it is within
-    `tolerance`, so that no cell spans a jump or a change of mode. `coefficient_error` is
-    the largest measured in these.
+    Nodes are in one row, and the last input varies fastest. Cells are in one row in the
+    same way; each has the position of its corner with the smallest inputs.
+
+    Attributes
+    ----------
+    mechanism
+        Name of the mechanism.
+    mechanism_sha256
+        Hash of the mechanism.
+    made_by
+        Version of spherekit that computed the table.
+    inputs
+        Names of the m inputs.
+    variables
+        Names of the K passive variables.
+    poles
+        Names of the P poles whose angular velocities are stored.
+    modes
+        Numbers of the assembly modes.
+    tolerance
+        Largest error (rad) of an angle in cells that are sure.
+    start, step, count
+        (m,) first node (rad), step (rad) and number of nodes of each input.
+    periodic
+        (m,) whether the range of an input is one revolution after which all
+        configurations return.
+    rise
+        (modes, m, K) growth (rad) of each variable over such a revolution.
+    angles
+        (modes, nodes, K) the variables (rad).
+    coefficients
+        (modes, nodes, K, m) their rates per unit rate of each input.
+    derivatives
+        (modes, nodes, K, m, m) derivatives of the coefficients (1/rad).
+    turning
+        (modes, nodes, P, m, 3) angular velocities of poles per unit rate of each input.
+    turning_derivatives
+        (modes, nodes, P, m, m, 3) their derivatives with respect to each input, the last
+        axis but one.
+    error
+        (modes, cells) largest error (rad) of an angle that was measured in a cell, NaN
+        without a mode at all corners.
+    sure
+        (modes, cells) whether it is within the tolerance, so that no cell contains a jump
+        or a change of mode.
+    coefficient_error
+        Largest measured error of a coefficient in cells that are sure.
     """
 
     mechanism: str
@@ -93,22 +150,24 @@ class CouplingTable:
 
     @property
     def angle_error(self) -> float:
-        """The largest error of an angle (rad) in cells that are sure."""
+        """Largest error of an angle (rad) in cells that are sure."""
         return float(np.max(self.error[self.sure], initial=0.0))
 
     @property
     def nodes(self) -> Floats:
-        """(nodes, m) rad, the inputs at the nodes."""
-        places = np.indices(tuple(self.count)).reshape(len(self.count), -1)
-        return self.start + self.step * places.T
+        """(nodes, m) the inputs at the nodes (rad)."""
+        node_indices = np.indices(tuple(self.count)).reshape(len(self.count), -1)
+        return self.start + self.step * node_indices.T
 
-    def at(self, q: ArrayLike, assembly_mode: int | None = None) -> Coupled:
-        """Return what the table says at inputs (m,) or (n, m) rad.
+    def at(self, q: ArrayLike, assembly_mode: int | None = None) -> CouplingValues:
+        """Return the values of the table at inputs.
 
         Parameters
         ----------
+        q
+            (m,) or (n, m) inputs (rad).
         assembly_mode
-            Its number, by default the first in the table.
+            Number of the mode, by default the first in the table.
 
         Raises
         ------
@@ -117,56 +176,88 @@ class CouplingTable:
 
         Notes
         -----
-        With multilinear weights W of the corners of a cell, d the way from each, g and H
-        the gradient and Hessian there, an angle is the sum of
-        W (f + 2/3 g d + 1/6 d H d), which is exact for cubics, and a coefficient that of
+        The values at the corners of a cell are extended by their derivatives and averaged.
+        With the multilinear weights W of the corners, the distance d from a corner, and the
+        gradient g and Hessian H there, an angle is the sum of
+        W (f + 2/3 g d + 1/6 d H d), which is exact for cubics. A coefficient is the sum of
         W (g + 1/2 H d), exact for quadratics (Guessab, Nouisser and Schmeisser, J. Comput.
-        Appl. Math. 196, 2006, 162-179). Both go on without a jump from cell to cell.
+        Appl. Math. 196, 2006, 162-179). Both are continuous from cell to cell.
         """
-        mode = self.modes[0] if assembly_mode is None else assembly_mode
-        if mode not in self.modes:
+        if assembly_mode is None:
+            assembly_mode = self.modes[0]
+        if assembly_mode not in self.modes:
             raise SolveError(
-                f"{self.mechanism}: assembly mode {mode} is not in the table, which has "
-                f"{listing(self.modes)}"
+                f"{self.mechanism}: assembly mode {assembly_mode} is not in the table, "
+                f"which has {listing(self.modes)}"
             )
-        number = self.modes.index(mode)
-        q = np.asarray(q, dtype=float).reshape(-1, len(self.inputs))
-        last, slack = self.count - 1, 1e-9
-        along = (q - self.start) / self.step
-        turns = np.where(self.periodic, np.floor(along / last), 0.0)
-        along -= turns * last
+        mode_index = self.modes.index(assembly_mode)
+        inputs = np.asarray(q, dtype=float).reshape(-1, len(self.inputs))
+        # Positions on the grid in steps. Whole revolutions of a periodic input are removed.
+        last_node = self.count - 1
+        positions = (inputs - self.start) / self.step
+        revolutions = np.where(self.periodic, np.floor(positions / last_node), 0.0)
+        positions -= revolutions * last_node
         with np.errstate(invalid="ignore"):
-            good = np.all((along >= -slack) & (along <= last + slack), axis=1)
-        filled = np.nan_to_num(along)
-        cells = np.clip(np.floor(filled).astype(np.int64), 0, last - 1)
-        good &= self.sure[number, np.ravel_multi_index(tuple(cells.T), tuple(last))]
-        coupled = self.blended(number, cells, filled - cells)
-        coupled.angles[:] += turns @ self.rise[number]
-        for part in coupled:
-            part[~good] = np.nan
-        return coupled
+            is_known = np.all(
+                (positions >= -GRID_SLACK_STEPS)
+                & (positions <= last_node + GRID_SLACK_STEPS),
+                axis=1,
+            )
+        finite_positions = np.nan_to_num(positions)
+        cells = np.clip(np.floor(finite_positions).astype(np.int64), 0, last_node - 1)
+        cell_numbers = np.ravel_multi_index(tuple(cells.T), tuple(last_node))
+        is_known &= self.sure[mode_index, cell_numbers]
+        values = self.interpolate(mode_index, cells, finite_positions - cells)
+        values.angles[:] += revolutions @ self.rise[mode_index]
+        for array in values:
+            array[~is_known] = np.nan
+        return values
 
-    def blended(self, mode: int, cells: Integers, at: Floats) -> Coupled:
-        """Return what the mode of a number is at places from 0 to 1 in cells (n, m)."""
-        parts: list[Any] = [0.0] * 4
+    def interpolate(self, mode: int, cells: Integers, positions: Floats) -> CouplingValues:
+        """Return the values of a mode in cells, whether they are sure or not.
+
+        Parameters
+        ----------
+        mode
+            Position of the mode in `modes`.
+        cells
+            (n, m) index of a cell along each input.
+        positions
+            (n, m) position in the cell, from 0 to 1 along each input.
+        """
+        angles: Any = 0.0
+        coefficients: Any = 0.0
+        derivatives: Any = 0.0
+        turning: Any = 0.0
         for corner in product((0, 1), repeat=len(self.inputs)):
-            weight = np.prod(np.where(corner, at, 1.0 - at), axis=1)
-            d = (at - corner) * self.step
-            places = tuple((cells + corner).T)
-            node = mode, np.ravel_multi_index(places, tuple(self.count))
-            g, H = self.coefficients[node], self.derivatives[node]
-            bent = np.einsum("nkij,nj->nki", H, d)
-            turned = np.einsum("npijx,nj->npix", self.turning_derivatives[node], d)
-            for k, part in enumerate(
-                (
-                    self.angles[node] + np.einsum("nki,ni->nk", 2 / 3 * g + bent / 6, d),
-                    g + 0.5 * bent,
-                    H,
-                    self.turning[node] + 0.5 * turned,
-                )
-            ):
-                parts[k] = parts[k] + weight.reshape(-1, *(1,) * (part.ndim - 1)) * part
-        return Coupled(*parts)
+            weight = np.prod(np.where(corner, positions, 1.0 - positions), axis=1)
+            distance = (positions - corner) * self.step
+            node_indices = tuple((cells + corner).T)
+            node = mode, np.ravel_multi_index(node_indices, tuple(self.count))
+            # In the sums n is the point, k the variable, p the pole, i and j are inputs,
+            # and x is a component of a vector.
+            gradient = self.coefficients[node]
+            hessian = self.derivatives[node]
+            gradient_change = np.einsum("nkij,nj->nki", hessian, distance)
+            turning_change = np.einsum(
+                "npijx,nj->npix", self.turning_derivatives[node], distance
+            )
+            angle_change = np.einsum(
+                "nki,ni->nk", 2 / 3 * gradient + gradient_change / 6, distance
+            )
+            angle = self.angles[node] + angle_change
+            angles = angles + _broadcast(weight, 2) * angle
+            coefficient = gradient + 0.5 * gradient_change
+            coefficients = coefficients + _broadcast(weight, 3) * coefficient
+            derivatives = derivatives + _broadcast(weight, 4) * hessian
+            corner_turning = self.turning[node] + 0.5 * turning_change
+            turning = turning + _broadcast(weight, 4) * corner_turning
+        return CouplingValues(angles, coefficients, derivatives, turning)
+
+
+def _broadcast(weight: Floats, dimensions: int) -> Floats:
+    """Return weights (n,) with axes of length 1 appended, up to a number of dimensions."""
+    return weight.reshape(-1, *(1,) * (dimensions - 1))
 
 
 def write_npz(table: CouplingTable, path: AnyPath) -> None:
@@ -177,8 +268,9 @@ def write_npz(table: CouplingTable, path: AnyPath) -> None:
     OutputError
         If it cannot be written.
     """
-    given = {item.name: getattr(table, item.name) for item in fields(table)}
-    write_archive(path, KIND, {name: given.pop(name) for name in WORDS}, given)
+    value_by_field = {field.name: getattr(table, field.name) for field in fields(table)}
+    heading = {name: value_by_field.pop(name) for name in HEADING_FIELDS}
+    write_archive(path, ARCHIVE_KIND, heading, value_by_field)
 
 
 @checked(FileError)
@@ -191,48 +283,54 @@ def load_coupling(path: AnyPath) -> CouplingTable:
         If it cannot be read, or is no such table.
     """
 
-    def made(heading: dict[str, Any], arrays: dict[str, Any]) -> CouplingTable:
-        return CouplingTable(**{name: heading[name] for name in WORDS}, **arrays)
+    def construct_table(heading: dict[str, Any], arrays: dict[str, Any]) -> CouplingTable:
+        heading_fields = {name: heading[name] for name in HEADING_FIELDS}
+        return CouplingTable(**heading_fields, **arrays)
 
-    return read_archive(path, KIND, made)
+    return read_archive(path, ARCHIVE_KIND, construct_table)
 
 
 def columns(table: CouplingTable) -> dict[str, Floats]:
-    """Return the columns (modes nodes,) of a table, mode after mode, by their names.
+    """Return the columns (modes * nodes,) of a table by their names, mode after mode.
 
     ``theta_41`` is in rad, ``theta_41_by_21`` its coefficient, ``theta_41_by_21_by_51`` in
     1/rad the derivative of that by the second input; ``w_6_1_x_by_12`` a component of the
-    angular velocity of link 6 relative to link 1. `cell_error` (rad) is measured in the
+    angular velocity of link 6 relative to link 1. ``cell_error`` (rad) is measured in the
     cell that starts at the node.
     """
-    modes, nodes = len(table.modes), len(table.nodes)
+    mode_count = len(table.modes)
+    nodes = table.nodes
     inputs = list(enumerate(table.inputs))
-    arrays: dict[str, Floats] = {"assembly_mode": np.repeat(table.modes, nodes)}
-    arrays |= {f"q_{name}": np.tile(table.nodes[:, k], modes) for k, name in inputs}
-    for v, name in enumerate(table.variables):
-        arrays[name] = table.angles[:, :, v]
-        for i, one in inputs:
-            arrays[f"{name}_by_{one}"] = table.coefficients[:, :, v, i]
-        for (i, one), (j, other) in combinations_with_replacement(inputs, 2):
-            arrays[f"{name}_by_{one}_by_{other}"] = table.derivatives[:, :, v, i, j]
+    arrays: dict[str, Floats] = {"assembly_mode": np.repeat(table.modes, len(nodes))}
+    for i, input_name in inputs:
+        arrays[f"q_{input_name}"] = np.tile(nodes[:, i], mode_count)
+    for k, variable in enumerate(table.variables):
+        arrays[variable] = table.angles[:, :, k]
+        for i, input_i in inputs:
+            arrays[f"{variable}_by_{input_i}"] = table.coefficients[:, :, k, i]
+        # The derivatives are symmetric, so each pair of inputs occurs once.
+        for (i, input_i), (j, input_j) in combinations_with_replacement(inputs, 2):
+            name = f"{variable}_by_{input_i}_by_{input_j}"
+            arrays[name] = table.derivatives[:, :, k, i, j]
     for p, pole in enumerate(table.poles):
-        stem = f"w_{pole.replace('/', '_')}"
-        for (i, one), (x, axis) in product(inputs, enumerate("xyz")):
-            arrays[f"{stem}_{axis}_by_{one}"] = table.turning[:, :, p, i, x]
-    cells = table.error.reshape(modes, *(table.count - 1))
-    wider = [(0, 0), *[(0, 1)] * len(table.count)]
-    arrays["cell_error"] = np.pad(cells, wider, constant_values=np.nan)
+        prefix = f"w_{pole.replace('/', '_')}"
+        for (i, input_i), (x, component) in product(inputs, enumerate("xyz")):
+            name = f"{prefix}_{component}_by_{input_i}"
+            arrays[name] = table.turning[:, :, p, i, x]
+    # No cell starts at the last node of an input.
+    cell_errors = table.error.reshape(mode_count, *(table.count - 1))
+    padding = [(0, 0), *[(0, 1)] * len(table.count)]
+    arrays["cell_error"] = np.pad(cell_errors, padding, constant_values=np.nan)
     return {name: values.ravel() for name, values in arrays.items()}
 
 
 def write_csv(table: CouplingTable, path: AnyPath) -> None:
-    """Write a table as CSV, see `columns`; places without a mode are empty.
+    """Write a table as CSV, see `columns`; cells of nodes without a mode are empty.
 
     Raises
     ------
     OutputError
         If it cannot be written.
     """
-    write_text(
-        path, make_frame(columns(table), {}).to_csv(index=False, lineterminator="\n")
-    )
+    frame = make_frame(columns(table), {})
+    write_text(path, frame.to_csv(index=False, lineterminator="\n"))

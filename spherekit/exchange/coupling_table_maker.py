@@ -1,10 +1,13 @@
-"""Making a coupling table: computed on a grid, measured between its nodes."""
+"""Computes a coupling table on a grid of the inputs, and measures its errors.
+
+The grid is refined until enough cells are sure. Errors of interpolation are measured on a
+finer grid, whose step is a third of that of the table.
+"""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 
@@ -22,27 +25,46 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.planning.pole_plan import Pole, parse_pole
 from spherekit.positions.angle_unwrapping import unwrap_motion
+from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.progress import ProgressReporter
 from spherekit.version import __version__
 from spherekit.wording import listing
 
-FIRST_NODES = (61, 13, 5)
-"""Nodes along each of one, two, and more inputs that are tried first."""
+FIRST_NODE_COUNTS = (61, 13, 5)
+"""Nodes along each of one, two, and more inputs on the first grid that is tried."""
 
-PARTS, BETWEEN = 3, 1.3
-"""Errors are measured at the thirds of cells, and count by the second factor: remainders
-like x^2 (1 - x)^2 of angles and x (1/2 - x) (1 - x) of coefficients are so much larger in
-between."""
+PARTS_PER_CELL = 3
+"""Parts of a cell along each input between which errors are measured.
 
-MOST_NODES = 25_000
-"""Places at which modes are computed at most, unless more nodes are asked for."""
+Larger: errors are measured at more points, and the table takes longer; smaller: fewer.
+"""
 
-ENOUGH = 0.98
-"""Part of the cells with a mode in all corners that are to be sure."""
+ERROR_BETWEEN_POINTS = 1.3
+"""Factor by which errors between the measured points may be larger.
 
-SAME = 1e-9
-"""What returns after a turn returns to this (rad)."""
+Remainders like x^2 (1 - x)^2 of angles and x (1/2 - x) (1 - x) of coefficients are so much
+larger between the thirds of a cell than at them.
+"""
+
+MAX_REFINED_POINTS = 25_000
+"""Largest number of points at which modes are computed, unless more nodes are requested.
+
+Larger: more cells are sure, and the table takes longer; smaller: the reverse.
+"""
+
+SUFFICIENT_SURE_RATIO = 0.98
+"""Part of the cells with a mode at all corners that are sure on a sufficient grid.
+
+The others contain jumps or changes of modes, which no grid resolves.
+"""
+
+RETURN_TOLERANCE = 1e-9
+"""Largest difference (rad, or of a coefficient) of values that return after a revolution.
+
+Smaller: rounding makes an input not periodic; larger: a range that is nearly a revolution
+is continued with a jump.
+"""
 
 
 @checked(SolveError)
@@ -65,14 +87,14 @@ def coupling_table(
     input_pair
         The driven pairs, by default the inputs of the mechanism.
     assembly_mode
-        The only mode wanted; by default all.
+        The only mode to compute; by default all.
     pairs
-        The passive pairs wanted; by default all.
+        The passive pairs to compute; by default all.
     poles
-        Poles such as ``"4/1"`` whose angular velocities are wanted too.
+        Poles such as ``"4/1"`` whose angular velocities are computed too.
     samples
         Nodes along each input, or one number for all; by default as many as make 98 % of
-        the cells sure, as far as 25 000 places in all suffice.
+        the cells sure, as far as 25 000 points in all suffice.
     tolerance
         Error of angles (rad) up to which a cell is sure.
 
@@ -92,40 +114,63 @@ def coupling_table(
     mechanism = driven_at(mechanism_of(mechanism), input_pair)
     if not 0.0 < tolerance < 1.0:
         raise SolveError(f"coupling_table: tolerance is {tolerance} rad, needs 0 to 1")
-    wanted = tuple(parse_pole(mechanism, text) for text in poles)
-    chosen, counts = _passive(mechanism, pairs), _counts(mechanism, samples)
-    working = ProgressReporter("filling the table")
+    requested_poles = tuple(parse_pole(mechanism, text) for text in poles)
+    passive_variables = _find_passive_variables(mechanism, pairs)
+    node_counts = _choose_node_counts(mechanism, samples)
+    progress = ProgressReporter("filling the table")
     while True:
-        working.tell("x".join(map(str, counts)).__str__)
-        table = _table(mechanism, assembly_mode, chosen, wanted, counts, tolerance)
-        finer = tuple(2 * count - 1 for count in counts)
-        refined = np.prod([PARTS * (count - 1) + 1 for count in finer])
-        enough = np.sum(table.sure) >= ENOUGH * np.sum(np.isfinite(table.error))
-        if samples is not None or enough or refined > MOST_NODES:
+        progress.tell("x".join(map(str, node_counts)).__str__)
+        table = _compute_table(
+            mechanism,
+            assembly_mode,
+            passive_variables,
+            requested_poles,
+            node_counts,
+            tolerance,
+        )
+        # Each cell of the next grid is half as long.
+        finer_counts = tuple(2 * count - 1 for count in node_counts)
+        finer_point_count = np.prod(_refine_counts(finer_counts))
+        cell_count = np.sum(np.isfinite(table.error))
+        is_sufficient = np.sum(table.sure) >= SUFFICIENT_SURE_RATIO * cell_count
+        if samples is not None or is_sufficient or finer_point_count > MAX_REFINED_POINTS:
             break
-        counts = finer
-    _need_sure(table)
+        node_counts = finer_counts
+    _check_any_sure(table)
     return table
 
 
-def _need_sure(table: CouplingTable) -> None:
-    """Raise `SolveError` where no cell is sure."""
-    if not np.any(table.sure):
-        errors = table.error[np.isfinite(table.error)]
-        best = f"the best is to {np.min(errors):.2g}" if len(errors) else "no mode is there"
-        raise SolveError(
-            f"{table.mechanism}: no cell of {'x'.join(map(str, table.count))} nodes is "
-            f"sure to {table.tolerance:g} rad, {best}: ask for more samples, a larger "
-            "tolerance, or narrower ranges"
-        )
+def _check_any_sure(table: CouplingTable) -> None:
+    """Raise `SolveError` if no cell is sure."""
+    if np.any(table.sure):
+        return
+    errors = table.error[np.isfinite(table.error)]
+    best = f"the best is to {np.min(errors):.2g}" if len(errors) else "no mode is there"
+    raise SolveError(
+        f"{table.mechanism}: no cell of {'x'.join(map(str, table.count))} nodes is "
+        f"sure to {table.tolerance:g} rad, {best}: ask for more samples, a larger "
+        "tolerance, or narrower ranges"
+    )
 
 
-def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[int, ...]:
-    m = len(mechanism.inputs)
+def _choose_node_counts(
+    mechanism: Mechanism, samples: int | Sequence[int] | None
+) -> tuple[int, ...]:
+    """Return the number of nodes along each input of the first grid.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    samples
+        The requested numbers, or one for all inputs, or None for the default.
+    """
+    input_count = len(mechanism.inputs)
     if samples is None:
-        return (FIRST_NODES[min(m, 3) - 1],) * m
-    counts = tuple(samples) if isinstance(samples, Sequence) else (samples,) * m
-    if len(counts) != m or min(counts) < 2:
+        default = FIRST_NODE_COUNTS[min(input_count, len(FIRST_NODE_COUNTS)) - 1]
+        return (default,) * input_count
+    counts = tuple(samples) if isinstance(samples, Sequence) else (samples,) * input_count
+    if len(counts) != input_count or min(counts) < 2:
         raise SolveError(
             f"{mechanism.name}: samples: {'x'.join(map(str, counts))}; needs a number of "
             f"at least 2 for each input ({listing(mechanism.input_pairs)})"
@@ -133,129 +178,248 @@ def _counts(mechanism: Mechanism, samples: int | Sequence[int] | None) -> tuple[
     return counts
 
 
-def _passive(mechanism: Mechanism, pairs: Sequence[str] | None) -> list[int]:
-    """Return the numbers of the passive variables that are wanted."""
-    driven = mechanism.input_pairs
-    passive = [pair.name for pair in mechanism.pairs if pair.name not in driven]
-    named = passive if pairs is None else [*dict.fromkeys(pairs)]
-    for name in named:
-        if mechanism.pair(name).name in driven:
+def _refine_counts(node_counts: Sequence[int]) -> tuple[int, ...]:
+    """Return the points along each input of the grid on which errors are measured."""
+    return tuple(PARTS_PER_CELL * (count - 1) + 1 for count in node_counts)
+
+
+def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -> list[int]:
+    """Return the numbers of the variables of passive pairs, by default of all."""
+    driven_pairs = mechanism.input_pairs
+    passive_pairs = [pair.name for pair in mechanism.pairs if pair.name not in driven_pairs]
+    requested_pairs = passive_pairs if pairs is None else [*dict.fromkeys(pairs)]
+    for name in requested_pairs:
+        if mechanism.pair(name).name in driven_pairs:
             raise SolveError(
                 f"{mechanism.name}: pairs: {name} is an input; passive are "
-                f"{listing(passive)}"
+                f"{listing(passive_pairs)}"
             )
-    if not named:
+    if not requested_pairs:
         raise SolveError(
             f"{mechanism.name}: a coupling table has the variables of passive pairs, and "
             "all pairs are inputs, or none was named"
         )
-    return [
-        v for name in named for v in mechanism.variables_of(mechanism.pair_number[name])
-    ]
+    variables: list[int] = []
+    for name in requested_pairs:
+        variables += mechanism.variables_of(mechanism.pair_number[name])
+    return variables
 
 
-def _table(
+@dataclass(frozen=True)
+class GridValues:
+    """Computed values of all modes at points of a grid.
+
+    The attributes are those of `CouplingTable` with the same names, at more nodes. They are
+    NaN at points where a mode does not exist.
+    """
+
+    angles: Floats
+    coefficients: Floats
+    derivatives: Floats
+    turning: Floats
+    turning_derivatives: Floats
+
+
+def _compute_grid_values(
+    position_analysis: PositionAnalysis,
+    motion: Motion,
+    passive_variables: Sequence[int],
+    poles: Sequence[Pole],
+) -> GridValues:
+    """Compute the values of all modes at the samples of a position analysis.
+
+    Parameters
+    ----------
+    position_analysis
+        The position analysis.
+    motion
+        Its motion, with continuous angles.
+    passive_variables
+        Numbers of the passive variables.
+    poles
+        The poles whose angular velocities are computed.
+    """
+    solver = position_analysis.solver
+    good_rows = np.flatnonzero(~motion.failed)
+    coordinate_motion = motion_by_variables(
+        solver.closure, motion.values[good_rows], solver.driven
+    )
+    mode_count = len(position_analysis.assembly_modes)
+
+    def place_by_mode(values: Floats) -> Floats:
+        """Return values (good rows, ...) as (modes, samples, ...), NaN at failed rows."""
+        all_values = nans((len(motion), *values.shape[1:]))
+        all_values[good_rows] = values
+        return all_values.reshape(mode_count, motion.samples, *values.shape[1:])
+
+    # The motion has its inputs on the axes before the variables, bodies and components.
+    rates = coordinate_motion.rates[:, :, passive_variables]
+    second_rates = coordinate_motion.second[:, :, :, passive_variables]
+    coefficients = place_by_mode(np.swapaxes(rates, 1, 2))
+    derivatives = place_by_mode(np.moveaxis(second_rates, 3, 1))
+    angles = place_by_mode(coordinate_motion.values[:, passive_variables])
+    # At dead centres the angles are finite, and the coefficients are not.
+    has_derivatives = all_finite(coefficients, (2, 3)) & all_finite(derivatives, (2, 3, 4))
+    low_links = [low for low, _ in poles]
+    high_links = [high for _, high in poles]
+    velocities = coordinate_motion.w
+    velocity_derivatives = coordinate_motion.dw
+    turning = velocities[:, :, high_links] - velocities[:, :, low_links]
+    turning_derivatives = (
+        velocity_derivatives[:, :, :, high_links] - velocity_derivatives[:, :, :, low_links]
+    )
+    return GridValues(
+        angles=np.where(has_derivatives[..., None], angles, np.nan),
+        coefficients=coefficients,
+        derivatives=derivatives,
+        turning=place_by_mode(np.moveaxis(turning, 2, 1)),
+        turning_derivatives=place_by_mode(np.moveaxis(turning_derivatives, 3, 1)),
+    )
+
+
+def _compute_table(
     mechanism: Mechanism,
     assembly_mode: int | None,
-    columns: list[int],
+    passive_variables: list[int],
     poles: tuple[Pole, ...],
-    counts: tuple[int, ...],
+    node_counts: tuple[int, ...],
     tolerance: float,
 ) -> CouplingTable:
-    """Return the table of a grid, with errors from one of a third of its steps."""
-    fine = tuple(PARTS * (count - 1) + 1 for count in counts)
-    tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=fine)
-    motion = unwrap_motion(tracer.motion(), tracer.angle_unwrapping)
-    good = np.flatnonzero(~motion.failed)
-    parts = motion_by_variables(
-        tracer.solver.closure, motion.values[good], tracer.solver.driven
+    """Return the table of a grid, with the errors that were measured in its cells.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    assembly_mode
+        The only mode to compute, None for all.
+    passive_variables
+        Numbers of the variables in the table.
+    poles
+        The poles in the table.
+    node_counts
+        Number of nodes along each input.
+    tolerance
+        Error of angles (rad) up to which a cell is sure.
+    """
+    refined_counts = _refine_counts(node_counts)
+    position_analysis = PositionAnalysis(
+        mechanism, None, assembly_mode, samples=refined_counts
     )
-    modes = [mode.number for mode in tracer.assembly_modes]
-
-    def spread(values: Floats) -> Floats:
-        whole = nans((len(motion), *values.shape[1:]))
-        whole[good] = values
-        return whole.reshape(len(modes), motion.samples, *values.shape[1:])
-
-    first = spread(np.swapaxes(parts.rates[:, :, columns], 1, 2))
-    second = spread(np.moveaxis(parts.second[:, :, :, columns], 3, 1))
-    low, high = ([pole[end] for pole in poles] for end in (0, 1))
-    usable = all_finite(first, (2, 3)) & all_finite(second, (2, 3, 4))
-    exact: dict[str, Any] = {
-        "angles": np.where(usable[..., None], spread(parts.values[:, columns]), np.nan),
-        "coefficients": first,
-        "derivatives": second,
-        "turning": spread(np.moveaxis(parts.w[:, :, high] - parts.w[:, :, low], 2, 1)),
-        "turning_derivatives": spread(
-            np.moveaxis(parts.dw[:, :, :, high] - parts.dw[:, :, :, low], 3, 1)
-        ),
-    }
-    periods = np.array([p for joint in motion.joints for p in joint.periods])
-    q = tracer.input_grid.q
-    even = np.ravel_multi_index(tuple(PARTS * np.indices(counts)), fine).ravel()
-    cells = len(modes), math.prod(n - 1 for n in counts)
+    motion = unwrap_motion(position_analysis.motion(), position_analysis.angle_unwrapping)
+    grid_values = _compute_grid_values(position_analysis, motion, passive_variables, poles)
+    mode_numbers = [mode.number for mode in position_analysis.assembly_modes]
+    inputs = position_analysis.input_grid.q
+    # The nodes of the table among the points of the refined grid.
+    node_indices = PARTS_PER_CELL * np.indices(node_counts)
+    nodes = np.ravel_multi_index(tuple(node_indices), refined_counts).ravel()
+    cell_shape = (len(mode_numbers), math.prod(count - 1 for count in node_counts))
     table = CouplingTable(
         mechanism=mechanism.name,
         mechanism_sha256=mechanism_hash(mechanism),
         made_by=__version__,
-        inputs=tracer.inputs,
-        variables=tuple(mechanism.variable_names[v] for v in columns),
+        inputs=position_analysis.inputs,
+        variables=tuple(mechanism.variable_names[v] for v in passive_variables),
         poles=tuple(pole_name(mechanism, pole) for pole in poles),
-        modes=tuple(modes),
+        modes=tuple(mode_numbers),
         tolerance=tolerance,
-        start=q[0],
-        step=(q[-1] - q[0]) / np.subtract(counts, 1),
-        count=np.array(counts),
-        periodic=np.zeros(len(counts), dtype=bool),
-        rise=np.zeros((len(modes), len(counts), len(columns))),
-        **{name: values[:, even] for name, values in exact.items()},
-        error=np.zeros(cells),
-        sure=np.ones(cells, dtype=bool),
+        start=inputs[0],
+        step=(inputs[-1] - inputs[0]) / np.subtract(node_counts, 1),
+        count=np.array(node_counts),
+        periodic=np.zeros(len(node_counts), dtype=bool),
+        rise=np.zeros((len(mode_numbers), len(node_counts), len(passive_variables))),
+        angles=grid_values.angles[:, nodes],
+        coefficients=grid_values.coefficients[:, nodes],
+        derivatives=grid_values.derivatives[:, nodes],
+        turning=grid_values.turning[:, nodes],
+        turning_derivatives=grid_values.turning_derivatives[:, nodes],
+        error=np.zeros(cell_shape),
+        sure=np.ones(cell_shape, dtype=bool),
         coefficient_error=0.0,
     )
-    _find_periods(table, periods[columns])
-    return replace(table, coefficient_error=_measured(table, exact, fine))
+    periods = np.array([period for joint in motion.joints for period in joint.periods])
+    _find_periods(table, periods[passive_variables])
+    coefficient_error = _measure_errors(table, grid_values, refined_counts)
+    return replace(table, coefficient_error=coefficient_error)
 
 
-def _measured(
-    table: CouplingTable, exact: Mapping[str, Floats], fine: tuple[int, ...]
+def _measure_errors(
+    table: CouplingTable, grid_values: GridValues, refined_counts: tuple[int, ...]
 ) -> float:
-    """Say in a table what errors its cells have; return the largest of a coefficient.
+    """Measure the errors of interpolation, and write them to the table.
 
-    `exact` has a mode in each row, and a grid of a third of the step.
+    Parameters
+    ----------
+    table
+        The table, whose arrays `error` and `sure` are changed.
+    grid_values
+        Computed values on the refined grid.
+    refined_counts
+        Number of points of that grid along each input.
+
+    Returns
+    -------
+    The largest error of a coefficient or angular velocity in cells that are sure.
     """
-    every = np.indices(tuple(table.count - 1)).reshape(len(fine), -1).T
-    slope = np.zeros_like(table.error)
-    for place in product(range(PARTS + 1), repeat=len(fine)):
-        part = np.array(place) / PARTS
-        if not np.any(part % 1.0):
-            continue
-        node = np.ravel_multi_index(tuple((PARTS * every + place).T), fine)
-        for number in range(len(table.modes)):
-            blended = table.blended(number, every, np.broadcast_to(part, every.shape))
-            for name in ("angles", "coefficients", "turning"):
-                off = np.abs(getattr(blended, name) - exact[name][number, node])
-                most = (table.error if name == "angles" else slope)[number]
-                largest = np.max(off.reshape(len(node), -1), axis=1, initial=0.0)
-                np.maximum(most, largest, out=most)
-    table.error[:] *= BETWEEN
+    input_count = len(refined_counts)
+    cells = np.indices(tuple(table.count - 1)).reshape(input_count, -1).T
+    coefficient_error = np.zeros_like(table.error)
+    for part in product(range(PARTS_PER_CELL + 1), repeat=input_count):
+        position = np.array(part) / PARTS_PER_CELL
+        if not np.any(position % 1.0):
+            continue  # A corner of the cell: interpolation is exact.
+        point_indices = PARTS_PER_CELL * cells + part
+        points = np.ravel_multi_index(tuple(point_indices.T), refined_counts)
+        positions = np.broadcast_to(position, cells.shape)
+        for mode in range(len(table.modes)):
+            values = table.interpolate(mode, cells, positions)
+            for interpolated, computed, largest_error in (
+                (values.angles, grid_values.angles, table.error),
+                (values.coefficients, grid_values.coefficients, coefficient_error),
+                (values.turning, grid_values.turning, coefficient_error),
+            ):
+                error = np.abs(interpolated - computed[mode, points])
+                error_of_cell = np.max(error.reshape(len(points), -1), axis=1, initial=0.0)
+                # NaN, of cells without a mode, remains NaN.
+                np.maximum(largest_error[mode], error_of_cell, out=largest_error[mode])
+    table.error[:] *= ERROR_BETWEEN_POINTS
     with np.errstate(invalid="ignore"):
         table.sure[:] = table.error <= table.tolerance
-    return float(np.max(BETWEEN * slope[table.sure], initial=0.0))
+    sure_errors = ERROR_BETWEEN_POINTS * coefficient_error[table.sure]
+    return float(np.max(sure_errors, initial=0.0))
 
 
 def _find_periods(table: CouplingTable, periods: Floats) -> None:
-    """Say in a table after a turn of which inputs all returns."""
-    shape = (len(table.modes), *table.count)
-    for axis, lap in enumerate(table.step * (table.count - 1)):
-        if abs(lap - TURN) > SAME:
+    """Find the inputs after a revolution of which all configurations return.
+
+    Parameters
+    ----------
+    table
+        The table, whose arrays `periodic` and `rise` are changed.
+    periods
+        (K,) period (rad) of each passive variable.
+    """
+    mode_count = len(table.modes)
+    grid_shape = (mode_count, *table.count)
+    for axis, range_length in enumerate(table.step * (table.count - 1)):
+        if abs(range_length - TURN) > RETURN_TOLERANCE:
             continue
-        grown, change = (
-            np.diff(np.take(whole.reshape(*shape, -1), [0, -1], 1 + axis), axis=1 + axis)
-            for whole in (table.angles, table.coefficients)
+        # Changes of all values from the first to the last node of this input.
+        grid_axis = 1 + axis
+        angle_change, coefficient_change = (
+            np.diff(
+                np.take(values.reshape(*grid_shape, -1), [0, -1], grid_axis), axis=grid_axis
+            )
+            for values in (table.angles, table.coefficients)
         )
-        grown = grown.reshape(len(table.modes), -1, len(periods))
+        angle_change = angle_change.reshape(mode_count, -1, len(periods))
+        # Variables may grow by whole periods, at all nodes of the other inputs alike.
         with np.errstate(invalid="ignore"):
-            turns = np.nan_to_num(np.round(grown[:, 0] / periods) * periods)
-        if max_abs(grown - turns[:, None]) < SAME and max_abs(change) < SAME:
-            table.periodic[axis], table.rise[:, axis] = True, turns
+            rise = np.nan_to_num(np.round(angle_change[:, 0] / periods) * periods)
+        returns = (
+            max_abs(angle_change - rise[:, None]) < RETURN_TOLERANCE
+            and max_abs(coefficient_change) < RETURN_TOLERANCE
+        )
+        if returns:
+            table.periodic[axis] = True
+            table.rise[:, axis] = rise
