@@ -1,9 +1,10 @@
-"""The mid-plane architecture: base and end effector mirror each other in one plane.
+"""Closed forms of a mechanism whose base and end effector mirror each other in a plane.
 
-Three or more legs of two links with equal arcs lead from the base to the end effector,
-and their middle axes, the elbows, lie in one plane. The unit normal n of this mid-plane
-is the whole pose: two freedoms, and closed forms both ways (Chen et al. 2021, section 2).
-Which mechanisms have this form is found out by `spherekit.outputs.mid_plane_loci`.
+Three or more legs of two links with equal arcs lead from the base to the end effector.
+Their middle axes, the elbows, lie in one plane, the mid-plane. The unit normal n of this
+plane determines the pose. There are two degrees of freedom, and closed forms in both
+directions (Chen et al. 2021, section 2). `spherekit.outputs.mid_plane_symmetry` finds out
+whether a mechanism has this architecture.
 """
 
 from dataclasses import dataclass
@@ -18,9 +19,35 @@ from spherekit.geometry.vectors import cross, nans
 from spherekit.numerics.angles import wrap
 from spherekit.tolerances import REACH_SLACK
 
-COARSE = 1e-2
-"""Error (sr) of the reach whose nearest point is looked for; its border does not depend on
-it."""
+REACH_MESH_ERROR_SR = 1e-2
+"""Error (sr) of the area of the region in which the nearest mid-plane is searched.
+
+The border of the region is exact whatever its mesh is. Larger: small parts of the region
+can be missed. Smaller: more time.
+"""
+
+
+@dataclass(frozen=True)
+class ElbowFeet:
+    """The two possible elbows of each leg, by the point half-way between them.
+
+    The elbows are ``foot + sqrt(height_square) * direction`` and
+    ``foot - sqrt(height_square) * direction``.
+
+    Attributes
+    ----------
+    foot
+        (n, legs, 3) point of the mid-plane between both elbows.
+    direction
+        (n, legs, 3) vector in the mid-plane towards the elbow of mode 1.
+    height_square
+        (n, legs) square of n . (base axis x elbow). It is negative where the leg does not
+        reach the mid-plane.
+    """
+
+    foot: Floats
+    direction: Floats
+    height_square: Floats
 
 
 @dataclass(frozen=True)
@@ -56,39 +83,69 @@ class MidPlane:
 
     @property
     def reach(self) -> Floats:
-        """(legs,) rad, how far from a mid-plane the axis of a leg at the base may be."""
+        """(legs,) largest angle (rad) between the base axis of a leg and a mid-plane."""
         return np.minimum(self.arcs, np.pi - self.arcs)
 
     def elbows(self, normals: Floats, modes: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the elbows (n, legs, 3) and n . (base axis x elbow), (n, legs).
+        """Return the elbows of all legs.
 
-        NaN where a leg does not reach the mid-plane; the second is 0 at the limit of its
-        reach.
+        Parameters
+        ----------
+        normals
+            (n, 3) unit normals of the mid-planes.
+        modes
+            A sign for each leg, or (n, legs).
+
+        Returns
+        -------
+        elbows
+            (n, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane.
+        heights
+            (n, legs) values of n . (base axis x elbow); 0 at the limit of the reach.
         """
-        middle, aside, left = self.nearest_elbows(normals)
+        feet = self.elbow_feet(normals)
         with np.errstate(all="ignore"):
-            root = np.multiply(np.sqrt(left), modes)
-            return middle + root[..., None] * aside, root
+            heights = np.multiply(np.sqrt(feet.height_square), modes)
+            return feet.foot + heights[..., None] * feet.direction, heights
 
-    def nearest_elbows(self, normals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return points (n, legs, 3) that both elbows of a leg lie beside, and root^2.
+    def elbow_feet(self, normals: Floats) -> ElbowFeet:
+        """Return the points half-way between both elbows of each leg.
 
-        With the ways (n, legs, 3) from there to elbows of root 1. The last (n, legs) is the
-        square of n . (base axis x elbow), negative where the leg does not reach the
-        mid-plane: sin(arc + h) sin(arc - h) with h the angle from the base axis to it.
+        Parameters
+        ----------
+        normals
+            (n, 3) unit normals of the mid-planes.
+
+        Notes
+        -----
+        With the arc a of a leg and the angle h from its base axis to the mid-plane, the
+        square of the height is sin(a + h) sin(a - h).
         """
-        sine = normals @ self.axes.T
-        flat = self.axes - sine[..., None] * normals[:, None]
-        square = np.vecdot(flat, flat)
-        one, other = np.sin(self.arcs) * np.sqrt(square), np.cos(self.arcs) * sine
-        left = (one + other) * (one - other)
-        left[np.abs(left) <= REACH_SLACK] = 0.0
+        # h is positive on the side of the normal.
+        sine_h = normals @ self.axes.T
+        projection = self.axes - sine_h[..., None] * normals[:, None]
+        cosine_h_square = np.vecdot(projection, projection)
+        sine_cosine = np.sin(self.arcs) * np.sqrt(cosine_h_square)
+        cosine_sine = np.cos(self.arcs) * sine_h
+        height_square = (sine_cosine + cosine_sine) * (sine_cosine - cosine_sine)
+        # At the limit of the reach rounding errors decide about the sign.
+        height_square[np.abs(height_square) <= REACH_SLACK] = 0.0
         with np.errstate(all="ignore"):
-            flat /= square[..., None]
-            return np.cos(self.arcs)[:, None] * flat, cross(normals[:, None], flat), left
+            projection /= cosine_h_square[..., None]
+            return ElbowFeet(
+                foot=np.cos(self.arcs)[:, None] * projection,
+                direction=cross(normals[:, None], projection),
+                height_square=height_square,
+            )
 
     def readings(self, elbows: Floats) -> Floats:
-        """Return the variables (n, legs) rad of the pairs at the base."""
+        """Return the variables (n, legs) rad of the pairs at the base.
+
+        Parameters
+        ----------
+        elbows
+            (n, legs, 3) elbows of all legs.
+        """
         x, y, _ = np.moveaxis(np.vecmat(elbows, self.dials), -1, 0)
         return self.senses * wrap(np.arctan2(y, x) - self.phases)
 
@@ -97,23 +154,24 @@ class MidPlane:
 
         NaN where both driven elbows lie on one line: they span no plane.
         """
-        across = cross(*np.swapaxes(self._driven_elbows(inputs), 0, 1))
-        length = np.linalg.norm(across, axis=1, keepdims=True)
+        first_elbow, second_elbow = np.swapaxes(self._driven_elbows(inputs), 0, 1)
+        product = cross(first_elbow, second_elbow)
+        sine = np.linalg.norm(product, axis=1, keepdims=True)
         with np.errstate(all="ignore"):
-            return upward(np.where(length > REACH_SLACK, across / length, np.nan))
+            return upward(np.where(sine > REACH_SLACK, product / sine, np.nan))
 
     def _driven_elbows(self, inputs: Floats) -> Floats:
         """Return the elbows (n, 2, 3) of the driven legs at readings (n, 2) rad."""
         azimuth = self.senses[self.driven] * inputs + self.phases[self.driven]
-        x, y, z = np.moveaxis(self.dials[self.driven], -1, 0)
-        turned = np.cos(azimuth)[..., None] * x + np.sin(azimuth)[..., None] * y
+        x_axis, y_axis, z_axis = np.moveaxis(self.dials[self.driven], -1, 0)
+        radial = np.cos(azimuth)[..., None] * x_axis + np.sin(azimuth)[..., None] * y_axis
         arcs = self.arcs[self.driven, None]
-        return np.cos(arcs) * z + np.sin(arcs) * turned
+        return np.cos(arcs) * z_axis + np.sin(arcs) * radial
 
     def modes(self, inputs: Floats) -> Floats:
         """Return the modes (n, 2) of the driven legs at driven readings (n, 2) rad."""
-        aside = cross(self.axes[self.driven], self._driven_elbows(inputs))
-        return np.sign(np.vecdot(self.normals(inputs)[:, None], aside))
+        products = cross(self.axes[self.driven], self._driven_elbows(inputs))
+        return np.sign(np.vecdot(self.normals(inputs)[:, None], products))
 
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
         """Return the driven readings (n, 2) rad in each mode of the driven legs.
@@ -122,19 +180,31 @@ class MidPlane:
         link points away from the middle of the base in mode -1 of the first leg and 1 of
         the second, Fig. 5(a), and towards it in the other ones.
         """
-        made, modes = {}, np.ones(len(self.arcs))
-        for signs in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
-            modes[self.driven] = signs
-            made[signs] = self.readings(self.elbows(normals, modes)[0])[:, self.driven]
-        return made
+        readings_by_mode = {}
+        modes = np.ones(len(self.arcs))
+        for driven_modes in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
+            modes[self.driven] = driven_modes
+            elbows, _ = self.elbows(normals, modes)
+            readings_by_mode[driven_modes] = self.readings(elbows)[:, self.driven]
+        return readings_by_mode
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
-        """Return the mid-plane (3,) nearest to one (3,), all legs within reach.
+        """Return the mid-plane nearest to another one that all legs reach.
 
-        `margin` (rad) is how far inside it is at least. NaN if there is none.
+        Parameters
+        ----------
+        normal
+            (3,) unit normal of the other mid-plane.
+        margin
+            Least angle (rad) to the border of the reach.
+
+        Returns
+        -------
+        (3,) unit normal with n_z >= 0; NaN if no mid-plane is within reach.
         """
-        limits = np.sin(self.reach - margin)
-        reach = find_region(
-            lambda normals: limits**2 - (normals @ self.axes.T) ** 2, COARSE
+        sine_limits = np.sin(self.reach - margin)
+        region = find_region(
+            lambda normals: sine_limits**2 - (normals @ self.axes.T) ** 2,
+            REACH_MESH_ERROR_SR,
         )
-        return upward(reach.nearest(normal)) if reach.components else nans(3)
+        return upward(region.nearest(normal)) if region.components else nans(3)

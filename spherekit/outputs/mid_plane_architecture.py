@@ -1,14 +1,16 @@
-"""A mid-plane symmetric mechanism: links placed, and what its mid-planes say.
+"""A mechanism with a mid-plane: the orientations of its links, and its rotations.
 
-Orientations differ by mirrors, so two of them by a rotation about the line in which their
-mid-planes meet, by twice the angle between these; on the way the normal turns about that
-line by half the angle (Chen et al. 2021, section 4).
+Two orientations of the end effector differ by two reflections. This is a rotation about the
+line in which both mid-planes meet, by twice the angle between them. During the rotation the
+normal of the mid-plane turns about that line by half the angle (Chen et al. 2021,
+section 4).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,20 +38,70 @@ from spherekit.positions.pair_states import measure_pair_angles
 from spherekit.velocities.transmission import Transmission
 from spherekit.wording import listing
 
-LEAD = 0.02
-"""Angle (rad) before a singular start of a rotation from which it is followed."""
-INSIDE = np.radians(0.01)
-"""How far inside the legs' reach an offered pose is."""
-PROOF_POSES, SPREAD = 64, 2**16
-"""Poses at which the closed form is proven, about, of so many mid-planes."""
+SINGULAR_START_LEAD_RAD = 0.02
+"""Angle (rad) before a singular start of a rotation from which it is followed.
 
+Larger: the mechanism need not reach the pose before the start. Smaller: that pose is nearly
+singular too.
+"""
+
+SUGGESTION_MARGIN_RAD = np.radians(0.01)
+"""Angle (rad) between a suggested pose and the border of the reach.
+
+Larger: the suggestion is further from the pose that was asked for. Smaller: it is nearly
+singular.
+"""
+
+PROOF_POSE_COUNT = 64
+"""Least number of poses at which the closed form is compared with the graph.
+
+They are chosen from `PROOF_DIRECTION_COUNT` directions. Larger: more time.
+"""
+
+PROOF_DIRECTION_COUNT = 2**16
+"""Number of mid-planes from which those within reach are chosen.
+
+Larger: fewer mechanisms with a small reach have less than `PROOF_POSE_COUNT` poses.
+"""
+
+PROOF_REACH_RATIO = 0.95
+"""Part of the reach of the legs within which the closed form is compared.
+
+Larger: poses near the limit have larger rounding errors. Smaller: less is compared.
+"""
 
 Leg = tuple[int, int, int]
 """Numbers of a leg's pairs at the base, the elbow and the end effector."""
-KINDS = "base", "tip", "elbow", "normal"
-PairAxis = tuple[str, int, float]
-"""What an axis is along: the base axis, elbow or tip of a leg, or the normal (-1), with
-the sense."""
+
+AxisKind = Literal["base", "tip", "elbow", "normal"]
+"""What the axis of a pair is.
+
+The axis of a leg at the base, at the end effector (tip) or at its elbow, or the normal of
+the mid-plane.
+"""
+
+AXIS_KINDS: tuple[AxisKind, ...] = ("base", "tip", "elbow", "normal")
+"""The kinds in the order in which axes are preferred for placing a link."""
+
+
+@dataclass(frozen=True)
+class PairAxis:
+    """What the axis of a pair is, for every mid-plane.
+
+    Attributes
+    ----------
+    kind
+        The kind of the axis.
+    leg
+        Number of the leg, -1 for the normal of the mid-plane.
+    sense
+        1.0 if the axis points along the base axis, tip, elbow or normal, -1.0 if it is
+        opposite.
+    """
+
+    kind: AxisKind
+    leg: int
+    sense: float
 
 
 @dataclass(frozen=True)
@@ -60,6 +112,8 @@ class MidPlaneArchitecture:
     ----------
     mechanism
         The mechanism with its base as the ground.
+    joints
+        The joints of its pairs.
     plane
         The closed forms, in mirror axes.
     effector
@@ -70,7 +124,9 @@ class MidPlaneArchitecture:
         (3, 3), determinant -1, from the axes of the end effector to mirror axes; its
         orientation is ``frame @ mirror(n) @ image``.
     legs, along
-        The legs, and of every pair what its axis is along.
+        The legs, and what the axis of every pair is.
+    output
+        The output whose link is the end effector.
     """
 
     mechanism: Mechanism
@@ -85,7 +141,8 @@ class MidPlaneArchitecture:
 
     def name_of(self, leg: int) -> str:
         """Return the name of the pair of a leg at the base."""
-        return self.mechanism.pairs[self.legs[leg][0]].name
+        base_pair, _, _ = self.legs[leg]
+        return self.mechanism.pairs[base_pair].name
 
     def orientations(self, normals: Floats) -> Floats:
         """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
@@ -93,53 +150,89 @@ class MidPlaneArchitecture:
 
     @cached_property
     def home(self) -> Floats:
-        """Where the output points (3,) with the end effector laid upon its image.
+        """(3,) direction of the output if its link lies on the mirror image of the base.
 
-        In mirror axes; the output declares a direction.
+        In mirror axes. The output has to declare a direction.
         """
         return self.image @ np.array(self.output.direction)
 
     def normals_to(self, directions: Floats) -> tuple[Floats, Floats]:
-        """Return the mid-planes (n, 3) in which the output points at directions (n, 3).
+        """Return the mid-planes in which the output points at directions.
 
-        Both in mirror axes, the normals pointing from `home` to the directions, and how
-        far (n,) those are from it: at `home` itself every plane through it serves.
+        Parameters
+        ----------
+        directions
+            (n, 3) unit vectors in mirror axes.
+
+        Returns
+        -------
+        normals
+            (n, 3) unit normals in mirror axes, pointing from `home` to the directions.
+        distance
+            (n,) distance between `home` and the direction. At `home` itself every plane
+            through it is possible.
         """
-        way = directions - self.home
-        # lengths that differ by a rounding would turn the normal by that over the distance
-        longer = np.sum(way * (directions + self.home), axis=1, keepdims=True)
-        way = way - 0.5 * longer * directions
-        distance = np.linalg.norm(way, axis=1)
+        difference = directions - self.home
+        # Lengths of home and direction that differ by rounding would turn the normal by the
+        # rounding error divided by the distance. The difference is therefore corrected.
+        length_error = np.sum(difference * (directions + self.home), axis=1, keepdims=True)
+        difference = difference - 0.5 * length_error * directions
+        distance = np.linalg.norm(difference, axis=1)
         with np.errstate(all="ignore"):
-            return way / distance[:, None], distance
+            return difference / distance[:, None], distance
 
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the angles of the mid-planes in which the output points at directions.
 
-        These (n, 3) are in the axes of the base.
+        The directions (n, 3) are in the axes of the base. The results are phi, gamma and
+        omega (n,) as those of `mirror_angles`.
         """
-        return mirror_angles(self.normals_to(directions @ self.frame)[0])
+        normals, _ = self.normals_to(directions @ self.frame)
+        return mirror_angles(normals)
 
     def angle_rates(self, directions: Floats, turns: Floats) -> Floats:
-        """Return the derivatives (n, k, 2) of phi and gamma by k variables.
+        """Return the derivatives of phi and gamma by k variables.
 
-        `turns` (n, 3, k) are the output's angular velocities per unit rate of each, where
-        it points at directions (n, 3), both in the axes of the base.
+        Parameters
+        ----------
+        directions
+            (n, 3) directions of the output in the axes of the base.
+        turns
+            (n, 3, k) angular velocity of the output per unit rate of each variable, in the
+            axes of the base.
+
+        Returns
+        -------
+        (n, k, 2) derivatives of phi and of gamma.
         """
         normals, distance = self.normals_to(directions @ self.frame)
-        swept = cross(np.swapaxes(turns, 1, 2), directions[:, None]) @ self.frame
-        along = np.matvec(swept, normals)[..., None]
+        direction_rates = cross(np.swapaxes(turns, 1, 2), directions[:, None]) @ self.frame
+        # The normal is the difference between direction and home, divided by its length.
+        length_rates = np.matvec(direction_rates, normals)[..., None]
         x, y, z = normals.T
         with np.errstate(all="ignore"):
-            slopes = (swept - along * normals[:, None]) / distance[:, None, None]
+            normal_rates = direction_rates - length_rates * normals[:, None]
+            normal_rates = normal_rates / distance[:, None, None]
+            # Derivatives of phi = -2 arcsin(x) and gamma = 2 arcsin(y), of the normal with
+            # z >= 0.
             scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)
             scale *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
-            return scale[:, None] * slopes[..., :2]
+            return scale[:, None] * normal_rates[..., :2]
 
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
-        """Return the mid-planes (n, 3) nearest to orientations (n, 3, 3).
+        """Return the mid-planes nearest to orientations of the end effector.
 
-        And by what angle (n,) rad the orientations depart from them.
+        Parameters
+        ----------
+        orientations
+            (n, 3, 3) orientations in the axes of the base.
+
+        Returns
+        -------
+        normals
+            (n, 3) unit normals in mirror axes.
+        deviation
+            (n,) angle (rad) between the orientation and that of the mid-plane.
         """
         return mirror_of(transpose(self.frame) @ orientations @ transpose(self.image))
 
@@ -158,81 +251,128 @@ class MidPlaneArchitecture:
             Numbers of the links wanted, all by default; the others are left NaN.
         """
         elbows, _ = self.plane.elbows(normals, modes)
-        count = len(self.mechanism.links)
-        placed = nans((len(normals), count, 3, 3))
-        placed[:, 0] = np.eye(3)
-        placed[:, self.effector] = self.orientations(normals)
-        for link in {*(range(count) if links is None else links)} - {0, self.effector}:
+        link_count = len(self.mechanism.links)
+        rotations = nans((len(normals), link_count, 3, 3))
+        rotations[:, 0] = np.eye(3)
+        rotations[:, self.effector] = self.orientations(normals)
+        placed_links = set(range(link_count) if links is None else links)
+        for link in placed_links - {0, self.effector}:
+            # A link is placed by two of its axes, of kinds as different as possible.
             pairs = sorted(
                 (pair for pair, ends in enumerate(self.mechanism.ends) if link in ends),
-                key=lambda pair: KINDS.index(self.along[pair][0]),
+                key=lambda pair: AXIS_KINDS.index(self.along[pair].kind),
             )
-            outer = pairs[0], pairs[-1]
-            axes = (self.axis(pair, normals, elbows) for pair in outer)
-            turned = self.frame @ frame_toward(*np.broadcast_arrays(*axes))
-            fixed = (axis_in(self.mechanism, self.joints, pair, link) for pair in outer)
-            placed[:, link] = turned @ frame_toward(*fixed).T
-        return placed
+            first_pair = pairs[0]
+            last_pair = pairs[-1]
+            first_axis, last_axis = np.broadcast_arrays(
+                self.axis(first_pair, normals, elbows),
+                self.axis(last_pair, normals, elbows),
+            )
+            outer_frame = self.frame @ frame_toward(first_axis, last_axis)
+            inner_frame = frame_toward(
+                axis_in(self.mechanism, self.joints, first_pair, link),
+                axis_in(self.mechanism, self.joints, last_pair, link),
+            )
+            rotations[:, link] = outer_frame @ inner_frame.T
+        return rotations
 
     def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
         """Return the axis (n or 1, 3) of a pair in mirror axes.
 
-        At mid-planes (n, 3) with the elbows (n, legs, 3).
+        Parameters
+        ----------
+        pair
+            Number of the pair.
+        normals
+            (n, 3) unit normals of the mid-planes.
+        elbows
+            (n, legs, 3) elbows of all legs.
         """
-        what, leg, sense = self.along[pair]
-        if what == "base":
-            return self.plane.axes[leg][None]
-        if what == "tip":
-            return reflections(normals) @ self.plane.axes[leg]
-        return sense * (normals if what == "normal" else elbows[:, leg])
+        pair_axis = self.along[pair]
+        if pair_axis.kind == "base":
+            return self.plane.axes[pair_axis.leg][None]
+        if pair_axis.kind == "tip":
+            return reflections(normals) @ self.plane.axes[pair_axis.leg]
+        if pair_axis.kind == "normal":
+            return pair_axis.sense * normals
+        return pair_axis.sense * elbows[:, pair_axis.leg]
 
     def axes(self, normals: Floats, elbows: Floats) -> Floats:
         """Return the axes (n, pairs, 3) of all pairs, see `axis`."""
-        pairs = range(len(self.along))
-        axes = np.broadcast_arrays(*(self.axis(pair, normals, elbows) for pair in pairs))
-        return np.stack(axes, axis=1)
+        axes = [self.axis(pair, normals, elbows) for pair in range(len(self.along))]
+        return np.stack(np.broadcast_arrays(*axes), axis=1)
 
     @cached_property
     def _transmission(self) -> Transmission:
+        """The measure of type II of the output."""
         return Transmission.from_mechanism(self.mechanism, self.output)
 
     def transmission(self, normals: Floats, elbows: Floats) -> Floats:
-        """Return the measure (n,) of type II at mid-planes (n, 3) with elbows."""
+        """Return the measure (n,) of type II.
+
+        Parameters
+        ----------
+        normals
+            (n, 3) unit normals of the mid-planes.
+        elbows
+            (n, legs, 3) elbows of all legs.
+        """
         directions = None
         if self.output.direction is not None:
             directions = reflections(normals) @ self.home
         return self._transmission.measure(self.axes(normals, elbows), directions)
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
-        """Return the variables (n, pairs) rad of placed links, and gaps (n, pairs) rad."""
-        return measure_pair_angles(self.mechanism.ends, revolutes(self.joints), placed)
+        """Return the pair variables of links with given orientations.
+
+        Parameters
+        ----------
+        placed
+            (n, links, 3, 3) orientations of all links.
+
+        Returns
+        -------
+        values
+            (n, pairs) pair variables (rad).
+        residuals
+            (n, pairs) angle (rad) between the axes of each pair in both links.
+        """
+        joints = revolutes(self.joints)
+        return measure_pair_angles(self.mechanism.ends, joints, placed)
 
     def proof(self) -> tuple[float, int]:
-        """Return how well the closed form closes the graph, at poses over the reach.
+        """Compare the closed form with the graph at poses over the reach, in all modes.
 
-        In all modes: the largest angle (rad) between the axes of a pair in its two links,
-        and the least mobility by rank.
+        Returns
+        -------
+        gap
+            Largest angle (rad) between the axes of a pair in its two links.
+        freedoms
+            Least mobility by rank of the velocity equations, in the last mode.
         """
         normals = _spread_normals(self.plane)
         gap = 0.0
         for modes in product((1, -1), repeat=len(self.legs)):
-            values, gaps = self.values(self.place(normals, modes))
-            gap = max(gap, float(np.max(gaps)))
+            values, residuals = self.values(self.place(normals, modes))
+            gap = max(gap, float(np.max(residuals)))
         closure = Closure.of(self.mechanism, self.joints)
-        return gap, int(np.min(rank_mobility(closure.tree, closure.at(values).vectors)))
+        mobility = rank_mobility(closure.tree, closure.at(values).vectors)
+        return gap, int(np.min(mobility))
 
     def check_reach(self, normal: Floats) -> None:
         """Raise `SolveError` if a mid-plane (3,) is outside the reach of the legs.
 
-        With the nearest one that is inside.
+        The message names the nearest mid-plane inside.
         """
         elbows, _ = self.plane.elbows(normal[None], np.ones(len(self.legs)))
-        lost = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
-        if lost:
+        short_legs = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
+        if short_legs:
+            nearest_normal = self.plane.nearest(normal, SUGGESTION_MARGIN_RAD)
             raise SolveError(
-                f"{self.mechanism.name}: {named(normal)} is outside the workspace: the "
-                f"legs at {listing(map(self.name_of, lost))} do not reach its mid-plane; "
-                f"the nearest pose inside is {named(self.plane.nearest(normal, INSIDE))}"
+                f"{self.mechanism.name}: {describe_mid_plane(normal)} is outside the "
+                f"workspace: the legs at {listing(map(self.name_of, short_legs))} do not "
+                f"reach its mid-plane; the nearest pose inside is "
+                f"{describe_mid_plane(nearest_normal)}"
             )
 
     def rotation_between(
@@ -258,51 +398,79 @@ class MidPlaneArchitecture:
                 f"modes: found {signs.tolist()}, needs 1 or -1 for each of "
                 f"{len(self.legs)} legs"
             )
-        ends = np.stack([upward(unit(normal)) for normal in (start, stop)])
-        for normal in ends:
+        end_normals = np.stack([upward(unit(normal)) for normal in (start, stop)])
+        for normal in end_normals:
             self.check_reach(normal)
-        return self.rotation_about(
-            ends[0], *axis_and_angle(*self.orientations(ends)), signs
-        )
+        start_orientation, stop_orientation = self.orientations(end_normals)
+        axis, angle = axis_and_angle(start_orientation, stop_orientation)
+        return self.rotation_about(end_normals[0], axis, angle, signs)
 
     def rotation_about(
         self, start: Floats, axis: Floats, angle: float, modes: Floats
     ) -> FollowedRotation:
-        """Return the rotation about an axis (3,) in a mid-plane of normal `start` (3,).
+        """Return the rotation about an axis from a mid-plane that contains the axis.
 
-        Where the loops do not fix the links there, the way begins a little before.
+        If the start is singular, the path begins shortly before it.
+
+        Parameters
+        ----------
+        start
+            (3,) unit normal of the mid-plane at the start, in mirror axes.
+        axis
+            (3,) unit vector in the axes of the base.
+        angle
+            Angle of the rotation (rad).
+        modes
+            (legs,) sign of each leg.
+
+        Raises
+        ------
+        SolveError
+            If no path can begin at the start or shortly before it.
         """
 
-        def followed(lead: float) -> FollowedRotation:
-            normals = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead]) @ start
-            (values,), _ = self.values(self.place(normals, modes))
-            name = self.output.name
-            return follow_rotation(self.mechanism, values, axis, angle, name, lead)
+        def follow_from(lead: float) -> FollowedRotation:
+            """Return the rotation with a path that begins `lead` (rad) before the start."""
+            # The normal turns by half the angle.
+            turn = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead])
+            (values,), _ = self.values(self.place(turn @ start, modes))
+            return follow_rotation(
+                self.mechanism, values, axis, angle, self.output.name, lead
+            )
 
         try:
-            return followed(0.0)
-        except SolveError as singular:
+            return follow_from(0.0)
+        except SolveError as error:
             try:
-                return followed(LEAD)
+                return follow_from(SINGULAR_START_LEAD_RAD)
             except SolveError:
-                raise singular from None
+                raise error from None
 
 
 def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int) -> Floats:
-    """Return the axis (3,) of an R pair in one of its links."""
+    """Return the axis (3,) of an R pair in the axes of one of its links.
+
+    Parameters
+    ----------
+    mechanism, joints
+        The mechanism and the joints of its pairs.
+    pair, link
+        Numbers of the pair and of the link.
+    """
     joint = revolute(joints[pair])
-    return (joint.first if mechanism.ends[pair][0] == link else joint.second)[:, 2]
+    is_first_link = mechanism.ends[pair][0] == link
+    return (joint.first if is_first_link else joint.second)[:, 2]
 
 
 def _spread_normals(plane: MidPlane) -> Floats:
-    """Return mid-planes (n, 3) spread evenly over the reach of all legs."""
-    normals = spiral_directions(SPREAD, min_z=0.0)
-    limits = np.sin(0.95 * plane.reach)
-    inside = normals[np.all(np.abs(normals @ plane.axes.T) < limits, axis=1)]
-    return inside[:: max(1, len(inside) // PROOF_POSES)]
+    """Return normals (n, 3) of mid-planes spread evenly over the reach of all legs."""
+    normals = spiral_directions(PROOF_DIRECTION_COUNT, min_z=0.0)
+    limits = np.sin(PROOF_REACH_RATIO * plane.reach)
+    reachable = normals[np.all(np.abs(normals @ plane.axes.T) < limits, axis=1)]
+    return reachable[:: max(1, len(reachable) // PROOF_POSE_COUNT)]
 
 
-def named(normal: Floats) -> str:
-    """Return words for a mid-plane (3,)."""
+def describe_mid_plane(normal: Floats) -> str:
+    """Return the angles of a mid-plane with the normal (3,) as text."""
     phi, gamma, _ = np.round(np.degrees(mirror_angles(normal)), 9) + 0.0
     return f"phi = {phi:.6g}, gamma = {gamma:.6g} deg"

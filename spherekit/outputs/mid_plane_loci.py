@@ -1,16 +1,17 @@
-"""Singular mid-planes: the loci of a mechanism in its mid-plane architecture, mode by mode.
+"""Singular curves of a mechanism in its mid-plane architecture, mode by mode.
 
-The unit normal n of the mid-plane is the whole pose, and a mode says the rest. The output
-rests while an input moves where a driven leg is at the limit of its reach, |n . b| = sin a
-with the base axis b and the arcs a of the leg: circles of n. With the inputs locked as many
-velocity equations as unknowns are left. Their determinant is a smooth function of n in each
-mode, which changes its sign where the output moves with the inputs at rest: also where the
-loops lose their rank, beside which the regular equations of `spherekit.singularities.locus`
-do not hold.
+The unit normal n of the mid-plane and the signs of the legs determine a configuration.
+
+- Type I: an input moves while the output rests if a driven leg is at the limit of its
+reach,
+  |n . b| = sin a with its base axis b and its arc a. These are circles of n.
+- Type II: with the inputs locked there are as many velocity equations as unknowns. Their
+  determinant is a smooth function of n in each mode. It changes its sign where the output
+  can move with the inputs at rest, also where the loops lose their rank. The regular
+  equations of `spherekit.singularities` do not hold there.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -32,10 +33,18 @@ from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import output_of
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
-SIDE = float(np.radians(4.0))
-"""Longest side (rad) of the triangles."""
-ALONG = 1e-6
-"""Elbows with a smaller sine lie along one line."""
+LOCUS_MESH_SIDE_RAD = float(np.radians(4.0))
+"""Longest side (rad) of the triangles in which curves are searched.
+
+Larger: more closed curves that are smaller than a triangle are missed. Smaller: more time.
+"""
+
+COLLINEAR_ELBOWS_SINE = 1e-6
+"""Sine of the angle between both driven elbows below which they lie on one line.
+
+Larger: curves where the loops lose their rank can be reported as lines of elbows. Smaller:
+rounding errors hide that the elbows lie on one line.
+"""
 
 
 def mid_plane_loci(
@@ -44,33 +53,72 @@ def mid_plane_loci(
     output: str | None = None,
     budget: TimeLimit | None = None,
 ) -> SingularCurves | None:
-    """Return the singular curves of a type, of the mid-plane architecture of a mechanism.
+    """Return the singular curves of one type, from the mid-plane architecture.
 
-    None if it has none. Mid-planes are taken once, n_z >= 0 in mirror axes, and carriers
-    on one side: those turned over have the same inputs and poses.
+    Each mid-plane is considered once, with n_z >= 0 in mirror axes, and the links that
+    carry the elbows on one side. The other side has the same inputs and poses.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    kind
+        The type of singularity.
+    output
+        Name of the output; may be left out if there is one.
+    budget
+        Limit of the time; none by default.
+
+    Returns
+    -------
+    The curves, None if the mechanism has no mid-plane architecture.
     """
     try:
         form = mid_plane_form(mechanism, output)
     except ModelError:
         return None
     budget = budget or TimeLimit()
-    modes = _Modes(form, mechanism, kind, output)
-    curves = list(modes.borders() if kind == "I" else modes.contours(budget))
-    none = np.zeros((0, len(mechanism.variable_owners)))
-    beyond = "configurations in which the output is not a mirror image of the base"
+    search = _MidPlaneCurveSearch(form, mechanism, kind, output)
     if kind == "I":
-        words = f"borders of the reach of driven legs in closed form, without {beyond}"
-        claim = Completeness(Guarantee.COMPONENT, words)
-    elif budget.note:
-        claim = Completeness(Guarantee.SAMPLED, budget.note)
+        curves = list(search.find_borders())
     else:
-        words = f"changes of sign over the mid-planes of every mode, without {beyond}"
-        claim = Completeness(Guarantee.TO_BOX, words, SIDE)
-    return SingularCurves(kind, tuple(curves), claim, none)
+        curves = list(search.find_determinant_zeros(budget))
+    excluded = "configurations in which the output is not a mirror image of the base"
+    if kind == "I":
+        method = f"borders of the reach of driven legs in closed form, without {excluded}"
+        completeness = Completeness(Guarantee.COMPONENT, method)
+    elif budget.note:
+        completeness = Completeness(Guarantee.SAMPLED, budget.note)
+    else:
+        method = f"changes of sign over the mid-planes of every mode, without {excluded}"
+        completeness = Completeness(Guarantee.TO_BOX, method, LOCUS_MESH_SIDE_RAD)
+    stray = np.zeros((0, len(mechanism.variable_owners)))
+    return SingularCurves(kind, tuple(curves), completeness, stray)
 
 
-class _Modes:
-    """Puts the mechanism at mid-planes, mode by mode."""
+class _MidPlaneCurveSearch:
+    """Finds the curves of singular mid-planes of a mechanism in each of its modes.
+
+    Parameters
+    ----------
+    form
+        The mid-plane architecture.
+    mechanism
+        The mechanism.
+    kind
+        The type of singularity.
+    output
+        Name of the output, or None if there is one.
+
+    Attributes
+    ----------
+    report
+        Describes singular configurations of this type.
+    locus
+        The equations of this type.
+    passive
+        Numbers of the variables that are not driven.
+    """
 
     def __init__(
         self,
@@ -81,108 +129,204 @@ class _Modes:
     ) -> None:
         self.form = form
         solver = solver_of(mechanism)
-        self.view = SingularityReport(solver, output_of(mechanism, output), kind)
-        self.locus = self.view.locus
+        self.report = SingularityReport(solver, output_of(mechanism, output), kind)
+        self.locus = self.report.locus
         self.passive = [
             v for v in range(len(mechanism.variable_owners)) if v not in solver.driven
         ]
 
-    def borders(self) -> Iterator[CurveSeen]:
-        """Yield the circles on which a driven leg is at its limit, where others reach."""
-        for leg in self.form.plane.driven:
-            why = f"leg of {self.form.name_of(leg)} at the limit of its reach"
-            for signs in product((1, -1), repeat=len(self.form.legs) - 1):
-                modes = np.insert(np.array(signs), leg, 1)
-                margins, axis = partial(self._margins, leg), self.form.plane.axes[leg]
-                yield from self._zeros(margins, modes, why, (axis, -axis))
+    def find_borders(self) -> Iterator[CurveSeen]:
+        """Yield the circles on which a driven leg is at the limit of its reach.
 
-    def contours(self, budget: TimeLimit) -> Iterator[CurveSeen]:
-        """Yield the lines on which the determinant of the locked mechanism changes sign."""
-        for signs in product((1, -1), repeat=len(self.form.legs)):
-            if not budget.goes_on(f"mode {signs}"):
+        Only parts that all other legs reach are yielded.
+        """
+        plane = self.form.plane
+        for leg in plane.driven:
+            reason = f"leg of {self.form.name_of(leg)} at the limit of its reach"
+            axis = plane.axes[leg]
+
+            def measure_margin(normals: Floats, leg: int = leg) -> Floats:
+                """Return the square of the height of the leg's elbow (n,)."""
+                return self._measure_reach(leg, normals)
+
+            # Both signs of this leg are the same configuration at its limit.
+            for other_signs in product((1, -1), repeat=len(self.form.legs) - 1):
+                signs = np.insert(np.array(other_signs), leg, 1)
+                yield from self._find_zero_curves(
+                    measure_margin, signs, reason, centres=(axis, -axis)
+                )
+
+    def find_determinant_zeros(self, budget: TimeLimit) -> Iterator[CurveSeen]:
+        """Yield the curves on which the determinant with locked inputs changes its sign.
+
+        The search ends between two modes if the time is over.
+        """
+        for mode in product((1, -1), repeat=len(self.form.legs)):
+            if not budget.goes_on(f"mode {mode}"):
                 return
-            modes = np.array(signs)
-            yield from self._zeros(partial(self._determinants, modes), modes)
+            signs = np.array(mode)
 
-    def _zeros(
+            def compute_determinant(normals: Floats, signs: Integers = signs) -> Floats:
+                """Return the determinant (n,) in this mode."""
+                return self._compute_determinants(signs, normals)
+
+            yield from self._find_zero_curves(compute_determinant, signs)
+
+    def _find_zero_curves(
         self,
         function: Callable[[Floats], Floats],
-        modes: Integers,
-        why: str = "",
+        signs: Integers,
+        reason: str = "",
         centres: Sequence[Floats] = (),
     ) -> Iterator[CurveSeen]:
-        """Yield the lines on which a function of normals changes its sign in a mode.
+        """Yield the curves on which a function of the mid-plane changes its sign.
 
-        Around `centres` (3,) however short they are.
+        The zeros on the edges of a triangular mesh are computed, and the zeros of each
+        triangle are joined.
+
+        Parameters
+        ----------
+        function
+            Function of normals (n, 3) with values (n,), NaN where it has none.
+        signs
+            (legs,) signs of the mode.
+        reason
+            Why the curves are singular. If it is empty, it is found out for each curve.
+        centres
+            Unit vectors (3,) that become vertices of the mesh. Curves around them are found
+            however small they are.
         """
-        nodes, triangles = hemisphere(SIDE)
-        nodes = nodes.copy()
+        vertices, triangles = hemisphere(LOCUS_MESH_SIDE_RAD)
+        vertices = vertices.copy()
         for centre in centres:
-            nodes[np.argmax(nodes @ centre)] = centre
-        edges, sides = list_edges(triangles)
-        values = function(nodes)[edges]
-        changes = all_finite(values, 1) & (values[:, 0] * values[:, 1] < 0.0)
-        low, high = nodes[edges[changes]].swapaxes(0, 1)
+            vertices[np.argmax(vertices @ centre)] = centre
+        edges, triangle_edges = list_edges(triangles)
+        values = function(vertices)[edges]
+        has_zero = all_finite(values, 1) & (values[:, 0] * values[:, 1] < 0.0)
+        edge_starts, edge_ends = vertices[edges[has_zero]].swapaxes(0, 1)
+        zero_count = len(edge_starts)
 
-        def between(part: Floats, rows: Indices) -> Floats:
-            return unit_rows(low[rows] + part[:, None] * (high - low)[rows])
+        def interpolate(part: Floats, rows: Indices) -> Floats:
+            """Return points (k, 3) on some edges at parts (k,) of their lengths."""
+            difference = (edge_ends - edge_starts)[rows]
+            return unit_rows(edge_starts[rows] + part[:, None] * difference)
 
-        part, _ = find_bracketed_zeros(
-            lambda x, rows: function(between(x, rows)),
-            np.zeros(len(low)),
-            np.ones(len(low)),
-            *values[changes].T,
+        start_values, end_values = values[has_zero].T
+        zero_parts, _ = find_bracketed_zeros(
+            lambda part, rows: function(interpolate(part, rows)),
+            np.zeros(zero_count),
+            np.ones(zero_count),
+            start_values,
+            end_values,
         )
-        roots = between(part, np.arange(len(low)))
-        number = np.where(changes, np.cumsum(changes) - 1, -1)
-        ends = np.sort(number[sides], axis=1)
-        links = ends[np.sum(ends >= 0, axis=1) == 2, 1:]
-        for line in order_chains(len(low), links):
-            closed = bool(np.count_nonzero(links == line[0]) == 2 < len(line))
-            normals = roots[np.append(line, line[:1]) if closed else line]
-            yield self._curve(normals, modes, closed, why or self._why(normals, modes))
+        zeros = interpolate(zero_parts, np.arange(zero_count))
 
-    def _margins(self, leg: int, normals: Floats) -> Floats:
-        """Return how far (n,) a leg is inside its reach, NaN where another one is not."""
-        _, _, left = self.form.plane.nearest_elbows(normals)
-        reached = np.all(np.delete(left, leg, axis=1) >= 0.0, axis=1)
-        return np.where(reached, left[:, leg], np.nan)
+        # Number of the zero of each edge, -1 without one. A triangle that the curve crosses
+        # has two zeros, which are the last two of its sorted numbers.
+        zero_of_edge = np.where(has_zero, np.cumsum(has_zero) - 1, -1)
+        triangle_zeros = np.sort(zero_of_edge[triangle_edges], axis=1)
+        links = triangle_zeros[np.sum(triangle_zeros >= 0, axis=1) == 2, 1:]
+        for chain in order_chains(zero_count, links):
+            # The first zero of a closed chain belongs to two links.
+            link_count = np.count_nonzero(links == chain[0])
+            is_closed = bool(link_count == 2 < len(chain))
+            normals = zeros[np.append(chain, chain[:1]) if is_closed else chain]
+            curve_reason = reason or self._find_reason(normals, signs)
+            yield self._make_curve(normals, signs, is_closed, curve_reason)
 
-    def _why(self, normals: Floats, modes: Integers) -> str:
-        """Return why inputs at rest allow a motion at the mid-planes of one line."""
+    def _measure_reach(self, leg: int, normals: Floats) -> Floats:
+        """Return the squared height of a leg's elbow, which is 0 at the limit of its reach.
+
+        Parameters
+        ----------
+        leg
+            Number of the leg.
+        normals
+            (n, 3) unit normals of mid-planes.
+
+        Returns
+        -------
+        (n,) squared heights, negative out of reach; NaN where another leg does not reach.
+        """
+        height_square = self.form.plane.elbow_feet(normals).height_square
+        others_reach = np.all(np.delete(height_square, leg, axis=1) >= 0.0, axis=1)
+        return np.where(others_reach, height_square[:, leg], np.nan)
+
+    def _find_reason(self, normals: Floats, signs: Integers) -> str:
+        """Return why the output can move with the inputs at rest on a curve.
+
+        Parameters
+        ----------
+        normals
+            (n, 3) unit normals of the mid-planes of the curve.
+        signs
+            (legs,) signs of the mode.
+        """
         first, second = self.form.plane.driven
-        elbows, _ = self.form.plane.elbows(normals, modes)
-        apart = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
-        if np.nanmedian(apart) < ALONG:
+        elbows, _ = self.form.plane.elbows(normals, signs)
+        sine = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
+        if np.nanmedian(sine) < COLLINEAR_ELBOWS_SINE:
             names = " and ".join(self.form.mechanism.input_pairs)
             return f"elbows of the legs of {names} along one line"
         return "the loops lose rank"
 
-    def _determinants(self, modes: Integers, normals: Floats) -> Floats:
-        """Return (n,) the determinant of the locked mechanism, NaN out of reach."""
-        values, _ = self.form.values(self.form.place(normals, modes))
+    def _compute_determinants(self, signs: Integers, normals: Floats) -> Floats:
+        """Return the determinants of the velocity equations with locked inputs.
+
+        Parameters
+        ----------
+        signs
+            (legs,) signs of the mode.
+        normals
+            (n, 3) unit normals of mid-planes.
+
+        Returns
+        -------
+        (n,) determinants, NaN where a leg does not reach.
+        """
+        values, _ = self.form.values(self.form.place(normals, signs))
         determinants = nans(len(normals))
         rows = np.flatnonzero(all_finite(values, 1))
         jacobian = self.locus.closure.at(values[rows]).jacobian
         determinants[rows] = np.linalg.det(jacobian[:, :, self.passive])
         return determinants
 
-    def _curve(self, normals: Floats, modes: Integers, closed: bool, why: str) -> CurveSeen:
-        """Return a curve; points that do not close, at a limit, are left out.
+    def _make_curve(
+        self, normals: Floats, signs: Integers, is_closed: bool, reason: str
+    ) -> CurveSeen:
+        """Return a curve of mid-planes with the configurations that close and are singular.
 
-        The residual is the least singular value of the loops' velocity equations together
-        with those of what stands still, or the gap of the loops.
+        The residual of a point is the larger one of the closure residual and of the least
+        singular value of the velocity equations together with those of what rests.
+
+        Parameters
+        ----------
+        normals
+            (n, 3) unit normals of the mid-planes of the curve.
+        signs
+            (legs,) signs of the mode.
+        is_closed
+            Whether the last mid-plane is the first one again.
+        reason
+            Why the curve is singular.
         """
-        values, _ = self.form.values(self.form.place(normals, modes))
+        values, _ = self.form.values(self.form.place(normals, signs))
         linearisation = self.locus.tangent_space(values).linearisation
         constraint = self.locus.constraint.equations(linearisation)
-        stacked = np.hstack([linearisation.jacobian, constraint])
-        _, sizes, right = np.linalg.svd(np.nan_to_num(stacked))
-        residual = np.maximum(np.nan_to_num(linearisation.gap, nan=np.inf), sizes[:, -1])
-        points = self.view.describe(values, right[:, -1], residual)
-        closes = residual < CLOSURE_TOLERANCE
-        kept = np.flatnonzero(closes & self.view.has_type(points.type))
-        s = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
-        whole = closed and len(kept) == len(normals)
-        none, signs = points.rows(slice(0)), tuple(modes.tolist())
-        return CurveSeen(points.rows(kept), none, s[kept], whole, why, signs)
+        equations = np.hstack([linearisation.jacobian, constraint])
+        _, singular_values, right = np.linalg.svd(np.nan_to_num(equations))
+        closure_residual = np.nan_to_num(linearisation.gap, nan=np.inf)
+        residual = np.maximum(closure_residual, singular_values[:, -1])
+        # The last right singular vector is the motion of the singularity.
+        points = self.report.describe(values, right[:, -1], residual)
+        has_type = self.report.has_type(points.type)
+        selected = np.flatnonzero((residual < CLOSURE_TOLERANCE) & has_type)
+        arc_length = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
+        return CurveSeen(
+            points=points.rows(selected),
+            both=points.rows(slice(0)),
+            s=arc_length[selected],
+            closed=is_closed and len(selected) == len(normals),
+            why=reason,
+            modes=tuple(signs.tolist()),
+        )

@@ -177,9 +177,9 @@ class _MidPlaneMode:
     def type_1_square(self) -> Floats:
         """(n, inputs) squares of `type_1`, continued out of reach with negative values."""
         square = self.type_1**2
-        feet, _, height_square = self.form.plane.nearest_elbows(self.normals)
-        across = cross(self.directions[:, None], feet[:, self.driven])
-        continuation = height_square[:, self.driven] / np.vecdot(across, across)
+        feet = self.form.plane.elbow_feet(self.normals)
+        across = cross(self.directions[:, None], feet.foot[:, self.driven])
+        continuation = feet.height_square[:, self.driven] / np.vecdot(across, across)
         continuation = np.fmin(continuation * (self.home_distance**2)[:, None], 0.0)
         return np.where(np.isnan(square), continuation, square)
 

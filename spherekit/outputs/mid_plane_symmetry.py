@@ -1,15 +1,19 @@
-"""Finding, and proving, that a mechanism has a mid-plane symmetric architecture.
+"""Finds and proves that a mechanism has a mid-plane symmetric architecture.
 
-Found from the graph and the sizes alone: legs of three R pairs with equal arcs from the
-base to the output link, whose axes there are the mirror image of those at the base; and
-links hinged to the elbows that all turn about one axis at right angles to their hinges,
-so that the elbows lie in one plane. Proven in numbers: all links are placed from the
-closed form, every pair has to close, and the velocity equations have to leave two
-freedoms. The poses that the closed form reaches are then all there are near each of them.
+The architecture is found from the graph and the sizes alone:
+
+- legs of three R pairs with equal arcs lead from the base to the output link,
+- their axes there are the mirror image of those at the base,
+- links that are hinged to the elbows all turn about one axis at right angles to their
+  hinges, so that the elbows lie in one plane.
+
+It is proven numerically: with all links placed by the closed form, every pair has to close,
+and the velocity equations have to leave two degrees of freedom. Near such a configuration
+there are then no others than those of the closed form.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -34,12 +38,22 @@ from spherekit.outputs.mid_plane_architecture import (
 )
 from spherekit.wording import listing
 
-SAME = 1e-9
-"""Arcs and axes that differ by less (rad) are taken to be meant equal."""
+EQUAL_SIZE_RAD = 1e-9
+"""Difference (rad) of arcs and axes below which they are taken to be meant equal.
 
+Larger: mechanisms that are not symmetric are accepted here, and refused by the proof.
+Smaller: sizes that were rounded in a file count as different.
+"""
 
-CLOSED = 1e-12
-"""How well every pair has to close in the proof (rad)."""
+PROOF_RESIDUAL_RAD = 1e-12
+"""Largest angle (rad) between the axes of a pair in its two links, in the proof.
+
+Larger: mechanisms with slightly different sizes are accepted. Smaller: rounding errors make
+the proof fail.
+"""
+
+LegLinks = tuple[int, int]
+"""Numbers of a leg's links, first the one at the base."""
 
 
 @checked(ModelError)
@@ -61,170 +75,279 @@ def mid_plane_form(
         If it has no such form, with the reason.
     """
     mechanism = mechanism_of(mechanism)
-    end = chosen_output(mechanism, output)
-    made = replace(mechanism, ground=end.relative_to)
-    for pair in made.pairs:
+    declared_output = chosen_output(mechanism, output)
+    grounded = replace(mechanism, ground=declared_output.relative_to)
+    for pair in grounded.pairs:
         if not pair.kind.has_axis:
-            raise _refusal(made, f"pair {pair.name} is a contact pair; only R pairs fit")
-    joints = make_joints(made)
-    effector = made.link_number[end.link]
-    legs = _legs(made, joints, effector)
-    along, carried = _along(made, joints, effector, legs)
-    held = {at[1] for pair, at in along.items() if carried & {*made.ends[pair]}} - {-1}
-    if len(held) < 3 or len(held) < len(legs):
-        raise _refusal(
-            made,
-            f"the elbows of {len(held)} of {len(legs)} legs with equal arcs are held in "
-            "one plane, but those of all, and of three at least, have to be",
+            raise _error(grounded, f"pair {pair.name} is a contact pair; only R pairs fit")
+    joints = make_joints(grounded)
+    effector = grounded.link_number[declared_output.link]
+    legs = _find_legs(grounded, joints, effector)
+    structure = _find_elbow_carriers(grounded, joints, effector, legs)
+    carriers = structure.elbow_carriers
+
+    # Legs whose elbows are hinged to a carrier.
+    held_legs = {
+        pair_axis.leg
+        for pair, pair_axis in structure.pair_axes.items()
+        if not carriers.isdisjoint(grounded.ends[pair])
+    }
+    held_legs -= {-1}
+    if len(held_legs) < 3 or len(held_legs) < len(legs):
+        raise _error(
+            grounded,
+            f"the elbows of {len(held_legs)} of {len(legs)} legs with equal arcs are held "
+            "in one plane, but those of all, and of three at least, have to be",
         )
-    in_legs = {0, effector, *(link for links in legs.values() for link in links)}
-    others = set(range(len(made.links))) - in_legs - carried
-    if others:
-        names = listing(made.links[n] for n in sorted(others))
-        raise _refusal(made, f"links {names} belong to no leg and hold no elbow")
-    form = _assembled(made, joints, end, legs, along)
+    leg_links = {link for links in legs.values() for link in links}
+    other_links = set(range(len(grounded.links))) - {0, effector} - leg_links - carriers
+    if other_links:
+        names = listing(grounded.links[link] for link in sorted(other_links))
+        raise _error(grounded, f"links {names} belong to no leg and hold no elbow")
+    form = _make_architecture(grounded, joints, declared_output, legs, structure.pair_axes)
     gap, freedoms = form.proof()
-    if not (gap < CLOSED and freedoms == 2):
-        raise _refusal(
-            made,
+    if not (gap < PROOF_RESIDUAL_RAD and freedoms == 2):
+        raise _error(
+            grounded,
             f"placed as mirror images its pairs stay open by {gap:.3g} rad, and its "
             f"mobility by rank is {freedoms}, not 2",
         )
     return form
 
 
-def _refusal(mechanism: Mechanism, why: str) -> ModelError:
-    return ModelError(f"{mechanism.name} has no mid-plane symmetric architecture: {why}")
+def _error(mechanism: Mechanism, reason: str) -> ModelError:
+    """Return the error that a mechanism has no mid-plane architecture."""
+    return ModelError(f"{mechanism.name} has no mid-plane symmetric architecture: {reason}")
 
 
-def _legs(
+def _find_legs(
     mechanism: Mechanism, joints: Sequence[Joint], effector: int
-) -> dict[Leg, tuple[int, int]]:
-    """Return the legs of equal arcs from the base to the end effector, with both links."""
+) -> dict[Leg, LegLinks]:
+    """Return the legs of two links from the base to the end effector, with their links.
 
-    def beside(link: int) -> list[tuple[int, int]]:
+    Parameters
+    ----------
+    mechanism, joints
+        The mechanism with its base as the ground, and the joints of its pairs.
+    effector
+        Number of the end effector.
+
+    Raises
+    ------
+    ModelError
+        If there is none, or if the arcs of the links of a leg differ.
+    """
+
+    def list_neighbours(link: int) -> list[tuple[int, int]]:
+        """Return the pairs of a link with the links on their other sides."""
+        # The sum of both ends less one of them is the other one.
         return [
             (pair, sum(ends) - link)
             for pair, ends in enumerate(mechanism.ends)
             if link in ends
         ]
 
-    legs = {
-        (base, elbow, tip): (near, far)
-        for base, near in beside(0)
-        for elbow, far in beside(near)
-        for tip, end in beside(far)
-        if end == effector and not {near, far} & {0, effector}
-    }
+    legs: dict[Leg, LegLinks] = {}
+    for base_pair, near_link in list_neighbours(0):
+        for elbow, far_link in list_neighbours(near_link):
+            for tip, end_link in list_neighbours(far_link):
+                is_leg = {near_link, far_link}.isdisjoint({0, effector})
+                if end_link == effector and is_leg:
+                    legs[base_pair, elbow, tip] = (near_link, far_link)
     if not legs:
-        raise _refusal(mechanism, "no leg of two links joins the base to the output")
-    for (base, elbow, tip), links in legs.items():
-        near, far = (
-            arc(*(axis_in(mechanism, joints, pair, link) for pair in (outer, elbow)))
-            for outer, link in zip((base, tip), links, strict=True)
+        raise _error(mechanism, "no leg of two links joins the base to the output")
+    for (base_pair, elbow, tip), (near_link, far_link) in legs.items():
+        near_arc = arc(
+            axis_in(mechanism, joints, base_pair, near_link),
+            axis_in(mechanism, joints, elbow, near_link),
         )
-        if abs(near - far) > SAME:
-            first, second = (mechanism.links[link] for link in links)
-            raise _refusal(
+        far_arc = arc(
+            axis_in(mechanism, joints, tip, far_link),
+            axis_in(mechanism, joints, elbow, far_link),
+        )
+        if abs(near_arc - far_arc) > EQUAL_SIZE_RAD:
+            raise _error(
                 mechanism,
-                f"the arcs of links {first} and {second} differ, {np.degrees(near):.9g} "
-                f"and {np.degrees(far):.9g} deg",
+                f"the arcs of links {mechanism.links[near_link]} and "
+                f"{mechanism.links[far_link]} differ, {np.degrees(near_arc):.9g} and "
+                f"{np.degrees(far_arc):.9g} deg",
             )
     return legs
 
 
-def _along(
+@dataclass(frozen=True)
+class _ElbowStructure:
+    """The axes of all pairs, and the links that hold the elbows in one plane.
+
+    Attributes
+    ----------
+    pair_axes
+        What the axis of each pair is, by the number of the pair.
+    elbow_carriers
+        Numbers of the links that are hinged to elbows and turn about a common axis.
+    """
+
+    pair_axes: dict[int, PairAxis]
+    elbow_carriers: set[int]
+
+
+def _find_elbow_carriers(
     mechanism: Mechanism,
     joints: Sequence[Joint],
     effector: int,
-    legs: Mapping[Leg, tuple[int, int]],
-) -> tuple[dict[int, PairAxis], set[int]]:
-    """Return along what the axes of pairs are, and the links that hold elbows in a plane.
+    legs: Mapping[Leg, LegLinks],
+) -> _ElbowStructure:
+    """Return what the axes of all pairs are, and the links that hold the elbows.
 
-    Those links are hinged to elbows, and turn about one axis if all pairs close.
+    These links turn about one common axis if all pairs close, which the proof shows.
+
+    Parameters
+    ----------
+    mechanism, joints
+        The mechanism with its base as the ground, and the joints of its pairs.
+    effector
+        Number of the end effector.
+    legs
+        The legs with their links.
     """
-    axis, ends = partial(axis_in, mechanism, joints), mechanism.ends
-    owner = {link: k for k, links in enumerate(legs.values()) for link in links}
-    elbows = [elbow for _, elbow, _ in legs]
-    along: dict[int, PairAxis] = {
-        pair: (kind, k, 1.0)
-        for k, leg in enumerate(legs)
-        for pair, kind in zip(leg, ("base", "elbow", "tip"), strict=True)
+    axis = partial(axis_in, mechanism, joints)
+    ends = mechanism.ends
+    leg_of_link = {
+        link: number for number, links in enumerate(legs.values()) for link in links
     }
-    hinged, about = set[int](), list[int]()
-    for pair, (a, b) in enumerate(ends):
-        holder, link = (a, b) if a in owner else (b, a)
-        if holder in owner and link not in {0, effector, *owner}:
-            elbow = axis(elbows[owner[holder]], holder)
-            ahead = float(np.sign(axis(pair, holder) @ elbow))
-            along[pair] = "elbow", owner[holder], ahead
-            hinged.add(link)
-        elif not {a, b} & {0, effector, *owner}:
-            about.append(pair)
+    elbows = [elbow for _, elbow, _ in legs]
+    pair_axes: dict[int, PairAxis] = {}
+    for number, (base_pair, elbow, tip) in enumerate(legs):
+        pair_axes[base_pair] = PairAxis("base", number, 1.0)
+        pair_axes[elbow] = PairAxis("elbow", number, 1.0)
+        pair_axes[tip] = PairAxis("tip", number, 1.0)
+
+    links_without_carriers = {0, effector, *leg_of_link}
+    hinged_links: set[int] = set()
+    carrier_pairs: list[int] = []
+    for pair, (first_link, second_link) in enumerate(ends):
+        if first_link in leg_of_link:
+            leg_link = first_link
+            other_link = second_link
+        else:
+            leg_link = second_link
+            other_link = first_link
+        if leg_link in leg_of_link and other_link not in links_without_carriers:
+            # A hinge of a carrier on a leg.
+            leg = leg_of_link[leg_link]
+            elbow_axis = axis(elbows[leg], leg_link)
+            sense = float(np.sign(axis(pair, leg_link) @ elbow_axis))
+            pair_axes[pair] = PairAxis("elbow", leg, sense)
+            hinged_links.add(other_link)
+        elif links_without_carriers.isdisjoint({first_link, second_link}):
+            carrier_pairs.append(pair)
+
+    # The common axis in each carrier, with the same sense in all of them.
     normals: dict[int, Floats] = {}
-    for pair, link, further in (
-        find_spanning_tree(ends, ends[about[0]][:1], about) if about else ()
-    ):
-        turned = np.sign(axis(pair, link) @ normals.setdefault(link, axis(pair, link)))
-        normals[further] = turned * axis(pair, further)
+    if carrier_pairs:
+        first_carrier = ends[carrier_pairs[0]][:1]
+        for pair, link, next_link in find_spanning_tree(ends, first_carrier, carrier_pairs):
+            normal = normals.setdefault(link, axis(pair, link))
+            normals[next_link] = np.sign(axis(pair, link) @ normal) * axis(pair, next_link)
     for pair in range(len(ends)):
         link = ends[pair][0]
         sense = float(np.sign(axis(pair, link) @ normals.get(link, np.ones(3))))
-        along.setdefault(pair, ("normal", -1, sense))
-    return along, hinged & {*normals}
+        pair_axes.setdefault(pair, PairAxis("normal", -1, sense))
+    return _ElbowStructure(pair_axes, elbow_carriers=hinged_links & set(normals))
 
 
-def _assembled(
+def _make_architecture(
     mechanism: Mechanism,
     joints: tuple[Joint, ...],
     output: Output,
-    legs: Mapping[Leg, tuple[int, int]],
-    along: dict[int, PairAxis],
+    legs: Mapping[Leg, LegLinks],
+    pair_axes: Mapping[int, PairAxis],
 ) -> MidPlaneArchitecture:
-    at_base = {mechanism.pairs[base].name: k for k, (base, _, _) in enumerate(legs)}
+    """Return the architecture of a mechanism whose structure is known, without proof.
+
+    Parameters
+    ----------
+    mechanism, joints
+        The mechanism with its base as the ground, and the joints of its pairs.
+    output
+        The output whose link is the end effector.
+    legs
+        The legs with their links.
+    pair_axes
+        What the axis of each pair is.
+
+    Raises
+    ------
+    ModelError
+        If other pairs than two at the base are driven, their axes are on one line, or the
+        axes on the end effector are not the mirror image of those on the base.
+    """
+    leg_of_base_pair = {
+        mechanism.pairs[base_pair].name: number
+        for number, (base_pair, _, _) in enumerate(legs)
+    }
     inputs = mechanism.input_pairs
-    if len(inputs) != 2 or not {*inputs} <= {*at_base}:
-        raise _refusal(
+    if len(inputs) != 2 or not set(inputs) <= set(leg_of_base_pair):
+        raise _error(
             mechanism,
             f"the inputs are {listing(inputs)}, but two of the pairs at the base, "
-            f"{listing(at_base)}, have to be driven",
+            f"{listing(leg_of_base_pair)}, have to be driven",
         )
-    driven = [at_base[name] for name in inputs]
+    driven_legs = [leg_of_base_pair[name] for name in inputs]
+
     axis = partial(axis_in, mechanism, joints)
     effector = mechanism.link_number[output.link]
-    at_bases, at_elbows, at_tips = zip(*legs, strict=True)
-    nears, _ = zip(*legs.values(), strict=True)
-    bases = np.stack([axis(pair, 0) for pair in at_bases])
-    tips = np.stack([axis(pair, effector) for pair in at_tips])
-    elbows = np.stack([*map(axis, at_elbows, nears)])
-    first, second = bases[driven]
-    across = cross(first, second)
-    if np.linalg.norm(across) < SAME:
-        raise _refusal(mechanism, "the axes of both driven pairs lie on one line")
-    frame = frame_from(unit_rows(across), unit_rows(first + second))
-    axes = bases @ frame
-    left, _, right = np.linalg.svd(axes.T @ tips)
+    base_axes = np.stack([axis(base_pair, 0) for base_pair, _, _ in legs])
+    tip_axes = np.stack([axis(tip, effector) for _, _, tip in legs])
+    # The axis of each elbow in the link at the base.
+    elbow_axes = np.stack(
+        [axis(elbow, near_link) for (_, elbow, _), (near_link, _) in legs.items()]
+    )
+    first_driven_axis, second_driven_axis = base_axes[driven_legs]
+    product = cross(first_driven_axis, second_driven_axis)
+    if np.linalg.norm(product) < EQUAL_SIZE_RAD:
+        raise _error(mechanism, "the axes of both driven pairs lie on one line")
+    frame = frame_from(
+        unit_rows(product), unit_rows(first_driven_axis + second_driven_axis)
+    )
+    mirror_axes = base_axes @ frame
+
+    # The improper orthogonal matrix that maps the axes of the end effector best to those of
+    # the base (orthogonal Procrustes problem).
+    left, _, right = np.linalg.svd(mirror_axes.T @ tip_axes)
     image = left @ np.diag([1.0, 1.0, -np.linalg.det(left @ right)]) @ right
-    if max_abs(tips @ image.T - axes) > SAME:
-        raise _refusal(
+    if max_abs(tip_axes @ image.T - mirror_axes) > EQUAL_SIZE_RAD:
+        raise _error(
             mechanism,
             "the axes on the end effector are not the mirror image of those on the base",
         )
-    ahead = np.array([mechanism.ends[pair][0] == 0 for pair in at_bases])
-    every = (revolute(joints[pair]) for pair in at_bases)
-    sides = np.array([(joint.first, joint.second) for joint in every])
-    sides[~ahead] = sides[~ahead, ::-1]
-    ours, its = np.swapaxes(sides, 0, 1)
-    seen = np.vecmat(elbows, its)
+
+    base_pairs = [base_pair for base_pair, _, _ in legs]
+    base_is_first = np.array([mechanism.ends[pair][0] == 0 for pair in base_pairs])
+    base_joints = [revolute(joints[pair]) for pair in base_pairs]
+    # (legs, 2, 3, 3) frames of the pairs in the base and in the near link.
+    pair_frames = np.array([(joint.first, joint.second) for joint in base_joints])
+    pair_frames[~base_is_first] = pair_frames[~base_is_first, ::-1]
+    base_frames, link_frames = np.swapaxes(pair_frames, 0, 1)
+    elbow_components = np.vecmat(elbow_axes, link_frames)
     plane = MidPlane(
-        axes,
-        arc(elbows, its[..., 2]),
-        driven,
-        frame.T @ ours,
-        np.arctan2(seen[:, 1], seen[:, 0]),
-        np.where(ahead, 1.0, -1.0),
+        axes=mirror_axes,
+        arcs=arc(elbow_axes, link_frames[..., 2]),
+        driven=driven_legs,
+        dials=frame.T @ base_frames,
+        # At the variable 0 the frames coincide, and the elbow has the azimuth that it has
+        # in the near link.
+        phases=np.arctan2(elbow_components[:, 1], elbow_components[:, 0]),
+        senses=np.where(base_is_first, 1.0, -1.0),
     )
-    every_axis = tuple(along[pair] for pair in sorted(along))
     return MidPlaneArchitecture(
-        mechanism, joints, plane, effector, frame, image, tuple(legs), every_axis, output
+        mechanism=mechanism,
+        joints=joints,
+        plane=plane,
+        effector=effector,
+        frame=frame,
+        image=image,
+        legs=tuple(legs),
+        along=tuple(pair_axes[pair] for pair in sorted(pair_axes)),
+        output=output,
     )

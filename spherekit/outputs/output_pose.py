@@ -1,7 +1,8 @@
-"""Poses of an output, said in any of its terms, and the configurations that have them.
+"""Poses of an output in any of its descriptions, and the configurations that have them.
 
-With a mid-plane symmetric architecture the configurations come from its closed forms;
-otherwise from the inverse kinematics of the output and the assembly modes of the mechanism.
+With a mid-plane symmetric architecture the configurations come from its closed forms.
+Otherwise they come from the inverse kinematics of the output and from the assembly modes of
+the mechanism.
 """
 
 from collections.abc import Sequence
@@ -27,7 +28,10 @@ from spherekit.outputs.fixed_axis_rotation import (
     unit,
 )
 from spherekit.outputs.inverse_kinematics import InverseKinematics
-from spherekit.outputs.mid_plane_architecture import MidPlaneArchitecture, named
+from spherekit.outputs.mid_plane_architecture import (
+    MidPlaneArchitecture,
+    describe_mid_plane,
+)
 from spherekit.outputs.rotation_path import UNDETERMINED_CONDITION
 from spherekit.outputs.target_deviation import OutputLink
 from spherekit.outputs.virtual_output import COORDINATES, with_wrist
@@ -37,14 +41,33 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
 from spherekit.wording import listing
 
-SAME_POSE = 1e-7
-"""Orientations that differ by less (rad) are one; solutions near a fold are known less
-well than to rounding."""
+SAME_ORIENTATION_RAD = 1e-7
+"""Angle (rad) below which two orientations are the same.
+
+Near a fold solutions have larger errors than rounding. Larger: different orientations count
+as the same. Smaller: a pose of the mid-plane architecture is not recognised near a fold.
+"""
+
 SAME_MODE_RAD = 1e-4
-"""Variables that differ by less are those of one configuration. Configurations of a pose
-in different working modes differ by more, unless a leg is nearly stretched or folded."""
-IN_PLANE = 1e-9
-"""How near (rad) an orientation is to a mirror image to be taken for one."""
+"""Difference of variables (rad) below which two configurations are the same.
+
+Larger: configurations in different working modes are taken for the same if a leg is nearly
+stretched or folded. Smaller: a configuration that is less accurate gets no working mode.
+"""
+
+IN_PLANE_RAD = 1e-9
+"""Angle (rad) between an orientation and a mirror image below which it counts as one.
+
+Also the largest sine between an axis and a mid-plane with which the axis is in the plane.
+Larger: poses that the mechanism does not have are accepted. Smaller: poses that were
+rounded in a text are refused.
+"""
+
+ANGLE_SORTING_DECIMALS = 9
+"""Decimals of the angles (rad) by which configurations at the end of a rotation are sorted.
+
+More: rounding errors decide about the order of configurations with equal angles.
+"""
 
 
 @dataclass(frozen=True)
@@ -85,17 +108,27 @@ class AtRotation:
 
 
 Pose = AtInputs | AtOrientation | AtDirection | AtMirror
+"""A pose of an output in one of its descriptions."""
 
 
 @dataclass(frozen=True)
 class PoseCandidates(ArrayRows):
-    """k configurations: `values` (k, variables), `inputs` (k, inputs) rad.
+    """The k configurations of a pose, singular ones last.
 
-    `orientations` (k, 3, 3) are those of the output link seen from its other link,
-    `labels` the signs of modes: of the legs of a mid-plane symmetric architecture, else of
-    dyads, with ~ for other groups. Those come last where the inputs do not hold the
-    mechanism, or do not turn the output link in as many ways as there are inputs:
-    `singular` (k,).
+    Attributes
+    ----------
+    values
+        (k, variables) values of all pair variables (rad).
+    inputs
+        (k, inputs) values of the inputs (rad).
+    orientations
+        (k, 3, 3) orientations of the output link, seen from the link it is relative to.
+    labels
+        (k,) signs of modes: of the legs of a mid-plane symmetric architecture, else of
+        dyads, with ~ for other groups.
+    singular
+        (k,) whether the inputs do not determine the configuration, or do not turn the
+        output link in as many ways as there are inputs.
     """
 
     values: Floats
@@ -149,7 +182,14 @@ class EndOrientation:
 class PoseFinder:
     """Finds the configurations of a mechanism at poses of an output.
 
-    `form` is its mid-plane symmetric architecture for this output, None if it has none.
+    Attributes
+    ----------
+    solver
+        Position solver of the mechanism.
+    output
+        The output.
+    form
+        Its mid-plane symmetric architecture, None if it has none.
     """
 
     solver: PositionSolver
@@ -170,14 +210,14 @@ class PoseFinder:
             If there is none, or the pose is not one of this mechanism's output.
         """
         if self.form is not None:
-            return self._of_mirrors(self.form, pose)
+            return self._find_at_mid_plane(self.form, pose)
         match pose:
             case AtInputs(inputs):
-                return self._assembled(inputs)
+                return self._find_at_inputs(inputs)
             case AtOrientation(orientation):
-                return self._inverse(orientation, points=False)
+                return self._find_at_pose(orientation, points=False)
             case AtDirection(direction):
-                return self._inverse(unit(direction), points=True)
+                return self._find_at_pose(unit(direction), points=True)
             case AtMirror():
                 raise SolveError(
                     f"{self.mechanism.name}: phi and gamma name a mid-plane, and the "
@@ -185,46 +225,68 @@ class PoseFinder:
                     "direction or an orientation"
                 )
 
-    def _assembled(self, inputs: Floats) -> PoseCandidates:
-        here = enumerate_assemblies(self.solver, inputs)
-        if not here.signs:
+    def _find_at_inputs(self, inputs: Floats) -> PoseCandidates:
+        """Return the configurations of all assembly modes at inputs (inputs,) in rad."""
+        solutions = enumerate_assemblies(self.solver, inputs)
+        if not solutions.signs:
             degrees = zip(self.mechanism.input_pairs, np.degrees(inputs), strict=True)
             raise SolveError(
                 f"{self.mechanism.name} cannot be assembled at "
                 + ", ".join(f"{name} = {q:.6g} deg" for name, q in degrees)
                 + "; trace it, or change one input"
             )
-        return self._of_values(here.values, [*map(label_of, here.signs)])
+        return self._make_candidates(solutions.values, [*map(label_of, solutions.signs)])
 
-    def _of_values(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
-        near = OutputLink.from_output(self.mechanism, self.output).compare(
-            values, np.eye(3)[None]
-        )
-        free = (
-            np.minimum(near.output_singular_value, near.loop_conditioning)
-            > UNDETERMINED_CONDITION
+    def _make_candidates(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
+        """Return configurations as candidates, singular ones last.
+
+        Parameters
+        ----------
+        values
+            (k, variables) closed configurations (rad).
+        labels
+            Signs of their modes.
+        """
+        output_link = OutputLink.from_output(self.mechanism, self.output)
+        # The target does not matter here.
+        deviation = output_link.compare(values, np.eye(3)[None])
+        conditioning = np.minimum(
+            deviation.output_singular_value, deviation.loop_conditioning
         )
         transmission = Transmission.from_mechanism(self.mechanism, self.output)
-        free &= (
-            transmission.measure_configurations(self.solver.closure, values)
-            > SINGULAR_TRANSMISSION
+        type_2 = transmission.measure_configurations(self.solver.closure, values)
+        is_regular = (conditioning > UNDETERMINED_CONDITION) & (
+            type_2 > SINGULAR_TRANSMISSION
         )
         candidates = PoseCandidates(
-            values,
-            self.solver.reduce_inputs(values[:, self.solver.driven]),
-            near.orientations,
-            np.array(labels, dtype=str),
-            ~free,
+            values=values,
+            inputs=self.solver.reduce_inputs(values[:, self.solver.driven]),
+            orientations=deviation.orientations,
+            labels=np.array(labels, dtype=str),
+            singular=~is_regular,
         )
         return candidates.rows(np.argsort(candidates.singular, kind="stable"))
 
-    def _inverse(self, pose: Floats, points: bool) -> PoseCandidates:
-        """Return the configurations at an orientation (3, 3) or direction (3,)."""
+    def _find_at_pose(self, pose: Floats, points: bool) -> PoseCandidates:
+        """Return the configurations at a pose by inverse kinematics.
+
+        Parameters
+        ----------
+        pose
+            (3, 3) orientation or (3,) direction of the output.
+        points
+            Whether the pose is a direction.
+
+        Raises
+        ------
+        SolveError
+            If the output takes the other kind of pose, or does not reach it.
+        """
         kinematics = InverseKinematics(self.mechanism, self.output.name)
         if kinematics.wrist.points != points:
-            takes = "a direction" if kinematics.wrist.points else "an orientation"
+            expected = "a direction" if kinematics.wrist.points else "an orientation"
             raise SolveError(
-                f"{self.mechanism.name}: outputs.{self.output.name} takes {takes}, or "
+                f"{self.mechanism.name}: outputs.{self.output.name} takes {expected}, or "
                 "inputs"
             )
         solutions = kinematics.solutions(pose[None])
@@ -234,12 +296,25 @@ class PoseFinder:
                 "pose, or is singular there; choose one inside its workspace, such as the "
                 "nearest one that the analysis inverse_kinematics gives"
             )
-        return self._of_values(solutions.values, [*map(label_of, solutions.signs)])
+        return self._make_candidates(solutions.values, [*map(label_of, solutions.signs)])
 
-    def _normals(
+    def _find_mid_plane(
         self, form: MidPlaneArchitecture, pose: Pose
     ) -> tuple[Floats, Floats | None]:
-        """Return the normal (1, 3) of a mid-plane, and signs of the driven legs or none."""
+        """Return the mid-plane of a pose.
+
+        Returns
+        -------
+        normals
+            (1, 3) unit normal of the mid-plane, in mirror axes.
+        driven_signs
+            (2,) signs of the driven legs, if the pose determines them, otherwise None.
+
+        Raises
+        ------
+        SolveError
+            If the pose does not determine a mid-plane.
+        """
         match pose:
             case AtMirror(phi, gamma):
                 return normal_at(phi, gamma)[None], None
@@ -252,19 +327,19 @@ class PoseFinder:
                     )
                 return normals, form.plane.modes(inputs[None])[0]
             case AtOrientation(orientation):
-                normals, departure = form.normals(orientation[None])
-                if not departure[0] < IN_PLANE:
+                normals, deviation = form.normals(orientation[None])
+                if not deviation[0] < IN_PLANE_RAD:
                     raise SolveError(
                         f"{form.mechanism.name}: the orientation is not a pose of its "
-                        f"output link: it is {np.degrees(departure[0]):.3g} deg from "
-                        f"{named(normals[0])}"
+                        f"output link: it is {np.degrees(deviation[0]):.3g} deg from "
+                        f"{describe_mid_plane(normals[0])}"
                     )
                 return normals, None
             case AtDirection(direction):
                 if self.output.direction is None:
-                    with_wrist(self.mechanism, self.output.name)  # says so
+                    with_wrist(self.mechanism, self.output.name)  # raises the error
                 normals, distance = form.normals_to(unit(direction)[None] @ form.frame)
-                if distance[0] < SAME_POSE:
+                if distance[0] < SAME_ORIENTATION_RAD:
                     raise SolveError(
                         f"{form.mechanism.name}: outputs.{self.output.name} points there "
                         "in every mid-plane through this direction; give inputs, an "
@@ -272,16 +347,21 @@ class PoseFinder:
                     )
                 return upward(normals), None
 
-    def _of_mirrors(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
-        normals, signs = self._normals(form, pose)
+    def _find_at_mid_plane(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
+        """Return the configurations at a pose in all modes of a mid-plane architecture."""
+        normals, driven_signs = self._find_mid_plane(form, pose)
         form.check_reach(normals[0])
         modes = [
             mode
-            for mode in _modes(form)
-            if signs is None or np.all(mode[form.plane.driven] == signs)
+            for mode in _list_modes(form)
+            if driven_signs is None or np.all(mode[form.plane.driven] == driven_signs)
         ]
-        values = [form.values(form.place(normals, mode))[0] for mode in modes]
-        return self._of_values(np.concatenate(values), [label_of(mode) for mode in modes])
+        values = []
+        for mode in modes:
+            mode_values, _ = form.values(form.place(normals, mode))
+            values.append(mode_values)
+        labels = [label_of(mode) for mode in modes]
+        return self._make_candidates(np.concatenate(values), labels)
 
     def resolve_end(
         self, start: PoseCandidates, number: int, end: Pose | AtRotation, mode: str
@@ -311,35 +391,42 @@ class PoseFinder:
         try:
             ends = self.candidates(end)
             angles = angles_between(start.orientations[number][None], ends.orientations)
-            ends = ends.rows(np.lexsort((np.round(angles, 9), ends.singular)))
+            # lexsort takes the most significant key last: regular configurations first.
+            rounded_angles = np.round(angles, ANGLE_SORTING_DECIMALS)
+            ends = ends.rows(np.lexsort((rounded_angles, ends.singular)))
             if mode:
                 chosen = ends.number_of(mode)
                 return EndOrientation(ends.orientations[chosen], chosen, len(ends), False)
         except SolveError as problem:
             raise SolveError(f"end: {problem}") from None
-        (start_mode,) = self._modes_of(start.rows(np.array([number])))
-        end_modes = self._modes_of(ends)
-        of_start = [k for k, modes in enumerate(end_modes) if modes == start_mode]
-        chosen = of_start[0] if of_start else 0
+        (start_mode,) = self._find_modes(start.rows(np.array([number])))
+        end_modes = self._find_modes(ends)
+        ends_in_start_mode = [
+            k for k, end_mode in enumerate(end_modes) if end_mode == start_mode
+        ]
+        chosen = ends_in_start_mode[0] if ends_in_start_mode else 0
         return EndOrientation(
-            ends.orientations[chosen], chosen, len(ends), len(of_start) > 0
+            orientation=ends.orientations[chosen],
+            number=chosen,
+            count=len(ends),
+            has_start_mode=len(ends_in_start_mode) > 0,
         )
 
-    def _modes_of(self, candidates: PoseCandidates) -> list[tuple[str, str]]:
-        """Return the label of each configuration, and that of its working mode.
+    def _find_modes(self, candidates: PoseCandidates) -> list[tuple[str, str]]:
+        """Return the label of each configuration, and the label of its working mode.
 
-        The second is empty where the inverse kinematics has no closed form.
+        The second label is empty if the inverse kinematics has no closed form.
         """
         labels = candidates.labels.tolist()
-        unknown = [(label, "") for label in labels]
+        without_working_modes = [(label, "") for label in labels]
         if self.form is not None or len(self.mechanism.inputs) not in COORDINATES:
-            return unknown
+            return without_working_modes
         try:
             kinematics = InverseKinematics(self.mechanism, self.output.name)
         except SpherekitError:
-            return unknown
+            return without_working_modes
         if not kinematics.has_closed_form:
-            return unknown
+            return without_working_modes
         poses = candidates.orientations
         if kinematics.wrist.points:
             poses = poses @ np.array(self.output.direction)
@@ -349,9 +436,10 @@ class PoseFinder:
             # A pose has one configuration in each working mode. The one with the
             # variables of the candidate is that of its mode.
             rows = np.flatnonzero(solutions.row == k)
-            departure = max_abs(wrap(solutions.values[rows] - candidates.values[k]), axis=1)
-            is_same = len(rows) > 0 and np.min(departure) < SAME_MODE_RAD
-            row = rows[np.argmin(departure)] if is_same else 0
+            difference = wrap(solutions.values[rows] - candidates.values[k])
+            distance = max_abs(difference, axis=1)
+            is_same = len(rows) > 0 and np.min(distance) < SAME_MODE_RAD
+            row = rows[np.argmin(distance)] if is_same else 0
             modes.append((label, label_of(solutions.signs[row]) if is_same else ""))
         return modes
 
@@ -372,26 +460,36 @@ class PoseFinder:
         SolveError
             If the axis is not determined, or the start is singular.
         """
-        values, first = start.values[number], start.orientations[number]
-        name, form = self.output.name, self.form
+        form = self.form
+        start_values = start.values[number]
+        start_orientation = start.orientations[number]
         signs = np.array([1.0 if sign == "+" else -1.0 for sign in start.labels[number]])
         if isinstance(end, AtRotation):
             if form is not None:
-                (normal,), _ = form.normals(first[None])
-                about = unit(end.axis)
-                if abs(normal @ form.frame.T @ about) < IN_PLANE:
-                    return form.rotation_about(normal, about, end.angle, signs)
-            return follow_rotation(self.mechanism, values, end.axis, end.angle, name)
-        wanted = end.orientation
+                (normal,), _ = form.normals(start_orientation[None])
+                axis = unit(end.axis)
+                # Poses of the mid-plane architecture are reached about such axes only.
+                if abs(normal @ form.frame.T @ axis) < IN_PLANE_RAD:
+                    return form.rotation_about(normal, axis, end.angle, signs)
+            return follow_rotation(
+                self.mechanism, start_values, end.axis, end.angle, self.output.name
+            )
         if form is not None:
-            normals, departure = form.normals(np.stack([first, wanted]))
-            if departure[1] < SAME_POSE:
-                return form.rotation_between(normals[0], normals[1], signs)
-        return follow_to(self.mechanism, values, wanted, name)
+            normals, deviation = form.normals(
+                np.stack([start_orientation, end.orientation])
+            )
+            start_normal, end_normal = normals
+            if deviation[1] < SAME_ORIENTATION_RAD:
+                return form.rotation_between(start_normal, end_normal, signs)
+        return follow_to(self.mechanism, start_values, end.orientation, self.output.name)
 
 
-def _modes(form: MidPlaneArchitecture) -> list[Floats]:
-    """Return all signs of the legs: first those of the driven ones as in `solutions`."""
+def _list_modes(form: MidPlaneArchitecture) -> list[Floats]:
+    """Return the signs (legs,) of all modes of a mid-plane architecture.
+
+    The modes of the driven legs are in the order of `MidPlane.solutions`: first those with
+    the sign -1 of the first leg, and among them those with the sign 1 of the second one.
+    """
     first, second = form.plane.driven
-    every = (np.array(signs) for signs in product((1.0, -1.0), repeat=len(form.legs)))
-    return sorted(every, key=lambda mode: (mode[first], -mode[second]))
+    modes = [np.array(signs) for signs in product((1.0, -1.0), repeat=len(form.legs))]
+    return sorted(modes, key=lambda mode: (mode[first], -mode[second]))
