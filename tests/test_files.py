@@ -159,7 +159,7 @@ def test_the_schema_agrees_with_the_code():
         part = parts[f"load_{kind}"]
         defaults = {each.name for each in fields(made) if each.default is not MISSING}
         assert set(part["properties"]) - {"kind"} == set(made.keys)
-        optional = defaults | set(made.absent)
+        optional = defaults | set(made.defaults_in_files)
         assert set(part["required"]) - {"kind"} == set(made.keys) - optional
     assert parts["expression"]["maxLength"] == MAX_LENGTH
 

@@ -38,7 +38,7 @@ from spherekit.errors import CountError, DesignError, SpherekitError
 from spherekit.files.toml_document import Document
 from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.elements import SizeGeometry
-from spherekit.mechanism.load_dependence import need_tabulated
+from spherekit.mechanism.load_dependence import check_torque_tables_cover
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.angle_unwrapping import AngleUnwrapping
@@ -163,7 +163,7 @@ class DesignEvaluator:
         self.samples = samples
         self.figures = KernelFigures(mechanism, merits, samples)
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.figures.columns):
-            need_tabulated(mechanism, samples.rows[:, -1])
+            check_torque_tables_cover(mechanism, samples.rows[:, -1])
         self.varied_mechanism = VariedMechanism(
             document,
             mechanism,

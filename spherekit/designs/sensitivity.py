@@ -34,7 +34,11 @@ from spherekit.designs.varied_mechanism import DesignPoint, VariedMechanism
 from spherekit.errors import CountError, DesignError, EngineError
 from spherekit.files.number_change import document_of
 from spherekit.mechanism.elements import SizeGeometry
-from spherekit.mechanism.load_dependence import acting_links, need_tabulated, wound_pairs
+from spherekit.mechanism.load_dependence import (
+    acting_links,
+    check_torque_tables_cover,
+    wound_pairs,
+)
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
@@ -378,7 +382,7 @@ class Sensitivity:
             (sizes, quantities, n) in rad and SI units.
         """
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
-            need_tabulated(self.mechanism, samples[:, -1])
+            check_torque_tables_cover(self.mechanism, samples[:, -1])
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
             samples.T,

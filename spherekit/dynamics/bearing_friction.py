@@ -211,9 +211,9 @@ def solve_bearing_friction(
     motion = driven.motion
     timing = driven.timing
 
-    frictions = [x.rubs for x in components if x.rubs is not None]
+    frictions = [x.bearing_friction for x in components if x.bearing_friction is not None]
     friction_pairs = [mechanism.pair_number[friction.pair] for friction in frictions]
-    needs_forces = any(friction.asks_forces for friction in frictions)
+    needs_forces = any(friction.needs_forces for friction in frictions)
     balance = solve_equilibrium(driven, needs_forces)
     _check_determined(driven, balance, frictions)
 
@@ -225,8 +225,8 @@ def solve_bearing_friction(
         places = np.zeros((len(reaction_wrenches), len(friction_pairs), 2, 3))
         for k, (friction, pair) in enumerate(zip(frictions, friction_pairs, strict=True)):
             moment = wrenches[:, pair, :3]
-            force = wrenches[:, pair, 3:] if friction.asks_forces else None
-            at_pair = friction.carried(moment, force)
+            force = wrenches[:, pair, 3:] if friction.needs_forces else None
+            at_pair = friction.supported_loads(moment, force)
             places[:, k, : at_pair.shape[1]] = at_pair
         return places
 
@@ -279,7 +279,7 @@ def _check_determined(
                 f"reaction of pair {friction.pair} open, and so the friction that follows "
                 "from it; take a load of kind friction, or give gears their pressure_angle"
             )
-        if friction.asks_forces and (np.any(is_open) or np.any(equations.slides)):
+        if friction.needs_forces and (np.any(is_open) or np.any(equations.slides)):
             frames = driven.motion.frames[0]
             wanted = diagnose_indeterminate_forces(mechanism, frames).wanted
             more = f"; a file that says {listing(wanted)} determines it" if wanted else ""

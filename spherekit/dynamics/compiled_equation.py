@@ -24,7 +24,12 @@ from spherekit.dynamics.motion_expressions import (
 from spherekit.dynamics.multi_dof_equation import derive_multi_dof_equation
 from spherekit.dynamics.single_dof_equation import derive_single_dof_equation
 from spherekit.errors import EngineError
-from spherekit.mechanism.load import BearingFriction, Load, TorqueTable, not_written
+from spherekit.mechanism.load import (
+    BearingFriction,
+    Load,
+    TorqueTable,
+    no_expression_message,
+)
 from spherekit.mechanism.load_kinds import JointLimit, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.compiler import available, compile_function, heyoka
@@ -226,8 +231,8 @@ def _check_expressible(mechanism: Mechanism) -> None:
     """Raise `EngineError` if a load is not an expression of the state."""
     for load in mechanism.loads:
         if isinstance(load, PairTorque) and callable(load.torque):
-            raise EngineError(not_written(load.pair))
-        if isinstance(load, BearingFriction) and load.grip > 0.0:
+            raise EngineError(no_expression_message(load.pair))
+        if isinstance(load, BearingFriction) and load.friction_coefficient > 0.0:
             raise EngineError(
                 f"{mechanism.name}: the friction of loads.{load.name} follows from the "
                 f"reaction of pair {load.pair}, which Taylor series do not solve for",

@@ -26,7 +26,7 @@ from spherekit.errors import EngineError, PlanError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.study import Crossings, Start, StartGiven
 from spherekit.geometry.vectors import max_abs
-from spherekit.mechanism.load_dependence import smooth
+from spherekit.mechanism.load_dependence import has_smooth_loads
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.progress import tell
 from spherekit.symbolic.compiler import ENGINE_CHOICES, EngineChoice
@@ -231,7 +231,7 @@ def _cheaper(problem: Problem, tolerance: float, engine: EngineChoice) -> Simula
         why = "it was compiled before" if compiling == 0.0 else ""
         if tolerance < LEAST["numpy"]:
             why = "NumPy does not reach the tolerance"
-        if not smooth(mechanism):
+        if not has_smooth_loads(mechanism):
             why = "NumPy does not find the kinks of the loads"
         forecast: Forecast | None = None
         while not why and solver.advance():

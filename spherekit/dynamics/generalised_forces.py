@@ -14,9 +14,9 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.dynamics.coordinates import CoordinateMotion
 from spherekit.geometry.vectors import cross
-from spherekit.mechanism.friction import sliding_rate
-from spherekit.mechanism.load import Called, Component, TorqueTable
-from spherekit.mechanism.load_dependence import steep
+from spherekit.mechanism.friction import sliding_rate_name
+from spherekit.mechanism.load import LoadComponent, TorqueCallback, TorqueTable
+from spherekit.mechanism.load_dependence import find_steep_arguments
 from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism
 
@@ -53,7 +53,7 @@ class Loads:
         Index of the load that each component belongs to.
     steep_arguments
         Arguments at whose zeros and extrema loads may change abruptly, see
-        `spherekit.mechanism.load_dependence.steep`.
+        `spherekit.mechanism.load_dependence.find_steep_arguments`.
     friction_components
         Indices of the components whose friction follows from reactions.
     friction_coefficients
@@ -67,23 +67,26 @@ class Loads:
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
-        components: list[Component] = []
+        components: list[LoadComponent] = []
         self.owners: list[int] = []
         for load_index, load in enumerate(mechanism.loads):
             load_components = load.components(mechanism)
             components += load_components
             self.owners += [load_index] * len(load_components)
         self.components = tuple(components)
-        self.steep_arguments = steep(mechanism)
+        self.steep_arguments = find_steep_arguments(mechanism)
         self.friction_components: list[int] = []
         coefficients: list[float] = []
         for index, component in enumerate(self.components):
-            if component.rubs is not None and component.rubs.grip > 0.0:
+            if (
+                component.bearing_friction is not None
+                and component.bearing_friction.friction_coefficient > 0.0
+            ):
                 self.friction_components.append(index)
-                coefficients.append(component.rubs.grip)
+                coefficients.append(component.bearing_friction.friction_coefficient)
         self.friction_coefficients = np.array(coefficients)
         self.needs_step_probes = bool(self.steep_arguments) or any(
-            isinstance(component.magnitude, Called) for component in self.components
+            isinstance(component.magnitude, TorqueCallback) for component in self.components
         )
         self._first_components = np.unique(self.owners, return_index=True)[1]
 
@@ -106,7 +109,7 @@ class Loads:
         return velocities
 
     def unit_wrenches(
-        self, component: Component, rotations: Floats
+        self, component: LoadComponent, rotations: Floats
     ) -> Iterator[UnitWrench]:
         """Yield the wrenches on links that a component has per unit of its magnitude.
 
@@ -165,7 +168,7 @@ class Loads:
 
     def evaluate_laws(
         self,
-        laws: Sequence[Expression | Called | TorqueTable],
+        laws: Sequence[Expression | TorqueCallback | TorqueTable],
         motion: CoordinateMotion,
         speed: Floats,
         t: Floats,
@@ -184,7 +187,7 @@ class Loads:
         for index in self.friction_components:
             pair = self.components[index].pair
             if pair not in variable_of_pair:
-                values_by_name[sliding_rate(pair)] = self._pair_rate(rates, pair)
+                values_by_name[sliding_rate_name(pair)] = self._pair_rate(rates, pair)
         results = np.empty((len(t), len(laws)))
         for column, law in enumerate(laws):
             if isinstance(law, TorqueTable):

@@ -92,13 +92,13 @@ class Reactions(JointReactions):
         Along the axis they are NaN where the file does not say how that part is shared,
         across it where the force through O is open.
         """
-        return {load.name: load.carried(*self._of(load)) for load in self._bearings}
+        return {load.name: load.supported_loads(*self._of(load)) for load in self._bearings}
 
     @property
     def couples(self) -> Mapping[str, Floats]:
         """(n, bearings) N by load: what of these forces is of the couple alone."""
         return {
-            load.name: np.linalg.norm(load.carried(self._of(load)[0]), axis=-1)
+            load.name: np.linalg.norm(load.supported_loads(self._of(load)[0]), axis=-1)
             for load in self._bearings
         }
 

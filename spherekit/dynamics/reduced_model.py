@@ -29,7 +29,7 @@ from spherekit.dynamics.reduced_model_archive import (
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.geometry.vectors import all_finite
 from spherekit.mechanism.load_expression import load_names, parse
-from spherekit.mechanism.load_kinds import DRIVE
+from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
 from spherekit.numerics.chebyshev import PiecewiseChebyshev
 from spherekit.numerics.local_polynomials import make_local_polynomials
 from spherekit.numerics.tensor_chebyshev import CellSums, TensorChebyshev
@@ -265,7 +265,7 @@ class StoredModel:
                     f'{heading.mechanism}: torque: "{pair}" is not an input'
                     f"{choices(pair, heading.inputs, 'Inputs')}"
                 )
-            name = DRIVE if heading.alone else f"{DRIVE}_{pair}"
+            name = DRIVE_LOAD_NAME if heading.alone else f"{DRIVE_LOAD_NAME}_{pair}"
             if any(load.name == name for load in loads):
                 raise ModelError(f"{heading.mechanism}: torque: the model has one already")
             try:

@@ -24,7 +24,7 @@ from spherekit.dynamics.reduced_model_samples import BoxSampler, CurveSampler
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.geometry.vectors import all_finite, max_abs
-from spherekit.mechanism.friction import need_no_rubbing
+from spherekit.mechanism.friction import check_no_reaction_friction
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.chebyshev import LOSSY_TOLERANCE, PiecewiseChebyshev
 from spherekit.numerics.tensor_chebyshev import TensorChebyshev
@@ -244,7 +244,7 @@ def _check_request(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is "
             f"{min_tolerance:g} to 1e-2"
         )
-    need_no_rubbing(mechanism, "a stored model has not")
+    check_no_reaction_friction(mechanism, "a stored model has not")
     return mechanism
 
 

@@ -9,7 +9,7 @@ from spherekit.dynamics.simulation import Simulation
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.study import Start, StartGiven
-from spherekit.mechanism.friction import need_no_rubbing
+from spherekit.mechanism.friction import check_no_reaction_friction
 from spherekit.proof.balls import FEWEST, Digits
 from spherekit.proof.reference_motion import ExactSimulation
 from spherekit.wording import listing
@@ -91,7 +91,7 @@ def refined(
             f"{mechanism.name}: a reference in wide numbers is of one input, not of "
             f"{len(mechanism.inputs)}"
         )
-    need_no_rubbing(mechanism, "a reference in wide numbers does not solve for")
+    check_no_reaction_friction(mechanism, "a reference in wide numbers does not solve for")
     (q,), (dq,) = start.each(mechanism.input_pairs)
 
     def near(t: Floats) -> tuple[Floats, Floats]:

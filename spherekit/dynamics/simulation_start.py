@@ -20,7 +20,7 @@ from spherekit.files.study import Start
 from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load import TorqueFunction, TorqueTable
-from spherekit.mechanism.load_kinds import DRIVE, PairTorque
+from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME, PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.loop_closure import Closure
@@ -280,7 +280,7 @@ def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[Pai
                 f'{mechanism.name}: a torque is given at "{pair}", which is not an input'
                 f"{choices(pair, inputs, 'Inputs')}"
             )
-        name = DRIVE if len(inputs) == 1 else f"{DRIVE}_{pair}"
+        name = DRIVE_LOAD_NAME if len(inputs) == 1 else f"{DRIVE_LOAD_NAME}_{pair}"
         if any(load.name == name for load in mechanism.loads):
             raise ModelError(
                 f'{mechanism.name}: a load is named "{name}", as that of the driving '

@@ -2,10 +2,10 @@
 
 A Taylor series knows a load at one point of a step, and a collocation method at its nodes.
 Near a zero or an extremum of an argument of a steep function
-(`spherekit.mechanism.load_expression.Expression.steep`) the load may change within a time
-that contains no such point. Accepted steps are therefore compared with the equation of
-motion at evenly spaced places, and at the zeros and extrema of these arguments, which are
-computed on the dense output.
+(`spherekit.mechanism.load_expression.Expression.steep_arguments`) the load may change
+within a time that contains no such point. Accepted steps are therefore compared with the
+equation of motion at evenly spaced places, and at the zeros and extrema of these arguments,
+which are computed on the dense output.
 
 A place in a step is a fraction, 0 at its start and 1 at its end.
 """

@@ -16,11 +16,11 @@ from spherekit.escaping import latex_text
 from spherekit.exchange.latex_formulas import LatexFormulas
 from spherekit.exchange.latex_text import latex_of
 from spherekit.files.number_change import document_of
-from spherekit.mechanism.changed_axes import restated
+from spherekit.mechanism.changed_axes import redescribe
 from spherekit.mechanism.elements import LinkSizes, PoseGeometry
-from spherekit.mechanism.locking import sizes_by_frames
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes, pair_frames, reference_frame
+from spherekit.mechanism.sizes_from_frames import sizes_from_frames
 from spherekit.planning.plan_text import as_text
 from spherekit.planning.pole_plan import SELF_MARK
 from spherekit.positions.motion_cache import assembly_by_count_or_rank
@@ -329,7 +329,9 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
         }
         for side, frames in enumerate(pair_frames(mechanism))
     )
-    geometry = sizes_by_frames(pairs, (frames_in_first, frames_in_second), sizes_by_link)
-    restated_parts = restated(mechanism, turns=rotation_by_link, ground=ground_rotation)
-    sized_mechanism = replace(mechanism, geometry=geometry, **restated_parts)
+    geometry = sizes_from_frames(pairs, (frames_in_first, frames_in_second), sizes_by_link)
+    redescribed_parts = redescribe(
+        mechanism, rotations=rotation_by_link, ground_rotation=ground_rotation
+    )
+    sized_mechanism = replace(mechanism, geometry=geometry, **redescribed_parts)
     return sized_mechanism, ground_rotation.T

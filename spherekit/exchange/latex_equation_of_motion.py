@@ -29,7 +29,7 @@ from spherekit.exchange.latex_formula_list import (
 from spherekit.exchange.latex_positions import PositionFormulas
 from spherekit.exchange.latex_text import number
 from spherekit.mechanism.inertia import Mass
-from spherekit.mechanism.load import Component, TorqueTable, expression_of
+from spherekit.mechanism.load import LoadComponent, TorqueTable, require_expression
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import (
     Expr,
@@ -256,7 +256,11 @@ class EquationOfMotion:
         component_count = 0
         for load in self._mechanism.loads:
             components = load.components(self._mechanism)
-            if any(component.rubs and component.rubs.grip for component in components):
+            if any(
+                component.bearing_friction
+                and component.bearing_friction.friction_coefficient
+                for component in components
+            ):
                 self.omitted_loads.append(load.name)
                 continue
             for component in components:
@@ -270,7 +274,9 @@ class EquationOfMotion:
             for k, total in enumerate(totals)
         ]
 
-    def _write_magnitude(self, component: Component, load_name: str, label: str) -> Expr:
+    def _write_magnitude(
+        self, component: LoadComponent, load_name: str, label: str
+    ) -> Expr:
         """Return the magnitude of a component of a load, in its unit.
 
         Parameters
@@ -287,13 +293,13 @@ class EquationOfMotion:
             return self._formula_list.declare_symbol(
                 f"T_{{{label}}}", f"torque of {latex_text(load_name)} at the time (N m)"
             )
-        expression = expression_of(law)
+        expression = require_expression(law)
         terms_by_name = {name: self._write_load_name(name) for name in expression.names}
         return self._formula_list.write_indexed(
             "T", label, convert_to_graph(expression, terms_by_name)
         )
 
-    def _write_power(self, component: Component, input_index: int, label: str) -> Expr:
+    def _write_power(self, component: LoadComponent, input_index: int, label: str) -> Expr:
         """Return the power of a component of magnitude 1 per unit rate of an input.
 
         Parameters

@@ -10,7 +10,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.errors import EngineError
 from spherekit.geometry.vectors import all_finite
-from spherekit.mechanism.load import Called, Component, TorqueTable
+from spherekit.mechanism.load import LoadComponent, TorqueCallback, TorqueTable
 from spherekit.mechanism.load_kinds import (
     Damper,
     Friction,
@@ -178,7 +178,7 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     return attributes
 
 
-def _find_affine_law(component: Component, pair: str) -> Floats:
+def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
     """Return the magnitude of a component as an affine function of variable and rate.
 
     Parameters
@@ -198,7 +198,7 @@ def _find_affine_law(component: Component, pair: str) -> Floats:
         If the magnitude is another function.
     """
     law = component.magnitude
-    if isinstance(law, Called | TorqueTable):
+    if isinstance(law, TorqueCallback | TorqueTable):
         raise EngineError("it is a Python function")
     if "t" in law.names:
         raise EngineError(f"MuJoCo has no loads that change in time: {law.text}")

@@ -272,7 +272,7 @@ class _MechanismReader:
         """Return a load of the kind that its table states."""
         kind: Any = LOADS[item.get("kind", PairTorque.kind)]
         fields = {key: item[key] for key in kind.keys if key in item}
-        return kind(name, **{**kind.absent, **fields})  # type: ignore[no-any-return]
+        return kind(name, **{**kind.defaults_in_files, **fields})  # type: ignore[no-any-return]
 
     def mass(self, link: str, item: Table, axes_in_links: Callable[[], LinkAxes]) -> Mass:
         """Return the mass of a link, its inertia tensor about the centre of the sphere.

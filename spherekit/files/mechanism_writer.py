@@ -14,7 +14,7 @@ from spherekit.files.toml_document import Table
 from spherekit.files.toml_text import assignment_text, table_lines
 from spherekit.files.units import convert_to_file, table_of
 from spherekit.mechanism.elements import Pair, PoseGeometry, SizeGeometry
-from spherekit.mechanism.load import Load, not_written
+from spherekit.mechanism.load import Load, no_expression_message
 from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.sizes import AngleUnit
@@ -150,7 +150,7 @@ def _load_table(load: Load) -> _Table:
     for key in load.keys:
         value = getattr(load, key)
         if callable(value):
-            raise EngineError(not_written(getattr(load, "pair", "")))
+            raise EngineError(no_expression_message(getattr(load, "pair", "")))
         if value is not None:
             table[key] = value
     return table

@@ -1,4 +1,4 @@
-"""A mechanism described differently: links renamed, in other axes, expressions changed."""
+"""Descriptions of the same mechanism with other link names, link axes or expressions."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -13,96 +13,145 @@ from spherekit.arrays import Floats
 from spherekit.conventions import Names
 from spherekit.mechanism.elements import Pair, Profile, as_vector
 from spherekit.mechanism.load_kinds import as_tensor
-from spherekit.mechanism.mechanism import Mechanism, holds
+from spherekit.mechanism.mechanism import Mechanism, field_kinds
 from spherekit.mechanism.sizes import Vector
 
-Turns = Mapping[str, Floats]
+AxisRotations = Mapping[str, Floats]
 """Rotations (3, 3) from the old axes of links to the new ones, by link."""
 
 
-Words = Mapping[str, str]
-"""What stands for names."""
+Replacements = Mapping[str, str]
+"""Texts that replace names, by name."""
 
 
-_NONE: Mapping[str, Any] = MappingProxyType({})
+EMPTY_MAPPING: Mapping[str, Any] = MappingProxyType({})
+"""Default of optional mappings."""
 
 
-def turned(profile: Profile, turn: Floats, pair: Pair) -> Profile:
-    """Return a profile of a pair with its centre and points turned by a rotation (3, 3)."""
+def rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
+    """Return a profile whose centre and points are rotated.
+
+    Parameters
+    ----------
+    profile
+        The profile, in link axes.
+    rotation
+        (3, 3) rotation from the old to the new link axes.
+    pair
+        The pair of the profile. It is not used here, but functions that replace this one
+        may need it.
+    """
     del pair
-    centre = None if profile.centre is None else turned_vector(turn, profile.centre)
-    points = tuple(turned_vector(turn, point) for point in profile.points)
+    centre = None if profile.centre is None else rotate_vector(rotation, profile.centre)
+    points = tuple(rotate_vector(rotation, point) for point in profile.points)
     return replace(profile, centre=centre, points=points)
 
 
-def restated(
-    made: Mechanism,
+def redescribe(
+    mechanism: Mechanism,
     *,
-    names: Words = _NONE,
-    turns: Turns = _NONE,
-    ground: Floats | None = None,
-    words: Words = _NONE,
-    turned_profile: Callable[[Profile, Floats, Pair], Profile] = turned,
+    link_names: Replacements = EMPTY_MAPPING,
+    rotations: AxisRotations = EMPTY_MAPPING,
+    ground_rotation: Floats | None = None,
+    expression_names: Replacements = EMPTY_MAPPING,
+    rotate_pair_profile: Callable[[Profile, Floats, Pair], Profile] = rotate_profile,
 ) -> dict[str, Any]:
-    """Return pairs, outputs, masses and loads of a mechanism said otherwise.
+    """Return the pairs, outputs, masses and loads of a mechanism in another description.
 
-    The geometry is left to the caller. `names` are new names of links, `turns` the
-    rotations of those that get other axes, `ground` (3, 3) turns vectors along the axes of
-    the ground, if these change, `words` stand for names in expressions, and
-    `turned_profile` gives a profile of a pair in axes turned by a rotation.
+    The geometry is left to the caller.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    link_names
+        New names of links by their old names. Other links keep theirs.
+    rotations
+        Rotations of the links that get other axes.
+    ground_rotation
+        (3, 3) rotation from the old to the new ground axes, if these change.
+    expression_names
+        Texts that replace names in expressions of loads.
+    rotate_pair_profile
+        Function that returns a profile of a pair in rotated axes.
+
+    Returns
+    -------
+    The new parts by the names of the fields of `Mechanism`.
     """
-    turns = {
-        link: turn for link, turn in turns.items() if not np.array_equal(turn, np.eye(3))
+    rotations = {
+        link: rotation
+        for link, rotation in rotations.items()
+        if not np.array_equal(rotation, np.eye(3))
     }
 
-    def said(item: Any) -> Any:
-        link = getattr(item, "link", None)
-        turn = ground if link is None else turns.get(link)
-        frame = turn if getattr(item, "axes", "ground") == "link" else ground
-        changes: dict[str, Any] = {}
-        for key, form in holds(item).items():
-            match form, getattr(item, key):
-                case "link", value:
-                    changes[key] = names.get(value, value)
-                case "links", links:
-                    changes[key] = tuple(names.get(link, link) for link in links)
-                case "profiles", (_, _) as profiles:
-                    changes[key] = tuple(
-                        turned_profile(profile, turns[link], item)
-                        if link in turns
-                        else profile
-                        for link, profile in zip(item.links, profiles, strict=True)
-                    )
-                case "vector", value if value is not None and turn is not None:
-                    changes[key] = turned_vector(turn, value)
-                case "tensor", rows if turn is not None:
-                    tensor = turn @ np.array(rows, dtype=float) @ turn.T
-                    changes[key] = as_tensor(0.5 * (tensor + tensor.T))
-                case "texts", texts:
-                    texts = tuple(map(text, texts))
-                    changes[key] = texts if frame is None else _turned_texts(frame, texts)
-                case "text", str() as value:
-                    changes[key] = text(value)
-        return replace(item, **changes)
+    def replace_names(expression: str) -> str:
+        return re.sub(
+            r"\w+", lambda name: expression_names.get(name[0], name[0]), expression
+        )
 
-    def text(expression: str) -> str:
-        return re.sub(r"\w+", lambda name: words.get(name[0], name[0]), expression)
+    def redescribe_part(part: Any) -> Any:
+        # Vectors of a part that belongs to a link are in the axes of this link, except the
+        # components of a force or moment in ground axes.
+        link = getattr(part, "link", None)
+        rotation = ground_rotation if link is None else rotations.get(link)
+        is_in_link_axes = getattr(part, "axes", "ground") == "link"
+        component_rotation = rotation if is_in_link_axes else ground_rotation
+        changes: dict[str, Any] = {}
+        for name, kind in field_kinds(part).items():
+            match kind, getattr(part, name):
+                case "link", value:
+                    changes[name] = link_names.get(value, value)
+                case "links", links:
+                    changes[name] = tuple(link_names.get(link, link) for link in links)
+                case "profiles", (_, _) as profiles:
+                    changes[name] = tuple(
+                        rotate_pair_profile(profile, rotations[link], part)
+                        if link in rotations
+                        else profile
+                        for link, profile in zip(part.links, profiles, strict=True)
+                    )
+                case "vector", value if value is not None and rotation is not None:
+                    changes[name] = rotate_vector(rotation, value)
+                case "tensor", rows if rotation is not None:
+                    tensor = rotation @ np.array(rows, dtype=float) @ rotation.T
+                    changes[name] = as_tensor(0.5 * (tensor + tensor.T))
+                case "texts", texts:
+                    texts = tuple(map(replace_names, texts))
+                    if component_rotation is not None:
+                        texts = _rotate_components(component_rotation, texts)
+                    changes[name] = texts
+                case "text", str() as value:
+                    changes[name] = replace_names(value)
+        return replace(part, **changes)
 
     return {
-        name: tuple(map(said, getattr(made, name)))
+        name: tuple(map(redescribe_part, getattr(mechanism, name)))
         for name in ("pairs", "outputs", "masses", "loads")
     }
 
 
-def turned_vector(turn: Floats, vector: ArrayLike) -> Vector:
-    """Return a vector (3,) turned by a rotation (3, 3)."""
-    return as_vector(turn @ np.array(vector, dtype=float))
+def rotate_vector(rotation: Floats, vector: ArrayLike) -> Vector:
+    """Return a vector (3,) rotated by a matrix (3, 3)."""
+    return as_vector(rotation @ np.array(vector, dtype=float))
 
 
-def _turned_texts(turn: Floats, texts: Names) -> Names:
-    """Return the expressions of a vector's components in turned axes."""
+def _rotate_components(rotation: Floats, texts: Names) -> Names:
+    """Return the expressions of the components of a vector in rotated axes.
+
+    Parameters
+    ----------
+    rotation
+        (3, 3) rotation from the old to the new axes.
+    texts
+        Expressions of the three components in the old axes.
+    """
     sums = (
-        [f"({part!r})*({text})" for part, text in zip(row, texts, strict=True) if part]
-        for row in turn.tolist()
+        [
+            f"({factor!r})*({text})"
+            for factor, text in zip(row, texts, strict=True)
+            if factor
+        ]
+        for row in rotation.tolist()
     )
-    return tuple(" + ".join(parts) or "0" for parts in sums)
+    return tuple(" + ".join(terms) or "0" for terms in sums)

@@ -1,4 +1,4 @@
-"""Friction in the bearings of pairs and in contacts that slide."""
+"""Friction of bearings and of sliding contacts, which follows from reactions."""
 
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -11,28 +11,49 @@ from spherekit.errors import ModelError
 from spherekit.mechanism.joint import Numbers
 from spherekit.mechanism.load import (
     BearingFriction,
-    Component,
-    Components,
-    Loaded,
-    acting,
-    need_at_least_zero,
-    number_text,
+    LoadComponent,
+    LoadComponents,
+    LoadedMechanism,
+    check_not_negative,
+    format_number,
+    make_component,
 )
 from spherekit.mechanism.load_expression import parse
+
+AXIAL_SUM_TOLERANCE = 1e-9
+"""Deviation from 1 of the sum of the axial shares of bearings that is accepted.
+
+Larger: wrong shares are accepted. Smaller: shares such as thirds need more digits.
+"""
 
 
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Bearings(BearingFriction):
-    """The bearings of an R pair, with Coulomb's friction that follows from its reaction.
+    """The bearings of an R pair, with Coulomb friction that follows from its reaction.
 
-    `positions` (m) are where they sit along the axis, from the centre of the sphere: one,
-    which holds the pair together with the centre, or two, which carry a couple. `axial`
-    are the parts that they take of the force along the axis, 1 a fixed bearing and 0 a
-    floating one; where all are 0 the pair lets its links slide along the axis. Where it
-    is None that is not said. Their friction is -(coefficient radius F tanh(v' / speed)) at
-    rates v', with their `radius` (m) and the sum F of the forces on them: with `axial` of
-    all forces, without of those of the couple alone.
+    The friction is -(coefficient radius F tanh(v' / speed)) at the rate v' of the pair. F
+    is the sum of the sizes of the forces on the bearings. If `axial` is stated, these are
+    all forces; otherwise they are those of the couple alone.
+
+    Attributes
+    ----------
+    name
+        Name of the load.
+    pair
+        Name of the R pair.
+    positions
+        Distances of the bearings from the centre of the sphere, along the axis (m). One
+        bearing supports the pair together with the centre. Two bearings support a couple.
+    radius
+        Radius at which the friction acts (m).
+    coefficient
+        Coefficient of friction.
+    speed
+        Rate (rad/s) below which the jump of Coulomb's law is smoothed.
+    axial
+        Share of the axial force that each bearing supports: 1 for a fixed bearing, 0 for a
+        floating one. If all are 0, the links can slide along the axis. None: not stated.
     """
 
     kind = "bearings"
@@ -61,52 +82,72 @@ class Bearings(BearingFriction):
         return self.axial is not None and not any(self.axial)
 
     @property
-    def grip(self) -> float:
+    def friction_coefficient(self) -> float:
         """The friction (N m) per force (N) on the bearings."""
         return self.coefficient * self.radius
 
     @property
-    def asks_forces(self) -> bool:
+    def needs_forces(self) -> bool:
         """See `BearingFriction`."""
         return self.axial is not None
 
-    def carried(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the forces (..., bearings, 3) N on the bearings, in pair axes.
+    def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
+        """Return the forces on the bearings.
 
-        They have the moment about the centre that the pair transmits (..., 3) N m and,
-        with the force through it (..., 3) N, this for their sum; without, they are those
-        of the couple alone. Along the axis they are NaN where `axial` is not said.
+        Their moment about the centre is the moment that the pair transmits, and their sum
+        is the force that it transmits. Without `forces` they are those of the couple alone.
+
+        Parameters
+        ----------
+        moments
+            (..., 3) moment about the centre (N m) that the pair transmits, in pair axes.
+        forces
+            (..., 3) force through the centre (N) that it transmits, in pair axes.
+
+        Returns
+        -------
+        (..., bearings, 3) forces (N) in pair axes, whose z axis is the axis of the pair.
+        The component along the axis is NaN if forces are given and `axial` is not stated.
         """
-        bent = moments[..., [1, 0, 2]] * [1.0, -1.0, 0.0]
-        first, *rest = self.positions
-        pull = 0.0 * bent if forces is None else forces * [1.0, 1.0, 0.0]
-        if rest:
-            (second,) = rest
-            span = second - first
-            parts = [(second * pull - bent) / span, (bent - first * pull) / span]
+        # A force P at the distance h along z has the moment (-h P_y, h P_x, 0). The vector
+        # (M_y, -M_x, 0) is therefore the sum of h P over all bearings.
+        force_times_distance = moments[..., [1, 0, 2]] * [1.0, -1.0, 0.0]
+        first, *others = self.positions
+        if forces is None:
+            radial_force = 0.0 * force_times_distance
         else:
-            parts = [bent / first]
+            radial_force = forces * [1.0, 1.0, 0.0]
+        if others:
+            (second,) = others
+            span = second - first
+            loads = [
+                (second * radial_force - force_times_distance) / span,
+                (force_times_distance - first * radial_force) / span,
+            ]
+        else:
+            loads = [force_times_distance / first]
         if forces is not None:
-            shares = self.axial or (np.nan,) * len(parts)
-            for part, share in zip(parts, shares, strict=True):
-                part[..., 2] = share * forces[..., 2] if share else 0.0
-        return np.stack(parts, axis=-2)
+            shares = self.axial or (np.nan,) * len(loads)
+            for load, share in zip(loads, shares, strict=True):
+                load[..., 2] = share * forces[..., 2] if share else 0.0
+        return np.stack(loads, axis=-2)
 
-    def check(self, key: str, mechanism: Loaded) -> None:
+    def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """See `Load`."""
         super().check(key, mechanism)
-        first, *rest = self.positions or (0.0,)
-        if len(rest) > 1 or (rest[0] == first if rest else first == 0.0):
+        first, *others = self.positions or (0.0,)
+        has_no_lever = others[0] == first if others else first == 0.0
+        if len(others) > 1 or has_no_lever:
             raise ModelError(
                 f"{key}.positions: found {list(self.positions)} m, needs one that is not "
                 "0, or two that differ: distances of the bearings from the centre along "
                 "the axis"
             )
         axial = (0.0,) * len(self.positions) if self.axial is None else self.axial
-        for part in axial:
-            need_at_least_zero(f"{key}.axial", part, "")
-        partly = any(axial) and abs(sum(axial) - 1.0) >= 1e-9
-        if partly or len(axial) != len(self.positions):
+        for share in axial:
+            check_not_negative(f"{key}.axial", share, "")
+        has_wrong_sum = any(axial) and abs(sum(axial) - 1.0) >= AXIAL_SUM_TOLERANCE
+        if has_wrong_sum or len(axial) != len(self.positions):
             raise ModelError(
                 f"{key}.axial: found {list(axial)}, needs one part for each of the "
                 f"{len(self.positions)} positions, 1 in all (a fixed bearing takes 1, a "
@@ -120,20 +161,22 @@ class Bearings(BearingFriction):
                     "too; give both positions in one of them"
                 )
 
-    def components(self, mechanism: Loaded) -> Components:
+    def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """See `Load`."""
-        text = f"-tanh(dtheta_{self.pair}/{number_text(self.speed)})"
-        return acting(mechanism, text if self.grip > 0.0 else "0", self.pair, rubs=self)
+        magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
+        if not self.friction_coefficient > 0.0:
+            magnitude = "0"
+        return (make_component(mechanism, magnitude, self.pair, bearing_friction=self),)
 
 
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class ContactFriction(BearingFriction):
-    """Coulomb's friction of a contact that slides, which follows from its push.
+    """Coulomb friction of a sliding contact, which follows from its push.
 
-    It is `coefficient` times the push, against the rate v at which the second link slides
-    along the first, smoothed by tanh(v / `speed`), in rad/s: at the distance r of the
-    contact from the centre it slides at r v.
+    The friction is `coefficient` times the push. It acts against the rate v (rad/s) at
+    which the second link slides along the first and is smoothed by tanh(v / `speed`). At a
+    contact at the distance r from the centre the sliding velocity is r v.
     """
 
     kind = "contact_friction"
@@ -145,32 +188,45 @@ class ContactFriction(BearingFriction):
     speed: float = 1e-3
 
     @property
-    def grip(self) -> float:
+    def friction_coefficient(self) -> float:
         """The friction (N m) per push (N m)."""
         return self.coefficient
 
-    def carried(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the push (..., 1, 3) N m, see `BearingFriction`."""
+    def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
+        """Return the push (..., 1, 3), N m, see `BearingFriction`."""
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
-    def components(self, mechanism: Loaded) -> Components:
+    def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """See `Load`."""
-        if not self.grip > 0.0:
-            return (Component(parse("0", [])),)
-        rate = sliding_rate(self.pair)
-        law = parse(f"-tanh({rate}/{number_text(self.speed)})", [rate])
-        return (Component(law, self.pair, rubs=self),)
+        if not self.friction_coefficient > 0.0:
+            return (LoadComponent(parse("0", [])),)
+        rate = sliding_rate_name(self.pair)
+        magnitude = parse(f"-tanh({rate}/{format_number(self.speed)})", [rate])
+        return (LoadComponent(magnitude, self.pair, bearing_friction=self),)
 
 
-def sliding_rate(pair: str) -> str:
-    """Return the name of the rate at which a contact slides, in magnitudes."""
+def sliding_rate_name(pair: str) -> str:
+    """Return the name, in magnitudes, of the rate at which a contact slides."""
     return f"sliding_{pair}"
 
 
-def need_no_rubbing(mechanism: Loaded, what: str) -> None:
-    """Raise `ModelError` if friction follows from reactions, which `what` does not know."""
+def check_no_reaction_friction(mechanism: LoadedMechanism, what: str) -> None:
+    """Check that no friction of a mechanism follows from reactions.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    what
+        End of a sentence of the message: which computation does not know the reactions.
+
+    Raises
+    ------
+    ModelError
+        If there is such friction.
+    """
     for load in mechanism.loads:
-        if isinstance(load, BearingFriction) and load.grip > 0.0:
+        if isinstance(load, BearingFriction) and load.friction_coefficient > 0.0:
             raise ModelError(
                 f"{mechanism.name}: loads.{load.name}: its friction follows from the "
                 f"reaction of pair {load.pair}, which {what}; or take coefficient = 0, or "

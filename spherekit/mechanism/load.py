@@ -1,4 +1,9 @@
-"""What a load is made of: magnitudes, and what they work on."""
+"""The base of all loads: their components, the checks of their fields, and torque tables.
+
+A load consists of components. Each has a magnitude, and a pair or moments on links on which
+it works. The kinds of loads are in `spherekit.mechanism.load_kinds` and
+`spherekit.mechanism.friction`.
+"""
 
 import inspect
 import math
@@ -23,16 +28,25 @@ from spherekit.wording import listing
 
 TorqueFunction = Callable[[float, float, float], float]
 """A torque (N m) from the time t (s), the variable q (rad) and the rate dq (rad/s)."""
+
 Axes = Literal["ground", "link"]
-"""Whether components are along the axes of the ground or of the link acted on."""
+"""Axes of vector components: those of the ground, or those of the link acted on."""
 
 
 @dataclass(frozen=True)
 class LinkMoment:
-    """A moment about the centre of the sphere, on a link.
+    """The direction of a moment about the centre of the sphere that acts on a link.
 
-    It is `direction`, or that of a force `direction` at `arm` (m, link axes), where there
-    is an arm. The direction is along the axes of the ground or of the link.
+    Attributes
+    ----------
+    link
+        Name of the link.
+    direction
+        (3,) the moment; with an arm, the force that causes it.
+    axes
+        Axes of the direction.
+    arm
+        (3,) point of the link (m, link axes) at which the force acts, or None.
     """
 
     link: str
@@ -42,10 +56,18 @@ class LinkMoment:
 
 
 @dataclass(frozen=True)
-class Called:
-    """A torque that a function f(t, q, dq) gives, of a pair's variable and rate.
+class TorqueCallback:
+    """A torque at a pair that a Python function f(t, q, dq) returns.
 
-    It stands where an `Expression` may, for what evaluates magnitudes at states.
+    It replaces an `Expression` as the magnitude of a component, if the magnitude is
+    evaluated at given states only.
+
+    Attributes
+    ----------
+    pair
+        Name of the R pair, whose variable is q.
+    function
+        The function, which returns N m.
     """
 
     pair: str
@@ -53,16 +75,21 @@ class Called:
 
     @property
     def names(self) -> frozenset[str]:
-        """What it depends on, as an expression would say it."""
+        """Names of the variables on which it depends, as an expression has them."""
         return frozenset({"t", f"theta_{self.pair}", f"dtheta_{self.pair}"})
 
     def evaluate(self, values: Mapping[str, Floats]) -> Floats:
-        """Return the torque (n,) N m at the values of its names, each (n,).
+        """Return the torques (n,), N m.
+
+        Parameters
+        ----------
+        values
+            (n,) values of each of the `names`: s, rad or rad/s.
 
         Raises
         ------
         ModelError
-            If the function returns what is not a number.
+            If the function returns something that is not a number.
         """
         states = (values["t"], values[f"theta_{self.pair}"], values[f"dtheta_{self.pair}"])
         torques = []
@@ -78,15 +105,21 @@ class Called:
         return np.array(torques)
 
 
-def expression_of(magnitude: "Expression | Called") -> Expression:
-    """Return the expression of a magnitude; `EngineError` for a function."""
-    if isinstance(magnitude, Called):
-        raise EngineError(not_written(magnitude.pair))
+def require_expression(magnitude: Expression | TorqueCallback) -> Expression:
+    """Return a magnitude that is an expression.
+
+    Raises
+    ------
+    EngineError
+        If it is a Python function.
+    """
+    if isinstance(magnitude, TorqueCallback):
+        raise EngineError(no_expression_message(magnitude.pair))
     return magnitude
 
 
-def not_written(pair: str) -> str:
-    """Return what is to be said where a torque had to be an expression."""
+def no_expression_message(pair: str) -> str:
+    """Return the message that a torque at a pair has to be an expression, but is none."""
     return (
         f"the torque at pair {pair} is a Python function, which only simulations by NumPy "
         "can call; write it as an expression, or as a table of torques"
@@ -94,26 +127,39 @@ def not_written(pair: str) -> str:
 
 
 @dataclass(frozen=True)
-class Component:
-    """A part of a load: a magnitude, and the pair or the moments on links it works on.
+class LoadComponent:
+    """A part of a load: a magnitude, and what it works on.
 
-    A component at `pair` works on the rate of the pair's variable, of a contact on that at
-    which its second link slides along the first; otherwise on the angular velocities of
-    links through `moments`, each times the magnitude. The magnitude of what `rubs` is per
-    N m of its friction.
+    Attributes
+    ----------
+    magnitude
+        Function of pair variables, their rates and the time. If the component is friction
+        of a bearing, it is the magnitude per N m of that friction.
+    pair
+        Pair at which the component acts, or empty. It works on the rate of the variable of
+        an R pair, or on the rate at which the second link of a contact slides along the
+        first.
+    moments
+        Moments on links, if it does not act at a pair. Each is multiplied by the magnitude
+        and works on the angular velocity of its link.
+    bearing_friction
+        The load whose friction it is, if the friction follows from a reaction.
     """
 
-    magnitude: "Expression | Called | TorqueTable"
+    magnitude: "Expression | TorqueCallback | TorqueTable"
     pair: str = ""
     moments: tuple[LinkMoment, ...] = ()
-    rubs: "BearingFriction | None" = None
+    bearing_friction: "BearingFriction | None" = None
 
 
-Components = tuple[Component, ...]
+LoadComponents = tuple[LoadComponent, ...]
 
 
-class Loaded(Protocol):
-    """A mechanism as what acts on it sees it."""
+class LoadedMechanism(Protocol):
+    """The part of `spherekit.mechanism.mechanism.Mechanism` that loads use.
+
+    A protocol is needed because a mechanism contains loads.
+    """
 
     @property
     def name(self) -> str:
@@ -144,77 +190,110 @@ class Loaded(Protocol):
 
 
 class Load(ABC):
-    """What acts on a mechanism; a kind says all there is to say of it.
+    """Base class of everything that acts on a mechanism, except inertia and reactions.
 
-    Its generalised force is its power per unit rate of the coordinate (Di Gregorio 2024,
-    eq. (12)); reactions at ideal pairs have none.
+    The generalised force of a load is its power per unit rate of the coordinate (Di
+    Gregorio 2024, eq. (12)). Reactions of ideal pairs have no power.
     """
 
     name: str
+
     kind: ClassVar[str]
-    """The word in files."""
+    """The word for this kind of load in files."""
+
     keys: ClassVar[Mapping[str, str]]
-    """Its fields in files, in the order in which they are written, and what each holds.
+    """What each field contains, by the name of the field, in the order of files.
 
-    That is an R pair, a sliding contact, a link, axes, a text or texts (expressions), an
-    angle (rad), a rate (rad/s) that smooths a jump, a vector, numbers or a flag; of a
-    number that is not negative, its unit.
+    - ``pair``, ``contact``, ``link``: the name of an R pair, of a sliding contact, of a
+    link
+    - ``axes``: see `Axes`
+    - ``text``, ``texts``: one expression, or several
+    - ``angle``: an angle (rad)
+    - ``rate``: a positive rate (rad/s) below which a jump is smoothed
+    - ``vector``, ``numbers``: three numbers, or any number of them
+    - ``flag``: true or false
+    - any other text: the unit of a number that is not negative
     """
-    absent: ClassVar[Mapping[str, Any]] = MappingProxyType({})
-    """What fields without a default are where a file leaves them out."""
+
+    defaults_in_files: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    """Values of fields that files may leave out although the class has no default."""
+
     velocity_unit: ClassVar[str] = ""
-    """The unit of what its components work on, per unit rate of an angle."""
-    law: ClassVar[str] = ""
-    """The torque at its pair as an expression, its fields in braces, if that is all."""
+    """Unit of the velocity on which its components work, per unit rate of an angle."""
 
-    def check(self, key: str, mechanism: Loaded) -> None:
-        """Raise `ModelError` where its numbers or places at a key have no meaning.
+    torque_template: ClassVar[str] = ""
+    """The torque at its pair as an expression with fields in braces, if that is all."""
 
-        The links and pairs that it names exist.
+    def check(self, key: str, mechanism: LoadedMechanism) -> None:
+        """Check the fields of the load. The links and pairs that it names exist.
+
+        Parameters
+        ----------
+        key
+            Key of the load in the file of the mechanism, for messages.
+        mechanism
+            The mechanism on which it acts.
+
+        Raises
+        ------
+        ModelError
+            If a field has no meaning.
         """
-        for name, holds in self.keys.items():
+        for name, field_kind in self.keys.items():
             value = getattr(self, name)
             if value is not None:
-                need(holds, f"{key}.{name}", value, mechanism)
+                check_field(field_kind, f"{key}.{name}", value, mechanism)
 
-    def components(self, mechanism: Loaded) -> Components:
-        """Return what it is made of: magnitudes, and what they work on."""
-        given = {
-            name: x if isinstance(x, str) else number_text(x)
-            for name, x in vars(self).items()
+    def components(self, mechanism: LoadedMechanism) -> LoadComponents:
+        """Return the components of the load."""
+        fields = {
+            name: value if isinstance(value, str) else format_number(value)
+            for name, value in vars(self).items()
         }
-        return acting(mechanism, self.law.format(**given), given["pair"])
+        torque = self.torque_template.format(**fields)
+        return (make_component(mechanism, torque, fields["pair"]),)
 
 
 class BearingFriction(Load):
-    """A load at a pair whose friction follows from the reaction of that pair."""
+    """Base class of friction at a pair that follows from the reaction of that pair."""
 
     pair: str
 
     @property
     @abstractmethod
-    def grip(self) -> float:
-        """The friction (N m) per unit of what is `carried`."""
+    def friction_coefficient(self) -> float:
+        """The friction (N m) per unit of the lengths of the `supported_loads`."""
 
     @property
-    def asks_forces(self) -> bool:
-        """Whether it follows from the force through the centre too."""
+    def needs_forces(self) -> bool:
+        """Whether the friction also follows from the force through the centre."""
         return False
 
     @abstractmethod
-    def carried(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the vectors (..., places, 3) whose lengths in sum the friction follows.
+    def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
+        """Return the loads on the bearings or on the contact.
 
-        `moments` (..., 3) N m and `forces` (..., 3) N are those of the pair, in its axes.
+        The friction is the sum of their lengths times the `friction_coefficient`.
+
+        Parameters
+        ----------
+        moments
+            (..., 3) moment about the centre (N m) that the pair transmits, in pair axes.
+        forces
+            (..., 3) force through the centre (N) that it transmits, in pair axes.
+
+        Returns
+        -------
+        (..., positions, 3) loads in pair axes.
         """
 
 
 @checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class TorqueTable(Load):
-    """A torque (N m) at an R pair given at increasing times (s), linear in between.
+    """A torque (N m) at an R pair given at rising times (s), linear in between.
 
-    A periodic one repeats with the period ``times[-1] - times[0]``.
+    If `periodic`, it repeats with the period ``times[-1] - times[0]``.
     """
 
     kind = "table"
@@ -229,7 +308,7 @@ class TorqueTable(Load):
     periodic: bool = False
 
     def at(self, t: ArrayLike) -> Floats:
-        """Return the torque (N m) at times (s) of any shape.
+        """Return the torques (N m) at times (s) of any shape.
 
         Raises
         ------
@@ -237,7 +316,8 @@ class TorqueTable(Load):
             If a time is outside the table and the table is not periodic.
         """
         t = np.asarray(t, dtype=np.float64)
-        first, last = self.times[0], self.times[-1]
+        first = self.times[0]
+        last = self.times[-1]
         if self.periodic:
             t = first + np.mod(t - first, last - first)
         elif not np.all((t >= first) & (t <= last)):
@@ -249,16 +329,20 @@ class TorqueTable(Load):
         return np.asarray(np.interp(t, self.times, self.torques), dtype=np.float64)
 
     def knots(self, start: float, stop: float) -> Iterator[float]:
-        """Yield the times (s) at which the slope changes, all between two and others."""
+        """Yield the times (s) at which the slope changes.
+
+        All those from `start` to `stop` (s) are among them.
+        """
         if not self.periodic:
             yield from self.times
             return
         period = self.times[-1] - self.times[0]
-        first = math.floor((start - self.times[-1]) / period)
-        for turn in range(first, math.ceil((stop - self.times[0]) / period) + 1):
-            yield from (t + turn * period for t in self.times)
+        first_period = math.floor((start - self.times[-1]) / period)
+        last_period = math.ceil((stop - self.times[0]) / period)
+        for number in range(first_period, last_period + 1):
+            yield from (t + number * period for t in self.times)
 
-    def check(self, key: str, mechanism: Loaded) -> None:
+    def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """See `Load`."""
         super().check(key, mechanism)
         check_table_rows(f"{key}.", "torques", self.times, self.torques, 2)
@@ -268,16 +352,33 @@ class TorqueTable(Load):
                 f"this one has {self.torques[0]:g} and {self.torques[-1]:g} N m"
             )
 
-    def components(self, mechanism: Loaded) -> Components:
+    def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """See `Load`."""
-        return (Component(self, self.pair),)
+        return (LoadComponent(self, self.pair),)
 
 
-def need(holds: str, key: str, value: Any, mechanism: Loaded) -> None:
-    """Refuse what a key cannot hold; see `Load.keys`."""
-    match holds:
+def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> None:
+    """Check the value of a field of a load.
+
+    Parameters
+    ----------
+    kind
+        What the field contains, see `Load.keys`.
+    key
+        Key of the field in the file of the mechanism, for messages.
+    value
+        Value of the field.
+    mechanism
+        The mechanism on which the load acts.
+
+    Raises
+    ------
+    ModelError
+        If the field cannot have this value.
+    """
+    match kind:
         case "pair":
-            need_angle(key, value, mechanism)
+            check_angle_pair(key, value, mechanism)
         case "contact":
             pair = mechanism.pair(value)
             if pair.type != "Cs":
@@ -288,7 +389,7 @@ def need(holds: str, key: str, value: Any, mechanism: Loaded) -> None:
                     f"bearings. Cs pairs: {sliding or 'none'}"
                 )
         case "text" if callable(value):
-            with suppress(ValueError):  # those of compiled modules have no signature
+            with suppress(ValueError):  # functions of compiled modules have no signature
                 try:
                     inspect.signature(value).bind(0.0, 0.0, 0.0)
                 except TypeError as error:
@@ -297,15 +398,17 @@ def need(holds: str, key: str, value: Any, mechanism: Loaded) -> None:
                         f"(t, q, dq): {error}"
                     ) from None
         case "text":
-            _need_expression(key, value, mechanism)
+            _check_expression(key, value, mechanism)
         case "texts":
-            for number, text in enumerate(value):
-                _need_expression(f"{key}[{number}]", text, mechanism)
+            for index, text in enumerate(value):
+                _check_expression(f"{key}[{index}]", text, mechanism)
         case "vector" | "numbers":
             check_finite(key, value)
-        case "angle" | "rate":
+        case "angle":
             check_finite(key, [value])
-            if holds == "rate" and value <= 0:
+        case "rate":
+            check_finite(key, [value])
+            if value <= 0:
                 raise ModelError(
                     f"{key}: found {value:g} rad/s, needs more than 0: the rate below "
                     "which the jump of dry friction is smoothed"
@@ -313,11 +416,26 @@ def need(holds: str, key: str, value: Any, mechanism: Loaded) -> None:
         case "link" | "axes" | "flag":
             pass
         case unit:
-            need_at_least_zero(key, value, unit)
+            check_not_negative(key, value, unit)
 
 
-def need_angle(key: str, pair: str, mechanism: Loaded) -> None:
-    """Refuse a pair whose variable is not an angle, at a key."""
+def check_angle_pair(key: str, pair: str, mechanism: LoadedMechanism) -> None:
+    """Check that the variable of a pair is an angle.
+
+    Parameters
+    ----------
+    key
+        Key in the file of the mechanism, for the message.
+    pair
+        Name of the pair.
+    mechanism
+        The mechanism of the pair.
+
+    Raises
+    ------
+    ModelError
+        If it is a contact.
+    """
     if pair in mechanism.angles:
         return
     raise ModelError(
@@ -327,8 +445,8 @@ def need_angle(key: str, pair: str, mechanism: Loaded) -> None:
     )
 
 
-def _need_expression(key: str, text: Any, mechanism: Loaded) -> None:
-    """Refuse a text that is not an expression in the variables of R pairs and the time."""
+def _check_expression(key: str, text: Any, mechanism: LoadedMechanism) -> None:
+    """Raise `ModelError` if a field is no expression in angles, their rates and time."""
     if not isinstance(text, str):
         raise ModelError(
             f'{key}: found {text!r}, needs an expression in quotes, such as "0.5*sin(t)"'
@@ -339,26 +457,39 @@ def _need_expression(key: str, text: Any, mechanism: Loaded) -> None:
         raise ModelError(f"{key}: in the expression, {error}") from None
 
 
-def need_at_least_zero(key: str, number: float, unit: str) -> None:
-    """Refuse a number that is negative or not finite."""
+def check_not_negative(key: str, number: float, unit: str) -> None:
+    """Raise `ModelError` if a number, of this unit, is negative or not finite."""
     check_finite(key, [number])
     if number < 0:
-        torque = "; what pushes or drives is a load of kind torque, an expression"
-        hint = torque if unit.startswith("N m") else ""
-        raise ModelError(f"{key}: found {number:g} {unit}, needs at least 0{hint}")
+        is_torque = unit.startswith("N m")
+        hint = "; what pushes or drives is a load of kind torque, an expression"
+        raise ModelError(
+            f"{key}: found {number:g} {unit}, needs at least 0{hint if is_torque else ''}"
+        )
 
 
-def acting(
-    mechanism: Loaded,
-    text: str,
+def make_component(
+    mechanism: LoadedMechanism,
+    magnitude: str,
     pair: str = "",
     moments: tuple[LinkMoment, ...] = (),
-    rubs: BearingFriction | None = None,
-) -> tuple[Component]:
-    """Return a component with a magnitude in pair variables, their rates and the time."""
-    return (Component(parse(text, load_names(mechanism.angles)), pair, moments, rubs),)
+    bearing_friction: BearingFriction | None = None,
+) -> LoadComponent:
+    """Return a component whose magnitude is a text in pair variables, rates and the time.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism whose R pairs have the variables.
+    magnitude
+        The expression, such as ``-2.0*dtheta_21``.
+    pair, moments, bearing_friction
+        See `LoadComponent`.
+    """
+    expression = parse(magnitude, load_names(mechanism.angles))
+    return LoadComponent(expression, pair, moments, bearing_friction)
 
 
-def number_text(value: float) -> str:
-    """Return a number as it is written in a magnitude."""
+def format_number(value: float) -> str:
+    """Return a number as a magnitude contains it: in parentheses, with all digits."""
     return f"({float(value)!r})"

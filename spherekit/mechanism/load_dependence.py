@@ -1,79 +1,95 @@
-"""What all loads of a mechanism depend on, from the components they are made of.
+"""What the loads of a mechanism depend on.
 
-A magnitude depends on the pair variables, their rates and the time; the velocity that it
-works on depends on the configuration only. A torque works on the rate of its pair; a
-force and a moment on a link work on the angular velocity of the link through their moment
-about the centre of the sphere.
+The magnitude of a component depends on pair variables, their rates and the time. The
+velocity on which it works depends on the configuration only.
 """
 
 from collections.abc import Sequence
 
 from spherekit.arrays import Floats
 from spherekit.conventions import Names
-from spherekit.mechanism.load import Component, TorqueTable
+from spherekit.mechanism.load import LoadComponent, TorqueTable
 from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism
 
 
 def used_pairs(mechanism: Mechanism) -> frozenset[str]:
-    """Return the R pairs whose variable or rate the loads depend on."""
-    said, pairs = _names(mechanism), {part.pair for part in _all(mechanism)}
+    """Return the R pairs at which loads act, or whose variable or rate they depend on."""
+    used_names = _used_names(mechanism)
+    pairs_acted_on = {component.pair for component in _components(mechanism)}
     return frozenset(
-        name
-        for name in mechanism.angles
-        if name in pairs or said & {f"theta_{name}", f"dtheta_{name}"}
+        pair
+        for pair in mechanism.angles
+        if pair in pairs_acted_on or used_names & {f"theta_{pair}", f"dtheta_{pair}"}
     )
 
 
 def acting_links(mechanism: Mechanism) -> frozenset[int]:
-    """Return the numbers of the links with mass, and of those that the loads depend on."""
+    """Return the numbers of the links that matter to the dynamics.
+
+    They have mass, or the loads depend on their orientation or angular velocity, or they
+    are links of the `used_pairs`.
+    """
     names = {mass.link for mass in mechanism.masses} | used_links(mechanism)
     names |= {link for pair in used_pairs(mechanism) for link in mechanism.pair(pair).links}
     return frozenset(mechanism.link_number[name] for name in names)
 
 
 def wound_pairs(mechanism: Mechanism) -> Names:
-    """Return the R pairs whose variable loads depend on, in order; turns may count."""
-    used = _names(mechanism)
-    return tuple(name for name in mechanism.angles if f"theta_{name}" in used)
+    """Return the R pairs whose variable the loads depend on, in the order of the pairs.
+
+    The loads may depend on its whole revolutions too, as a spring does.
+    """
+    used_names = _used_names(mechanism)
+    return tuple(pair for pair in mechanism.angles if f"theta_{pair}" in used_names)
 
 
-def need_tabulated(mechanism: Mechanism, t: Floats) -> None:
-    """Raise `ModelError` where a table of torques has not all times (s)."""
+def check_torque_tables_cover(mechanism: Mechanism, t: Floats) -> None:
+    """Raise `ModelError` if a table of torques does not contain all times (s)."""
     for load in mechanism.loads:
         if isinstance(load, TorqueTable):
             load.at(t)
 
 
-def smooth(mechanism: Mechanism) -> bool:
-    """Return whether no load has kinks or jumps, those of tables left out."""
-    return all(law.smooth for law in _laws(mechanism))
+def has_smooth_loads(mechanism: Mechanism) -> bool:
+    """Return whether no load has kinks or jumps, apart from the knots of tables."""
+    return all(expression.is_smooth for expression in _expressions(mechanism))
 
 
-def steep(mechanism: Mechanism) -> tuple[Expression, ...]:
-    """Return the arguments in all loads at whose zeros and turns these may change at once.
+def find_steep_arguments(mechanism: Mechanism) -> tuple[Expression, ...]:
+    """Return the arguments at whose zeros and extrema the loads may change suddenly.
 
-    See `spherekit.mechanism.load_expression.Expression.steep`; the knots of tables are
-    known.
+    They are the `Expression.steep_arguments` of all loads, each once. The knots of tables
+    are not among them.
     """
-    arguments = (argument for law in _laws(mechanism) for argument in law.steep)
+    arguments = (
+        argument
+        for expression in _expressions(mechanism)
+        for argument in expression.steep_arguments
+    )
     return tuple({argument.root: argument for argument in arguments}.values())
 
 
 def used_links(mechanism: Mechanism) -> frozenset[str]:
     """Return the links whose angular velocity or orientation the loads depend on."""
-    return frozenset(m.link for part in _all(mechanism) for m in part.moments)
+    return frozenset(
+        moment.link for component in _components(mechanism) for moment in component.moments
+    )
 
 
-def _all(mechanism: Mechanism) -> Sequence[Component]:
-    return [part for load in mechanism.loads for part in load.components(mechanism)]
+def _components(mechanism: Mechanism) -> Sequence[LoadComponent]:
+    """Return the components of all loads."""
+    return [
+        component for load in mechanism.loads for component in load.components(mechanism)
+    ]
 
 
-def _laws(mechanism: Mechanism) -> list[Expression]:
-    laws = (part.magnitude for part in _all(mechanism))
-    return [law for law in laws if isinstance(law, Expression)]
+def _expressions(mechanism: Mechanism) -> list[Expression]:
+    """Return the magnitudes of all loads that are expressions."""
+    magnitudes = (component.magnitude for component in _components(mechanism))
+    return [magnitude for magnitude in magnitudes if isinstance(magnitude, Expression)]
 
 
-def _names(mechanism: Mechanism) -> set[str]:
-    """Return the names that magnitudes use."""
-    return {name for law in _laws(mechanism) for name in law.names}
+def _used_names(mechanism: Mechanism) -> set[str]:
+    """Return the names of variables, rates and time that the magnitudes contain."""
+    return {name for expression in _expressions(mechanism) for name in expression.names}

@@ -1,4 +1,4 @@
-"""Expressions of loads: parsed against a small grammar, never run as code."""
+"""Expressions of loads, parsed by a small grammar and never executed as code."""
 
 import ast
 import re
@@ -20,31 +20,31 @@ from spherekit.errors import ModelError
 from spherekit.wording import listing, nearest
 
 MAX_LENGTH = 2000
-"""Longest expression (characters); a Fourier series of 50 terms fits easily."""
+"""Largest number of characters of an expression. A Fourier series of 50 terms fits."""
 
 MAX_DEPTH = 150
-"""Deepest tree; a sum of n terms is n deep."""
+"""Largest depth of a tree. A sum of n terms has the depth n."""
 
-CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": 3.141592653589793})
+NAMED_CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": 3.141592653589793})
 
-KINKED = ("abs", "sign", "min", "max")
-"""The functions among them that are not smooth."""
+NON_SMOOTH_FUNCTIONS = ("abs", "sign", "min", "max")
+"""Functions with kinks or jumps."""
 
-ENTIRE = ("+", "-", "*", "negative", "sin", "cos")
-"""Those whose power series at any point is their value everywhere, to the last digit.
+ENTIRE_OPERATIONS = ("+", "-", "*", "negative", "sin", "cos")
+"""Operations whose power series at any point gives their value everywhere, to all digits.
 
-Of the others some have poles or branch points beside the real axis, others become so flat
-that float64 shows nothing of what follows: tanh(20) is 1, and all its derivatives are 0.
+Some of the others have poles or branch points next to the real axis. Others become so flat
+that float64 does not show what follows: tanh(20) is 1, and all its derivatives are 0.
 """
 
 _OPERATORS: Mapping[type[ast.operator], str] = MappingProxyType(
     {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 )
 _GRAMMAR = "numbers, names, + - * / **, parentheses and functions are allowed"
-_LEVELS = f"at most {MAX_DEPTH} levels"
-_FOREIGN = re.compile(r"[^A-Za-z0-9_+\-*/(),. ]")
+_DEPTH_LIMIT = f"at most {MAX_DEPTH} levels"
+_FORBIDDEN_CHARACTER = re.compile(r"[^A-Za-z0-9_+\-*/(),. ]")
 
-ON_ARRAYS: Mapping[str, Callable[..., Any]] = MappingProxyType(
+ARRAY_OPERATIONS: Mapping[str, Callable[..., Any]] = MappingProxyType(
     {
         "+": np.add,
         "-": np.subtract,
@@ -69,91 +69,127 @@ ON_ARRAYS: Mapping[str, Callable[..., Any]] = MappingProxyType(
         "max": lambda *values: reduce(np.maximum, values),
     }
 )
-"""Every operator and function on arrays of any kind of number that NumPy knows."""
+"""Every operator and function, for arrays of any number type of NumPy."""
 
-FUNCTIONS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
+ARGUMENT_COUNTS: Mapping[str, tuple[int, int | None]] = MappingProxyType(
     {
-        **{name: (1, 1) for name in ON_ARRAYS if name.isalnum() and name != "negative"},
+        **{
+            name: (1, 1)
+            for name in ARRAY_OPERATIONS
+            if name.isalnum() and name != "negative"
+        },
         "atan2": (2, 2),
         "min": (2, None),
         "max": (2, None),
     }
 )
-"""Fewest and most arguments of each function; `log` is the natural logarithm."""
+"""Smallest and largest number of arguments of each function; `log` is the natural one."""
 
 
 Node = float | str | tuple[Any, ...]
-"""A tree: a number, the name of a variable (``theta_PAIR``, ``dtheta_PAIR``, ``t``), or an
-operator (``+ - * / **`` or ``negative``) or a function with its arguments after it."""
+"""A node of a tree.
+
+It is a number, the name of a variable (``theta_PAIR``, ``dtheta_PAIR``, ``t``), or a tuple
+of an operator (``+ - * / **`` or ``negative``) or function and its arguments.
+"""
 
 T = TypeVar("T")
 
 
 def fold(
     node: Node,
-    number: Callable[[float], T],
-    name: Callable[[str], T],
-    apply: Callable[[str, list[T]], T],
+    convert_number: Callable[[float], T],
+    convert_name: Callable[[str], T],
+    convert_call: Callable[[str, list[T]], T],
 ) -> T:
-    """Return what a tree comes to, from its numbers, names and calls.
+    """Return a tree converted to another form, such as values or sets of names.
 
-    `apply` gets the function of a call and what its arguments came to, which are taken in
-    the order in which they are written.
+    Parameters
+    ----------
+    node
+        Root of the tree.
+    convert_number, convert_name
+        Return the other form of a number, and of a variable.
+    convert_call
+        Returns the other form of a call. It is called with the operator or function and the
+        converted arguments, which are converted in the order of the text.
     """
     if isinstance(node, tuple):
-        function, *parts = node
-        return apply(function, [fold(part, number, name, apply) for part in parts])
-    return name(node) if isinstance(node, str) else number(node)
+        function, *arguments = node
+        return convert_call(
+            function,
+            [
+                fold(argument, convert_number, convert_name, convert_call)
+                for argument in arguments
+            ],
+        )
+    return convert_name(node) if isinstance(node, str) else convert_number(node)
 
 
 @dataclass(frozen=True)
 class Expression:
-    """A parsed expression: its text, the names it uses, and its tree."""
+    """A parsed expression.
+
+    Attributes
+    ----------
+    text
+        The text that was parsed.
+    names
+        Names of variables in the expression.
+    root
+        Root of its tree.
+    """
 
     text: str
     names: frozenset[str]
     root: Node
 
     @property
-    def smooth(self) -> bool:
-        """Whether it uses none of the functions that have kinks or jumps."""
+    def is_smooth(self) -> bool:
+        """Whether it contains none of the functions with kinks or jumps."""
         return fold(
             self.root,
-            lambda value: True,
+            lambda number: True,
             lambda name: True,
-            lambda function, parts: function not in KINKED and all(parts),
+            lambda function, arguments: (
+                function not in NON_SMOOTH_FUNCTIONS and all(arguments)
+            ),
         )
 
     @cached_property
-    def steep(self) -> "tuple[Expression, ...]":
-        """The arguments at whose zeros and turns the value may change all at once.
+    def steep_arguments(self) -> "tuple[Expression, ...]":
+        """Arguments at whose zeros and extrema the value may change suddenly.
 
-        Those of every function that is not among `ENTIRE`, the denominators and the bases
-        of powers that are not whole: no power series need show what happens there.
+        A power series need not show what happens there. They are the arguments of all
+        functions that are not among `ENTIRE_OPERATIONS`, the denominators, and the bases of
+        powers whose exponent is not a natural number.
         """
-        return self._arguments(KINKED)
+        return self._find_steep_arguments(NON_SMOOTH_FUNCTIONS)
 
     @cached_property
-    def steep_and_smooth(self) -> "tuple[Expression, ...]":
-        """Those among `steep` that are not arguments of functions with kinks or jumps."""
-        return self._arguments(())
+    def smooth_steep_arguments(self) -> "tuple[Expression, ...]":
+        """The `steep_arguments` without those of functions with kinks or jumps."""
+        return self._find_steep_arguments(())
 
-    def _arguments(self, kinked: Sequence[str]) -> "tuple[Expression, ...]":
-        nodes = dict.fromkeys(_steep(self.root, kinked))
-        return tuple(Expression(self.text, _names(x), x) for x in nodes)
+    def _find_steep_arguments(
+        self, non_smooth_functions: Sequence[str]
+    ) -> "tuple[Expression, ...]":
+        """Return the distinct steep arguments, including those of some functions."""
+        nodes = dict.fromkeys(_iterate_steep_arguments(self.root, non_smooth_functions))
+        return tuple(Expression(self.text, _find_names(node), node) for node in nodes)
 
     def evaluate(self, values: Mapping[str, ArrayLike]) -> Floats:
-        """Return the expression's value for every sample.
+        """Return the value of the expression for every sample.
 
         Parameters
         ----------
         values
-            An array for at least each name used: rad, rad/s or s. The result has the
-            shape all arrays in `values` broadcast to, also where none is used.
+            An array (rad, rad/s or s) for at least each name in the expression. The result
+            has the shape to which all of them broadcast, whether they are used or not.
 
         Notes
         -----
-        Outside a function's domain the result is NaN, and infinite on overflow.
+        The result is NaN outside the domain of a function, and infinite on overflow.
         """
         missing = sorted(self.names - set(values))
         if missing:
@@ -165,161 +201,229 @@ class Expression:
                 self.root,
                 np.float64,
                 arrays.__getitem__,
-                lambda function, parts: ON_ARRAYS[function](*parts),
+                lambda function, arguments: ARRAY_OPERATIONS[function](*arguments),
             )
             return np.array(np.broadcast_to(value, shape))
 
 
 def load_names(pairs: Collection[str]) -> Names:
-    """Return the names a load may use, given the names of the R pairs."""
+    """Return the names of variables that a load may use, from the names of the R pairs."""
     return ("t", *(f"{kind}_{pair}" for kind in ("theta", "dtheta") for pair in pairs))
 
 
 def parse(text: str, names: Iterable[str]) -> Expression:
-    """Parse an expression in which only these names may occur.
+    """Parse an expression.
+
+    Parameters
+    ----------
+    text
+        The expression.
+    names
+        Names of variables that it may contain.
 
     Raises
     ------
     ModelError
-        If anything but the grammar occurs; the message starts with the column.
+        If it contains anything outside the grammar. The message starts with the column.
     """
-    return _parsed(text, tuple(names))
+    return _parse(text, tuple(names))
 
 
 @lru_cache(maxsize=1024)
-def _parsed(text: str, names: Names) -> Expression:
+def _parse(text: str, names: Names) -> Expression:
+    """Parse an expression, see `parse`; results are cached."""
     if len(text) > MAX_LENGTH:
         raise ModelError(
             f"column {MAX_LENGTH + 1}: the expression has {len(text)} characters, at "
             f"most {MAX_LENGTH} are allowed"
         )
-    flat = re.sub(r"[\t\r\n]", " ", text)
-    foreign = _FOREIGN.search(flat)
-    if foreign:
-        hint = "; powers are written **" if foreign[0] == "^" else ""
-        raise _fault(foreign.start(), f"found {foreign[0]!a}{hint}")
-    if not flat.strip():
+    one_line = re.sub(r"[\t\r\n]", " ", text)
+    forbidden = _FORBIDDEN_CHARACTER.search(one_line)
+    if forbidden:
+        hint = "; powers are written **" if forbidden[0] == "^" else ""
+        raise _syntax_error(forbidden.start(), f"found {forbidden[0]!a}{hint}")
+    if not one_line.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
-    margin = len(flat) - len(flat.lstrip(" "))
-    root = _tree(_syntax_tree(flat.strip(" "), margin), names, margin)
-    return Expression(text, _names(root), root)
+    indentation = len(one_line) - len(one_line.lstrip(" "))
+    python_tree = _parse_python(one_line.strip(" "), indentation)
+    root = _convert_python_tree(python_tree, names, indentation)
+    return Expression(text, _find_names(root), root)
 
 
-def _fault(column: int, message: str, allowed: str = _GRAMMAR) -> ModelError:
-    end = "" if message.endswith("?") else ";"
-    return ModelError(f"column {column + 1}: {message}{end} {allowed}")
+def _syntax_error(column: int, message: str, allowed: str = _GRAMMAR) -> ModelError:
+    """Return the error at a column (from 0), and what is allowed instead."""
+    separator = "" if message.endswith("?") else ";"
+    return ModelError(f"column {column + 1}: {message}{separator} {allowed}")
 
 
-def _syntax_tree(text: str, margin: int) -> ast.expr:
+def _parse_python(text: str, indentation: int) -> ast.expr:
+    """Return the syntax tree of Python for a text after this many spaces."""
     try:
         with warnings.catch_warnings():
-            # Python warns of spellings such as "1or t", which are refused below anyway.
+            # Python warns of texts such as "1or t", which are refused later anyway.
             warnings.simplefilter("ignore")
             return ast.parse(text, mode="eval").body
     except SyntaxError as error:
-        column = margin + max(error.offset or 1, 1) - 1
+        column = indentation + max(error.offset or 1, 1) - 1
         message = f"cannot be read here ({error.msg}); products are written with *"
-        raise _fault(column, message) from None
+        raise _syntax_error(column, message) from None
     except (RecursionError, MemoryError, ValueError):
-        raise _fault(margin, "too deeply nested", _LEVELS) from None
+        raise _syntax_error(indentation, "too deeply nested", _DEPTH_LIMIT) from None
 
 
-def _tree(item: ast.expr, names: Names, margin: int, depth: int = 1) -> Node:
-    """Return Python's syntax tree as ours, refusing whatever is not in the grammar."""
-    column = margin + item.col_offset
+def _convert_python_tree(
+    node: ast.expr, names: Names, indentation: int, depth: int = 1
+) -> Node:
+    """Return a syntax tree of Python as a tree of `Node`.
+
+    Calls whose arguments are all numbers are replaced by their value.
+
+    Parameters
+    ----------
+    node
+        Root of the tree.
+    names
+        Names of variables that are allowed.
+    indentation
+        Spaces before the text, which count in the columns of messages.
+    depth
+        Depth of this node in the whole tree.
+
+    Raises
+    ------
+    ModelError
+        If the tree contains anything outside the grammar.
+    """
+    column = indentation + node.col_offset
     if depth > MAX_DEPTH:
-        raise _fault(column, "too deeply nested", _LEVELS)
-    parts: Sequence[ast.expr]
-    match item:
+        raise _syntax_error(column, "too deeply nested", _DEPTH_LIMIT)
+    operands: Sequence[ast.expr]
+    match node:
         case ast.Constant(value):
-            return _number(value, column)
+            return _convert_number(value, column)
         case ast.Name(name):
-            return _variable(name, names, column)
+            return _convert_name(name, names, column)
         case ast.BinOp(left, operation, right) if type(operation) in _OPERATORS:
-            function, parts = _OPERATORS[type(operation)], (left, right)
+            function = _OPERATORS[type(operation)]
+            operands = (left, right)
         case ast.UnaryOp(ast.USub(), operand):
-            function, parts = "negative", (operand,)
+            function = "negative"
+            operands = (operand,)
         case ast.UnaryOp(ast.UAdd(), operand):
-            return _tree(operand, names, margin, depth + 1)
+            return _convert_python_tree(operand, names, indentation, depth + 1)
         case ast.Call():
-            function, parts = _function(item, column), item.args
+            function = _read_function_name(node, column)
+            operands = node.args
         case ast.BinOp(op=ast.FloorDiv()):
-            raise _fault(column, 'found the operator "//", which is not allowed')
+            raise _syntax_error(column, 'found the operator "//", which is not allowed')
         case _:
-            message = f"found {type(item).__name__.lower()}, which is not allowed"
-            raise _fault(column, message)
-    arguments = [_tree(part, names, margin, depth + 1) for part in parts]
+            message = f"found {type(node).__name__.lower()}, which is not allowed"
+            raise _syntax_error(column, message)
+    arguments = [
+        _convert_python_tree(operand, names, indentation, depth + 1) for operand in operands
+    ]
+    numbers = [argument for argument in arguments if isinstance(argument, float)]
     if function == "/" and arguments[1] == 0.0:
-        what = "divides by zero"
-    elif len(numbers := [x for x in arguments if isinstance(x, float)]) < len(arguments):
+        fault = "divides by zero"
+    elif len(numbers) < len(arguments):
         return (function, *arguments)
-    else:  # of numbers alone, the number that it is
+    else:
         with np.errstate(all="ignore"):
-            value = float(ON_ARRAYS[function](*map(np.float64, numbers)))
+            value = float(ARRAY_OPERATIONS[function](*map(np.float64, numbers)))
         if np.isfinite(value):
             return value
-        what = "is not a finite number"
-    raise _fault(column, f"{ast.unparse(item)} {what}", "constants have to be finite")
+        fault = "is not a finite number"
+    raise _syntax_error(
+        column, f"{ast.unparse(node)} {fault}", "constants have to be finite"
+    )
 
 
-def _number(value: Any, column: int) -> float:
+def _convert_number(value: Any, column: int) -> float:
+    """Return a constant as a float; raise `ModelError` if it is no finite real number."""
     if type(value) not in (int, float):
-        raise _fault(column, f"found {value!r}, which is not a real number")
+        raise _syntax_error(column, f"found {value!r}, which is not a real number")
     if value > sys.float_info.max:
-        raise _fault(column, "found a number too large for a float64")
+        raise _syntax_error(column, "found a number too large for a float64")
     return float(value)
 
 
-def _variable(name: str, names: Names, column: int) -> Node:
-    if name in CONSTANTS:
-        return CONSTANTS[name]
-    if name in FUNCTIONS:
-        raise _fault(column, f'"{name}" is a function', f"write {name}(...)")
+def _convert_name(name: str, names: Names, column: int) -> Node:
+    """Return the value of a named constant, or the name of a variable.
+
+    Raises
+    ------
+    ModelError
+        If the name is not among the allowed `names`.
+    """
+    if name in NAMED_CONSTANTS:
+        return NAMED_CONSTANTS[name]
+    if name in ARGUMENT_COUNTS:
+        raise _syntax_error(column, f'"{name}" is a function', f"write {name}(...)")
     if name not in names:
-        hint = nearest(name, [*names, *CONSTANTS, *FUNCTIONS])
-        allowed = f"names: {listing([*names, *CONSTANTS])}"
-        raise _fault(column, f'"{name}" is not known{hint}', allowed)
+        hint = nearest(name, [*names, *NAMED_CONSTANTS, *ARGUMENT_COUNTS])
+        allowed = f"names: {listing([*names, *NAMED_CONSTANTS])}"
+        raise _syntax_error(column, f'"{name}" is not known{hint}', allowed)
     return name
 
 
-def _function(item: ast.Call, column: int) -> str:
-    """Return the name of the function that is called, if it takes so many arguments."""
-    name = item.func.id if isinstance(item.func, ast.Name) else ""
-    if name not in FUNCTIONS:
+def _read_function_name(call: ast.Call, column: int) -> str:
+    """Return the name of the function of a call.
+
+    Raises
+    ------
+    ModelError
+        If there is no such function, or if it does not accept this many arguments.
+    """
+    name = call.func.id if isinstance(call.func, ast.Name) else ""
+    if name not in ARGUMENT_COUNTS:
         what = f'"{name}"' if name else "what stands before the parenthesis"
-        message = f"{what} is not a function{nearest(name, FUNCTIONS)}"
-        allowed = f"functions: {listing(FUNCTIONS, 20)}; for products write *"
-        raise _fault(column, message, allowed)
-    fewest, most = FUNCTIONS[name]
-    count = len(item.args)
-    if not fewest <= count <= (most or count) or item.keywords:
-        needs = f"{fewest} or more" if most is None else f"{fewest}"
-        raise _fault(column, f"{name} has {count} arguments", f"it takes {needs}")
+        message = f"{what} is not a function{nearest(name, ARGUMENT_COUNTS)}"
+        allowed = f"functions: {listing(ARGUMENT_COUNTS, 20)}; for products write *"
+        raise _syntax_error(column, message, allowed)
+    smallest, largest = ARGUMENT_COUNTS[name]
+    count = len(call.args)
+    if not smallest <= count <= (largest or count) or call.keywords:
+        needed = f"{smallest} or more" if largest is None else f"{smallest}"
+        raise _syntax_error(column, f"{name} has {count} arguments", f"it takes {needed}")
     return name
 
 
-def _steep(node: Node, kinked: Sequence[str]) -> Iterator[Node]:
-    """Yield the arguments that `Expression.steep` has, the innermost first."""
+def _iterate_steep_arguments(
+    node: Node, non_smooth_functions: Sequence[str]
+) -> Iterator[Node]:
+    """Yield the steep arguments in a tree, see `Expression`, the innermost first.
+
+    Parameters
+    ----------
+    node
+        Root of the tree.
+    non_smooth_functions
+        The functions with kinks or jumps whose arguments count.
+    """
     if not isinstance(node, tuple):
         return
     name, *arguments = node
-    for child in arguments:
-        yield from _steep(child, kinked)
-    if name in ENTIRE or (name in KINKED and name not in kinked):
+    for argument in arguments:
+        yield from _iterate_steep_arguments(argument, non_smooth_functions)
+    is_ignored = name in NON_SMOOTH_FUNCTIONS and name not in non_smooth_functions
+    if name in ENTIRE_OPERATIONS or is_ignored:
         return
     if name in ("min", "max"):
+        # The value has a kink where two arguments are equal.
         arguments = [("-", *pair) for pair in combinations(arguments, 2)]
     elif name == "/":
         arguments = arguments[1:]
-    elif name == "**" and isinstance(power := arguments[1], float):
-        arguments = [] if power >= 0.0 and power.is_integer() else arguments[:1]
-    yield from (argument for argument in arguments if _names(argument))
+    elif name == "**" and isinstance(exponent := arguments[1], float):
+        is_natural = exponent >= 0.0 and exponent.is_integer()
+        arguments = [] if is_natural else arguments[:1]
+    yield from (argument for argument in arguments if _find_names(argument))
 
 
-def _names(node: Node) -> frozenset[str]:
+def _find_names(node: Node) -> frozenset[str]:
+    """Return the names of variables in a tree."""
     return fold(
         node,
-        lambda value: frozenset(),
+        lambda number: frozenset(),
         lambda name: frozenset([name]),
-        lambda function, parts: frozenset().union(*parts),
+        lambda function, sets: frozenset().union(*sets),
     )

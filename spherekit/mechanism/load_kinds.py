@@ -1,4 +1,4 @@
-"""What acts on the links of a mechanism: inertia, loads, and joint limits."""
+"""The kinds of loads that act on pairs and links, and joint limits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,42 +12,44 @@ from spherekit.mechanism.friction import Bearings, ContactFriction
 from spherekit.mechanism.inertia import Tensor
 from spherekit.mechanism.load import (
     Axes,
-    Called,
-    Component,
-    Components,
     LinkMoment,
     Load,
-    Loaded,
+    LoadComponent,
+    LoadComponents,
+    LoadedMechanism,
+    TorqueCallback,
     TorqueFunction,
     TorqueTable,
-    acting,
-    need_angle,
+    check_angle_pair,
+    make_component,
 )
 from spherekit.mechanism.sizes import Vector, check_finite
 from spherekit.wording import listing
 
 Expressions = tuple[str, str, str]
+"""Expressions of the three components of a vector."""
 
 
 def as_tensor(rows: Floats) -> Tensor:
-    """Return a tensor (3, 3) as rows of floats."""
+    """Return a tensor (3, 3) as a tuple of three rows."""
     first, second, third = map(as_vector, rows)
     return first, second, third
 
 
-DRIVE = "driving_torque"
-"""Name of the load that a torque at the input becomes."""
+DRIVE_LOAD_NAME = "driving_torque"
+"""Name of the load for a torque at the input that is an argument of a command."""
 
 
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class PairTorque(Load):
-    """A torque (N m) about an R pair's axis on its second link, its reaction on the first.
+    """A torque (N m) about the axis of an R pair, on its second link.
 
-    `torque` is an expression in pair variables ``theta_PAIR`` (rad), their rates
-    ``dtheta_PAIR`` (rad/s) and the time ``t`` (s); or a function f(t, q, dq) of the time
-    and of this pair's variable and rate, which only simulations by NumPy can call. It is
-    called at any times in any order.
+    The reaction acts on the first link. `torque` is an expression in pair variables
+    ``theta_PAIR`` (rad), their rates ``dtheta_PAIR`` (rad/s) and the time ``t`` (s). It may
+    also be a function f(t, q, dq) of the time and of the variable and the rate of this
+    pair. Only simulations by NumPy can use a function. It is called at any times in any
+    order.
     """
 
     kind = "torque"
@@ -57,16 +59,17 @@ class PairTorque(Load):
     pair: str
     torque: str | TorqueFunction
 
-    def components(self, mechanism: Loaded) -> Components:
+    def components(self, mechanism: LoadedMechanism) -> LoadComponents:
+        """See `Load`."""
         if isinstance(self.torque, str):
-            return acting(mechanism, self.torque, self.pair)
-        return (Component(Called(self.pair, self.torque), self.pair),)
+            return (make_component(mechanism, self.torque, self.pair),)
+        return (LoadComponent(TorqueCallback(self.pair, self.torque), self.pair),)
 
 
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Gravity(Load):
-    """The same acceleration (m/s2, ground axes) on every link with a mass."""
+    """Gravity: the same acceleration (m/s2, ground axes) on every link with a mass."""
 
     kind = "gravity"
     keys = MappingProxyType({"acceleration": "vector"})
@@ -75,7 +78,8 @@ class Gravity(Load):
     name: str
     acceleration: Vector
 
-    def check(self, key: str, mechanism: Loaded) -> None:
+    def check(self, key: str, mechanism: LoadedMechanism) -> None:
+        """See `Load`."""
         super().check(key, mechanism)
         moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
         if not moving:
@@ -90,22 +94,23 @@ class Gravity(Load):
                 f"[mass.LINK] lacks them for link {listing(lacking)}"
             )
 
-    def components(self, mechanism: Loaded) -> Components:
+    def components(self, mechanism: LoadedMechanism) -> LoadComponents:
+        """See `Load`."""
         weights = []
         for mass in mechanism.masses:
             if mass.link != mechanism.ground:
-                x, y, z = (mass.mass * part for part in self.acceleration)
+                x, y, z = (mass.mass * component for component in self.acceleration)
                 weights.append(LinkMoment(mass.link, (x, y, z), "ground", mass.centre))
-        return acting(mechanism, "1", moments=tuple(weights))
+        return (make_component(mechanism, "1", moments=tuple(weights)),)
 
 
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class PointForce(Load):
-    """A force (N) at a point (m, link axes) fixed in a link; its reaction on the ground.
+    """A force (N) on a link at a point (m, link axes) that is fixed in the link.
 
-    The components of `force` are expressions as in `PairTorque`, along the axes of the
-    ground or of the link.
+    The reaction acts on the ground. The components of `force` are expressions as in
+    `PairTorque`, along the axes of the ground or of the link.
     """
 
     kind = "force"
@@ -120,17 +125,18 @@ class PointForce(Load):
     force: Expressions
     axes: Axes = "ground"
 
-    def components(self, mechanism: Loaded) -> Components:
-        return _on_link(mechanism, self, self.force, as_vector(self.point))
+    def components(self, mechanism: LoadedMechanism) -> LoadComponents:
+        """See `Load`."""
+        return _link_components(mechanism, self, self.force, as_vector(self.point))
 
 
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Moment(Load):
-    """A moment (N m) on a link; its reaction on the ground.
+    """A moment (N m) on a link.
 
-    The components are expressions as in `PairTorque`, along the axes of the ground or of
-    the link.
+    The reaction acts on the ground. The components are expressions as in `PairTorque`,
+    along the axes of the ground or of the link.
     """
 
     kind = "moment"
@@ -141,20 +147,21 @@ class Moment(Load):
     moment: Expressions
     axes: Axes = "ground"
 
-    def components(self, mechanism: Loaded) -> Components:
-        return _on_link(mechanism, self, self.moment, None)
+    def components(self, mechanism: LoadedMechanism) -> LoadComponents:
+        """See `Load`."""
+        return _link_components(mechanism, self, self.moment, arm=None)
 
 
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Spring(Load):
-    """A spring at an R pair: the torque -stiffness (v - rest) for the variable v (rad).
+    """A spring at an R pair with the torque -stiffness (v - rest) at the variable v.
 
-    `stiffness` is in N m/rad. The variable is not reduced to a turn.
+    `stiffness` is in N m/rad, `rest` in rad. The variable counts whole revolutions.
     """
 
     kind = "spring"
-    law = "-{stiffness}*(theta_{pair} - {rest})"
+    torque_template = "-{stiffness}*(theta_{pair} - {rest})"
     keys = MappingProxyType({"pair": "pair", "stiffness": "N m/rad", "rest": "angle"})
 
     name: str
@@ -166,13 +173,13 @@ class Spring(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Damper(Load):
-    """A viscous damper at an R pair: the torque -damping v' for the rate v' (rad/s).
+    """A viscous damper at an R pair with the torque -damping v' at the rate v' (rad/s).
 
     `damping` is in N m s/rad.
     """
 
     kind = "damper"
-    law = "-{damping}*dtheta_{pair}"
+    torque_template = "-{damping}*dtheta_{pair}"
     keys = MappingProxyType({"pair": "pair", "damping": "N m s/rad"})
 
     name: str
@@ -183,18 +190,18 @@ class Damper(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Friction(Load):
-    """Dry and viscous friction at an R pair: -(torque tanh(v' / speed) + viscous v').
+    """Friction at an R pair with the torque -(torque tanh(v' / speed) + viscous v').
 
-    `torque` (N m) is the dry friction at rates v' well above `speed` (rad/s), below which
-    the jump of Coulomb's law is smoothed; `viscous` is in N m s/rad.
+    `torque` (N m) is the dry friction at rates v' well above `speed` (rad/s). Below this
+    rate the jump of Coulomb's law is smoothed. `viscous` is in N m s/rad.
     """
 
     kind = "friction"
-    law = "-({torque}*tanh(dtheta_{pair}/{speed}) + {viscous}*dtheta_{pair})"
+    torque_template = "-({torque}*tanh(dtheta_{pair}/{speed}) + {viscous}*dtheta_{pair})"
     keys = MappingProxyType(
         {"pair": "pair", "torque": "N m", "speed": "rate", "viscous": "N m s/rad"}
     )
-    absent = MappingProxyType({"viscous": 0.0})
+    defaults_in_files = MappingProxyType({"viscous": 0.0})
 
     name: str
     pair: str
@@ -220,40 +227,61 @@ LOADS: Mapping[str, type[Load]] = MappingProxyType(
         )
     }
 )
-"""The kinds of loads by their words in files; without one it is a torque."""
+"""The kinds of loads by their words in files. A load without a kind is a torque."""
 
 
-_UNITS: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_UNIT_VECTORS: tuple[Vector, ...] = (
+    (1.0, 0.0, 0.0),
+    (0.0, 1.0, 0.0),
+    (0.0, 0.0, 1.0),
+)
 
 
-def _on_link(
-    mechanism: Loaded,
+def _link_components(
+    mechanism: LoadedMechanism,
     load: PointForce | Moment,
-    texts: Expressions,
+    magnitudes: Expressions,
     arm: Vector | None,
-) -> Components:
+) -> LoadComponents:
+    """Return one component for each axis of a force or a moment on a link.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism on which it acts.
+    load
+        The force or moment, with the link and the axes of its components.
+    magnitudes
+        Expressions of the three components.
+    arm
+        (3,) point of the link (m, link axes) at which a force acts; None for a moment.
+    """
     return tuple(
-        acting(mechanism, text, moments=(LinkMoment(load.link, axis, load.axes, arm),))[0]
-        for text, axis in zip(texts, _UNITS, strict=True)
+        make_component(
+            mechanism,
+            magnitude,
+            moments=(LinkMoment(load.link, unit_vector, load.axes, arm),),
+        )
+        for magnitude, unit_vector in zip(magnitudes, _UNIT_VECTORS, strict=True)
     )
 
 
 @dataclass(frozen=True)
 class JointLimit:
-    """An R pair whose variable (rad) may not leave [low, high]; a simulation ends there."""
+    """A range [low, high] (rad) of the variable of an R pair, at which simulations end."""
 
     pair: str
     low: float
     high: float
 
 
-def check_stop(stop: JointLimit, mechanism: Loaded) -> None:
-    """Refuse a stop that is not a range of an R pair's variable."""
-    key = f"joint_limits.{stop.pair}"
-    need_angle(key, stop.pair, mechanism)
-    check_finite(key, (stop.low, stop.high))
-    if not stop.low < stop.high:
+def check_joint_limit(limit: JointLimit, mechanism: LoadedMechanism) -> None:
+    """Raise `ModelError` if a joint limit is not a rising range of an R pair."""
+    key = f"joint_limits.{limit.pair}"
+    check_angle_pair(key, limit.pair, mechanism)
+    check_finite(key, (limit.low, limit.high))
+    if not limit.low < limit.high:
         raise ModelError(
             f"{key}: the range must rise from `from` to `to`, but it is "
-            f"{stop.low:.6g} to {stop.high:.6g} rad"
+            f"{limit.low:.6g} to {limit.high:.6g} rad"
         )

@@ -1,4 +1,4 @@
-"""A mechanism with pairs locked: the two links of each become one."""
+"""Locking of R pairs: the two links of a locked pair become one link."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,10 +11,9 @@ from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError
 from spherekit.geometry.rotation import about_z
-from spherekit.mechanism.changed_axes import _NONE, Turns, restated, turned
+from spherekit.mechanism.changed_axes import AxisRotations, redescribe, rotate_profile
 from spherekit.mechanism.elements import (
     Angles,
-    LinkSizes,
     Pair,
     PoseGeometry,
     Profile,
@@ -24,42 +23,44 @@ from spherekit.mechanism.elements import (
 from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import as_tensor
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.pair_frames import pair_frames, pair_frames_from_sizes
+from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.mechanism.sizes import AngleUnit, to_radians
+from spherekit.mechanism.sizes_from_frames import sizes_from_frames
 from spherekit.wording import listing
 
-Frames = Mapping[str, Floats]
-"""Frames (3, 3) of R pairs in one of their links, by name."""
+REFERENCE_VALUE_TOLERANCE_RAD = 1e-12
+"""Difference (rad) up to which a locked value is the value in the reference pose.
 
-SAME = 1e-12
-"""Angles (rad) that differ by no more are that of the reference pose."""
+Larger: a pair is locked at a slightly different value. Smaller: rounded values lead to a
+description by arcs and angles although the reference pose could be kept.
+"""
 
 
 @checked(ModelError)
 def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mechanism:
-    """Return the mechanism with R pairs locked, the two links of each joined to one.
+    """Return the mechanism with R pairs locked; the two links of each become one.
 
-    The link that stays is the ground, or the one with contacts, or the pair's first;
-    masses, loads and outputs of the other go over to it. Loads and joint limits at the pair
-    go, as do an input there and outputs between both links. A mechanism given in a
-    reference pose is given by arcs and angles if a pair is locked at another value than it
-    has there.
+    The new link has the name of the ground, of the link with contacts, or of the first link
+    of the pair, in this order. Masses, loads and outputs of the other link are moved to it.
+    Loads and joint limits at the pair are removed, and so are an input at it and outputs
+    between both links. A mechanism given in a reference pose is described by arcs and
+    angles if a pair is locked at another value than it has there.
 
     Parameters
     ----------
     mechanism
-        Of any mobility.
+        A mechanism of any mobility.
     pairs
-        The variable of each pair that is locked.
+        Value at which the variable is locked, by pair.
     angle_unit
-        Their unit, ``"deg"`` or ``"rad"``.
+        Unit of the values, ``"deg"`` or ``"rad"``.
 
     Raises
     ------
     ModelError
-        If there is no such R pair, its joint limits exclude the value, they are all inputs
-        that the mechanism states, or a contact would lose the place from which lengths
-        along its profiles are measured.
+        If there is no such R pair, if its joint limits exclude the value, if all declared
+        inputs would be locked, or if the point of a contact from which the arc lengths of
+        its profile are measured would be lost.
 
     Examples
     --------
@@ -75,169 +76,207 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
             "move; leave one of them free"
         )
     for name, value in pairs.items():
-        mechanism = _locked(mechanism, mechanism.pair(name), to_radians(value, angle_unit))
+        pair = mechanism.pair(name)
+        mechanism = _lock_pair(mechanism, pair, to_radians(value, angle_unit))
     return mechanism
 
 
-def _locked(made: Mechanism, pair: Pair, value: float) -> Mechanism:
-    where = f"{made.name}: lock: pair {pair.name}"
-    in_pose = _check_lockable(made, pair, value, where)
-    touching = {x for other in made.pairs if not other.kind.has_axis for x in other.links}
-    kept, gone = pair.links
-    if gone == made.ground or (gone in touching and kept not in touching | {made.ground}):
-        kept, gone = gone, kept
-    rest = [other for other in made.pairs if other.name != pair.name]
-    between = [other.name for other in rest if set(other.links) == {kept, gone}]
-    if between:
-        raise ModelError(
-            f"{where} joins the same two links as pair {between[0]}, which could not move"
+def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
+    """Return the mechanism with one R pair locked at a value (rad)."""
+    where = f"{mechanism.name}: lock: pair {pair.name}"
+    is_at_reference = _is_at_reference_value(mechanism, pair, value, where)
+    kept_link, removed_link = _choose_kept_link(mechanism, pair)
+    for other in mechanism.pairs:
+        if other.name != pair.name and set(other.links) == {kept_link, removed_link}:
+            raise ModelError(
+                f"{where} joins the same two links as pair {other.name}, which could not "
+                "move"
+            )
+    # Rotation from the axes of the removed link to those of the kept link.
+    rotation = np.eye(3)
+    if not is_at_reference:
+        first_frame, second_frame = (
+            frames_of_end[pair.name] for frames_of_end in pair_frames(mechanism)
         )
-    turn = np.eye(3)
-    if not in_pose:
-        first, second = (of_end[pair.name] for of_end in pair_frames(made))
-        turn = first @ about_z(value) @ second.T
-        turn = turn if kept == pair.links[0] else turn.T
+        rotation = first_frame @ about_z(value) @ second_frame.T
+        if kept_link != pair.links[0]:
+            rotation = rotation.T
 
-    def turned_profile(profile: Profile, turn: Floats, contact: Pair) -> Profile:
+    def rotate_contact_profile(
+        profile: Profile, rotation: Floats, contact: Pair
+    ) -> Profile:
         if contact.type == "Cr" or profile.kind == "fourier":
             raise ModelError(
                 f"{where}: axes of a link with a profile of {contact.name} change with it, "
                 "so that where the profile begins would be lost; give it by points if it "
                 "slides, or lock another pair, or another value"
             )
-        return turned(profile, turn, contact)
+        return rotate_profile(profile, rotation, contact)
 
-    parts = restated(
-        made,
-        names={gone: kept},
-        turns={gone: turn},
-        words={f"theta_{pair.name}": f"({value!r})", f"dtheta_{pair.name}": "(0)"},
-        turned_profile=turned_profile,
+    parts = redescribe(
+        mechanism,
+        link_names={removed_link: kept_link},
+        rotations={removed_link: rotation},
+        expression_names={
+            f"theta_{pair.name}": f"({value!r})",
+            f"dtheta_{pair.name}": "(0)",
+        },
+        rotate_pair_profile=rotate_contact_profile,
     )
-    pairs = tuple(other for other in parts["pairs"] if other.name != pair.name)
-    geometry = made.geometry
-    if isinstance(geometry, PoseGeometry) and in_pose:
-        geometry = PoseGeometry(*(_but(x, pair) for x in (geometry.axes, geometry.values)))
+    remaining_pairs = tuple(other for other in parts["pairs"] if other.name != pair.name)
+    geometry = mechanism.geometry
+    if isinstance(geometry, PoseGeometry) and is_at_reference:
+        geometry = PoseGeometry(
+            _without_pair(geometry.axes, pair), _without_pair(geometry.values, pair)
+        )
     else:
-        geometry = _joined(made, pair, pairs, {kept: np.eye(3), gone: turn})
+        rotations = {kept_link: np.eye(3), removed_link: rotation}
+        geometry = _join_link_sizes(mechanism, pair, remaining_pairs, rotations)
     return replace(
-        made,
-        links=tuple(link for link in made.links if link != gone),
-        pairs=pairs,
+        mechanism,
+        links=tuple(link for link in mechanism.links if link != removed_link),
+        pairs=remaining_pairs,
         geometry=geometry,
-        inputs=tuple(item for item in made.inputs if item.pair != pair.name),
+        inputs=tuple(item for item in mechanism.inputs if item.pair != pair.name),
         outputs=tuple(item for item in parts["outputs"] if item.link != item.relative_to),
-        masses=_added(parts["masses"]),
+        masses=_merge_masses(parts["masses"]),
         loads=tuple(x for x in parts["loads"] if getattr(x, "pair", "") != pair.name),
-        joint_limits=tuple(stop for stop in made.joint_limits if stop.pair != pair.name),
+        joint_limits=tuple(x for x in mechanism.joint_limits if x.pair != pair.name),
         modes={},
     )
 
 
-def _joined(
-    made: Mechanism, locked: Pair, pairs: Sequence[Pair], turns: Turns
-) -> SizeGeometry:
-    """Return the sizes of pairs with two links as one, by the turns of these into it."""
-    sizes = made.geometry if isinstance(made.geometry, SizeGeometry) else SizeGeometry({})
-    untouched = {link: of for link, of in sizes.links.items() if link not in turns}
-    first, second = (
-        {
-            x.name: turns.get(x.links[end], np.eye(3)) @ of_end[x.name]
-            for x in made.pairs
-            if x.kind.has_axis and x != locked and not untouched.keys() >= set(x.links)
-        }
-        for end, of_end in enumerate(pair_frames(made))
+def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
+    """Return the link of a locked pair whose name and axes are kept, and the other link.
+
+    Profiles of contacts are not rotated if their link is kept.
+    """
+    links_with_contacts = {
+        link for other in mechanism.pairs if not other.kind.has_axis for link in other.links
+    }
+    first, second = pair.links
+    is_first_fixed = first in links_with_contacts | {mechanism.ground}
+    is_second_kept = second == mechanism.ground or (
+        second in links_with_contacts and not is_first_fixed
     )
-    located = sizes_by_frames(pairs, (first, second), untouched)
-    return SizeGeometry(located.links, {**_but(sizes.zeros, locked), **located.zeros})
+    return (second, first) if is_second_kept else (first, second)
 
 
-def _check_lockable(made: Mechanism, pair: Pair, value: float, where: str) -> bool:
-    """Return whether a pair is locked as it is in the given pose; `where` begins faults."""
+def _join_link_sizes(
+    mechanism: Mechanism,
+    locked: Pair,
+    pairs: Sequence[Pair],
+    rotations: AxisRotations,
+) -> SizeGeometry:
+    """Return the sizes of a mechanism in which two links are one.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with all links.
+    locked
+        The locked pair.
+    pairs
+        The other pairs, with the joined link.
+    rotations
+        Rotations of the two joined links to the axes of the new link.
+    """
+    sizes = SizeGeometry({})
+    if isinstance(mechanism.geometry, SizeGeometry):
+        sizes = mechanism.geometry
+    other_links = {link: of for link, of in sizes.links.items() if link not in rotations}
+    # Pairs between links that are not joined keep their sizes and zeros.
+    changed_pairs = [
+        pair
+        for pair in mechanism.pairs
+        if pair.kind.has_axis
+        and pair != locked
+        and not other_links.keys() >= set(pair.links)
+    ]
+    first_frames, second_frames = (
+        {
+            pair.name: rotations.get(pair.links[end], np.eye(3)) @ frames_of_end[pair.name]
+            for pair in changed_pairs
+        }
+        for end, frames_of_end in enumerate(pair_frames(mechanism))
+    )
+    joined = sizes_from_frames(pairs, (first_frames, second_frames), other_links)
+    zeros = {**_without_pair(sizes.zeros, locked), **joined.zeros}
+    return SizeGeometry(joined.links, zeros)
+
+
+def _is_at_reference_value(
+    mechanism: Mechanism, pair: Pair, value: float, where: str
+) -> bool:
+    """Check that a pair can be locked, and return whether its axes need not change.
+
+    This is so if the mechanism is given in a reference pose and the pair has the value
+    there.
+
+    Parameters
+    ----------
+    mechanism, pair
+        The mechanism and the pair to lock.
+    value
+        Value of its variable (rad).
+    where
+        Beginning of messages.
+
+    Raises
+    ------
+    ModelError
+        If the pair cannot be locked at this value.
+    """
     if not pair.kind.has_axis:
         raise ModelError(f"{where} is a contact; only R pairs can be locked")
     if not math.isfinite(value):
         raise ModelError(f"{where}: found {value}, needs a finite angle")
-    for stop in made.joint_limits:
-        if stop.pair == pair.name and not stop.low <= value <= stop.high:
+    for limit in mechanism.joint_limits:
+        if limit.pair == pair.name and not limit.low <= value <= limit.high:
             raise ModelError(
-                f"{where}: {value:.6g} rad is outside its joint limits, {stop.low:.6g} to "
-                f"{stop.high:.6g} rad"
+                f"{where}: {value:.6g} rad is outside its joint limits, {limit.low:.6g} to "
+                f"{limit.high:.6g} rad"
             )
-    if isinstance(made.geometry, SizeGeometry):
+    if isinstance(mechanism.geometry, SizeGeometry):
         return False
-    posed = made.geometry.values.get(pair.name, 0.0)
-    if abs(math.remainder(value - posed, 2.0 * math.pi)) <= SAME:
+    reference_value = mechanism.geometry.values.get(pair.name, 0.0)
+    difference = math.remainder(value - reference_value, 2.0 * math.pi)
+    if abs(difference) <= REFERENCE_VALUE_TOLERANCE_RAD:
         return True
-    rolling = [other.name for other in made.pairs if other.rolls]
+    rolling = [other.name for other in mechanism.pairs if other.rolls]
     if rolling:
         raise ModelError(
-            f"{where} has {posed:.6g} rad in the reference pose, not {value:.6g} rad: "
-            f"without that pose it is not known how far {rolling[0]} has rolled; lock the "
-            "pair there, or give the mechanism by arcs and angles"
+            f"{where} has {reference_value:.6g} rad in the reference pose, not "
+            f"{value:.6g} rad: without that pose it is not known how far {rolling[0]} has "
+            "rolled; lock the pair there, or give the mechanism by arcs and angles"
         )
     return False
 
 
-def _but(of_pairs: Mapping[str, Any], pair: Pair) -> dict[str, Any]:
-    """Return what pairs have, without one of them."""
-    return {name: x for name, x in of_pairs.items() if name != pair.name}
+def _without_pair(values_by_pair: Mapping[str, Any], pair: Pair) -> dict[str, Any]:
+    """Return a mapping by pair without one of the pairs."""
+    return {name: value for name, value in values_by_pair.items() if name != pair.name}
 
 
-def _added(masses: Iterable[Mass]) -> tuple[Mass, ...]:
-    """Return masses in which those of one link are one."""
-    added: dict[str, Mass] = {}
+def _merge_masses(masses: Iterable[Mass]) -> tuple[Mass, ...]:
+    """Return masses in which the bodies of each link are one."""
+    mass_by_link: dict[str, Mass] = {}
     for item in masses:
-        added[item.link] = _sum(added[item.link], item) if item.link in added else item
-    return tuple(added.values())
+        if item.link in mass_by_link:
+            item = _merge_two_masses(mass_by_link[item.link], item)
+        mass_by_link[item.link] = item
+    return tuple(mass_by_link.values())
 
 
-def _sum(one: Mass, other: Mass) -> Mass:
-    """Return the mass of two bodies that are one."""
-    mass, centre = None, None
-    if None not in (one.mass, other.mass, one.centre, other.centre):
-        weights = np.array([one.mass, other.mass])
-        mass = float(np.sum(weights))
-        centre = as_vector(weights @ np.array([one.centre, other.centre]) / mass)
-    return Mass(one.link, as_tensor(np.add(one.tensor, other.tensor)), mass, centre)
+def _merge_two_masses(first: Mass, second: Mass) -> Mass:
+    """Return the inertia of two bodies of one link together.
 
-
-def sizes_by_frames(
-    pairs: Sequence[Pair],
-    frames: tuple[Frames, Frames],
-    kept: Mapping[str, LinkSizes] = _NONE,
-) -> SizeGeometry:
-    """Return the sizes by which R pairs have these frames (3, 3) in their links' axes.
-
-    The z and y axes of a link stand first in its list, so that its frame stays. Links that
-    are `kept` have those sizes.
+    Mass and centre are known only if they are for both bodies.
     """
-    carried: dict[str, dict[str, Floats]] = {}
-    for pair in pairs:
-        for link, of_end in zip(pair.links, frames, strict=True):
-            axes = carried.setdefault(link, {})
-            if pair.name in of_end:
-                axes[pair.name] = of_end[pair.name][:, 2]
-    links = {}
-    for link, axes in carried.items():
-        unpaired = (f"{link}_z", f"{link}_y")
-        arcs, angles = [0.5 * np.pi], []
-        for x, y, z in axes.values():
-            arcs.append(float(np.arctan2(np.hypot(x, y), z)))
-            angles.append(float(np.arctan2(-x, y)))
-        made = LinkSizes((*unpaired, *axes), tuple(arcs), tuple(angles), unpaired)
-        links[link] = kept.get(link, made)
-    # Only the sum of zeros over both links of a pair counts: frames may be turned alike.
-    have = pair_frames_from_sizes(pairs, SizeGeometry(links, {}))
-    zeros = {}
-    for name in frames[0]:
-        ahead, back = (
-            want[name].T @ of_end[name] for want, of_end in zip(frames, have, strict=True)
-        )
-        zeros[name] = _about(back) - _about(ahead)
-    return SizeGeometry(links, zeros)
-
-
-def _about(turn: Floats) -> float:
-    """Return the angle of a rotation about z."""
-    return float(np.arctan2(turn[1, 0], turn[0, 0]))
+    mass = None
+    centre = None
+    if None not in (first.mass, second.mass, first.centre, second.centre):
+        masses = np.array([first.mass, second.mass])
+        mass = float(np.sum(masses))
+        centre = as_vector(masses @ np.array([first.centre, second.centre]) / mass)
+    return Mass(first.link, as_tensor(np.add(first.tensor, second.tensor)), mass, centre)

@@ -1,7 +1,4 @@
-"""The one description of a spherical mechanism: links, pairs, sizes, loads.
-
-Which output of a mechanism is meant.
-"""
+"""The description of a spherical mechanism: links, pairs, geometry, masses and loads."""
 
 import math
 import sys
@@ -9,7 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +29,7 @@ from spherekit.mechanism.elements import (
 from spherekit.mechanism.inertia import Mass, check_mass
 from spherekit.mechanism.joint import KINDS
 from spherekit.mechanism.load import Load
-from spherekit.mechanism.load_kinds import JointLimit, check_stop
+from spherekit.mechanism.load_kinds import JointLimit, check_joint_limit
 from spherekit.mechanism.sizes import (
     AngleUnit,
     Sizes,
@@ -46,7 +43,7 @@ from spherekit.wording import choices, counted, listing
 ONE_TURN_RAD = 2.0 * math.pi
 """Range of an input that is driven without a range."""
 
-_HOLDS: Mapping[type, Mapping[str, str]] = {
+_FIELD_KINDS: Mapping[type, Mapping[str, str]] = {
     Pair: {"links": "links", "profiles": "profiles"},
     Input: {"pair": "pair"},
     Output: {"link": "link", "relative_to": "link", "direction": "vector"},
@@ -55,34 +52,63 @@ _HOLDS: Mapping[type, Mapping[str, str]] = {
 }
 
 
-def holds(part: Any) -> Mapping[str, str]:
-    """Return what fields of a pair, input, output, mass, load or limit hold.
+def field_kinds(part: Any) -> Mapping[str, str]:
+    """Return what the fields of a part of a mechanism contain, by the name of the field.
 
-    That is said as in `Load.keys`; of those that hold numbers and words alone, nothing.
+    The kinds, such as ``link`` or ``vector``, are those of `Load.keys`. Fields that do not
+    depend on names or axes may be missing.
+
+    Parameters
+    ----------
+    part
+        A pair, input, output, mass, load or joint limit.
     """
-    return part.keys if isinstance(part, Load) else _HOLDS[type(part)]
+    return part.keys if isinstance(part, Load) else _FIELD_KINDS[type(part)]
 
 
 @dataclass(frozen=True)
 class Mechanism:
     """A spherical mechanism as a graph of links and pairs with its geometry.
 
-    Frozen and complete: everything else is computed from it. The ground is always
-    `links[0]`; link and pair numbers used elsewhere are positions in `links` and
-    `pairs`.
+    It is immutable and complete: everything else is computed from it. Numbers of links and
+    pairs are positions in `links` and `pairs`, from 0.
+
+    Attributes
+    ----------
+    name
+        Name of the mechanism.
+    ground
+        Name of the fixed link.
+    links
+        Names of all links. The ground is always the first one.
+    pairs
+        The pairs with their links and, for contacts, profiles.
+    geometry
+        Arcs and angles of the links, or the axes of all pairs in a reference pose.
+    inputs
+        The driven pairs and their ranges. A mechanism that is made without inputs is driven
+        at its first R pair, through one turn. `inputs` is therefore empty only if there is
+        no R pair.
+    outputs
+        Links, or directions in links, whose motion is of interest.
+    masses
+        Inertia of links.
+    loads
+        Forces and torques, springs, friction and the like.
+    joint_limits
+        Ranges that variables of R pairs may not leave.
+    modes
+        Named assembly modes. Each is given by the variables (rad) of some R pairs, among
+        them all inputs, in one configuration.
+    source
+        Publication from which the mechanism is taken.
+    user
+        Data of the user, which spherekit does not read.
 
     Raises
     ------
     ModelError
         If names repeat or are unknown, or the geometry does not fit the pairs.
-
-    Notes
-    -----
-    A mechanism that is made without inputs is driven at its first R pair, through one turn.
-    `inputs` is therefore empty only where there is no R pair.
-
-    `modes` name assembly modes by the variables (rad) of some R pairs in a configuration
-    of theirs, those of all inputs among them.
     """
 
     name: str
@@ -124,7 +150,7 @@ class Mechanism:
 
     @cached_property
     def content(self) -> str:
-        """All but where it comes from and the user's data; equal where these are."""
+        """Text of all fields except `source` and `user`; mechanisms are equal if it is."""
         with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
             return repr([getattr(self, part.name) for part in fields(self)[:-2]])
 
@@ -140,8 +166,10 @@ class Mechanism:
     @cached_property
     def ends(self) -> tuple[tuple[int, int], ...]:
         """The two link numbers of every pair, in the order of `pairs`."""
-        number = self.link_number
-        return tuple((number[a], number[b]) for a, b in (p.links for p in self.pairs))
+        return tuple(
+            (self.link_number[first_link], self.link_number[second_link])
+            for first_link, second_link in (pair.links for pair in self.pairs)
+        )
 
     @cached_property
     def variable_owners(self) -> tuple[int, ...]:
@@ -177,17 +205,23 @@ class Mechanism:
 
     @cached_property
     def pole_pairs(self) -> Mapping[tuple[int, int], int]:
-        """The pairs whose axis or contact line is a pole, by its links, smaller first."""
+        """Numbers of the pairs whose axis or contact line is a pole axis.
+
+        The keys are the numbers of its two links, the smaller one first.
+        """
         return {
             (min(ends), max(ends)): number
             for number, (pair, ends) in enumerate(zip(self.pairs, self.ends, strict=True))
             if pair.kind.pole_line is not None
         }
 
-    def angle_between(self, one: int, other: int) -> int | None:
-        """Return the number of the angle of the first R pair of two links, if any."""
+    def angle_between(self, first_link: int, second_link: int) -> int | None:
+        """Return the number of the angle between two links, or None.
+
+        It is the variable of the first R pair that joins the links with these numbers.
+        """
         for name, variable in self.angles.items():
-            if set(self.ends[self.pair_number[name]]) == {one, other}:
+            if set(self.ends[self.pair_number[name]]) == {first_link, second_link}:
                 return variable
         return None
 
@@ -196,19 +230,31 @@ class Mechanism:
         return tuple(n for n, owner in enumerate(self.variable_owners) if owner == pair)
 
     def pair(self, name: str) -> Pair:
-        """Return the pair of this name; `ModelError` with the nearest match if none."""
+        """Return the pair with this name.
+
+        Raises
+        ------
+        ModelError
+            If there is none. The message suggests a similar name.
+        """
         if name not in self.pair_number:
-            raise not_named(self.name, "pair", name, self.pair_number)
+            raise unknown_name_error(self.name, "pair", name, self.pair_number)
         return self.pairs[self.pair_number[name]]
 
     def link(self, name: str) -> int:
-        """Return the number of the link of this name; `ModelError` as of `pair`."""
+        """Return the number of the link with this name.
+
+        Raises
+        ------
+        ModelError
+            If there is none. The message suggests a similar name.
+        """
         if name not in self.link_number:
-            raise not_named(self.name, "link", name, self.links)
+            raise unknown_name_error(self.name, "link", name, self.links)
         return self.link_number[name]
 
     def _repr_html_(self) -> str:
-        """Return its pairs with their links, and what else it has, as HTML."""
+        """Return a table of the pairs with their links as HTML, for notebooks."""
         inputs = self.input_pairs
         rows = [
             [pair.name, pair.type, *pair.links, "input" * (pair.name in inputs)]
@@ -226,7 +272,7 @@ class Mechanism:
         named = {
             "inertia of": [mass.link for mass in self.masses],
             "loads": [load.name for load in self.loads],
-            "joint limits of": [stop.pair for stop in self.joint_limits],
+            "joint limits of": [limit.pair for limit in self.joint_limits],
         }
         parts += [f"{what} {listing(names)}" for what, names in named.items() if names]
         return f"<Mechanism {self.name}: {'; '.join(parts)}>"
@@ -238,16 +284,24 @@ class Mechanism:
         ranges: Mapping[str, tuple[float, float]] | None = None,
         angle_unit: AngleUnit | None = None,
     ) -> "Mechanism":
-        """Return the same mechanism driven at these pairs.
+        """Return the same mechanism with other inputs, or other ranges of them.
 
-        Pairs that are not input yet get a range of one turn, unless `ranges` has the first
-        and the last value of their variable, in `angle_unit`. Without `pairs` the inputs
-        stay, and only ranges change. Names of modes are those of the inputs they had.
+        The names of assembly modes are kept if the inputs remain the same.
+
+        Parameters
+        ----------
+        pairs
+            Names of the driven pairs; without any, the inputs remain.
+        ranges
+            First and last value of the variable, by input. Pairs that are not input yet
+            have a range of one turn otherwise.
+        angle_unit
+            Unit of the ranges, ``"deg"`` or ``"rad"``.
 
         Raises
         ------
         ModelError
-            If there is no such pair, or a range has no unit.
+            If there is no such pair, or ranges are given without a unit.
 
         Examples
         --------
@@ -255,8 +309,9 @@ class Mechanism:
         >>> driven = sk.load("four_bar").with_inputs("41")
         >>> half = driven.with_inputs(ranges={"41": (0, 90)}, angle_unit="deg")
         """
-        driven = {item.pair: item for item in self.inputs if not item.is_default}
-        before, names = set(driven), pairs or self.input_pairs
+        declared = {item.pair: item for item in self.inputs if not item.is_default}
+        old_names = set(declared)
+        names = pairs or self.input_pairs
         if ranges and angle_unit is None:
             raise ModelError('with_inputs: ranges need angle_unit="deg" or "rad"')
         for name, (start, stop) in (ranges or {}).items():
@@ -264,15 +319,16 @@ class Mechanism:
                 raise ModelError(
                     f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
                 )
-            driven[name] = Input(
+            declared[name] = Input(
                 name, to_radians(start, angle_unit), to_radians(stop, angle_unit)
             )
-        whole = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
-        made = tuple(driven.get(item.pair, item) for item in whole)
-        if before and made == self.inputs:
+        one_turn_inputs = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
+        inputs = tuple(declared.get(item.pair, item) for item in one_turn_inputs)
+        if old_names and inputs == self.inputs:
             return self
-        as_named = before in (set(), set(names))
-        return replace(self, inputs=made, modes=self.modes if as_named else {})
+        # Named modes have values of the declared inputs, so they are dropped with these.
+        keeps_modes = old_names in (set(), set(names))
+        return replace(self, inputs=inputs, modes=self.modes if keeps_modes else {})
 
     @checked(ModelError)
     def with_sizes(
@@ -285,19 +341,20 @@ class Mechanism:
         axes: Mapping[str, ArrayLike] | None = None,
         values: Angles | None = None,
     ) -> "Mechanism":
-        """Return the same mechanism with other sizes, as its file states them.
+        """Return the same mechanism with other sizes, in the form of its file.
 
         Parameters
         ----------
         angle_unit
-            Unit of all angles given, ``"deg"`` or ``"rad"``.
+            Unit of all angles, ``"deg"`` or ``"rad"``.
         arcs, angles
-            By link: a number where it has one only, all of them, or some of them by the
-            pair that they lead to, as in ``{"3": {"43": 70.0}}``.
+            Sizes by link: a number if the link has only one, all of them in a sequence, or
+            some of them by the pair to which they lead, as in ``{"3": {"43": 70.0}}``.
         zeros
-            By pair: the angle at which its variable reads zero.
+            Angle at which the variable of a pair reads zero, by pair.
         axes, values
-            Of one in a reference pose, by pair: its axis (3,), of any length, its variable.
+            For a mechanism given in a reference pose, by pair: its axis (3,) of any length,
+            and the value of its variable.
 
         Raises
         ------
@@ -310,34 +367,42 @@ class Mechanism:
         >>> longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 25.0})
         """
         geometry = self.geometry
-        form = "axes and values in a pose"
-        other: Mapping[str, Any] = {"arcs": arcs, "angles": angles, "zeros": zeros}
         if isinstance(geometry, SizeGeometry):
-            form, other = "arcs, angles and zeros", {"axes": axes, "values": values}
-        for key in [key for key, given in other.items() if given is not None]:
-            raise ModelError(
-                f"{self.name}: with_sizes: {key} belongs to the other form of geometry; "
-                f"this mechanism is given by {form}"
-            )
+            form = "arcs, angles and zeros"
+            of_other_form: Mapping[str, Any] = {"axes": axes, "values": values}
+        else:
+            form = "axes and values in a pose"
+            of_other_form = {"arcs": arcs, "angles": angles, "zeros": zeros}
+        for key, argument in of_other_form.items():
+            if argument is not None:
+                raise ModelError(
+                    f"{self.name}: with_sizes: {key} belongs to the other form of "
+                    f"geometry; this mechanism is given by {form}"
+                )
         if isinstance(geometry, SizeGeometry):
             links = dict(geometry.links)
-            for kind, of_links in (("arcs", arcs), ("angles", angles)):
-                for link, sizes in (of_links or {}).items():
+            for kind, sizes_by_link in (("arcs", arcs), ("angles", angles)):
+                for link, sizes in (sizes_by_link or {}).items():
                     where = f"{self.name}: links.{link}.{kind}"
                     old = links.get(self.links[self.link(link)], LinkSizes(()))
                     links[link] = resize_link(where, old, kind, sizes, angle_unit)
-            zeros = {**geometry.zeros, **self._by_pair(zeros, angle_unit)}
+            zeros = {**geometry.zeros, **self._to_radians_by_pair(zeros, angle_unit)}
             return replace(self, geometry=SizeGeometry(links, zeros))
-        turned = {
+        new_axes = {
             self.pair(name).name: unit_vector_along(f"{self.name}: pairs.{name}", axis)
             for name, axis in (axes or {}).items()
         }
-        values = {**geometry.values, **self._by_pair(values, angle_unit)}
-        return replace(self, geometry=PoseGeometry({**geometry.axes, **turned}, values))
+        values = {**geometry.values, **self._to_radians_by_pair(values, angle_unit)}
+        return replace(self, geometry=PoseGeometry({**geometry.axes, **new_axes}, values))
 
-    def _by_pair(self, given: Angles | None, unit: AngleUnit) -> dict[str, float]:
-        """Return angles in rad by the names of pairs, which are looked up."""
-        return {self.pair(n).name: to_radians(x, unit) for n, x in (given or {}).items()}
+    def _to_radians_by_pair(
+        self, angles: Angles | None, unit: AngleUnit
+    ) -> dict[str, float]:
+        """Return angles in rad by pair; `ModelError` if there is no such pair."""
+        return {
+            self.pair(name).name: to_radians(angle, unit)
+            for name, angle in (angles or {}).items()
+        }
 
     @checked(ModelError)
     def with_mass(
@@ -352,17 +417,17 @@ class Mechanism:
         Parameters
         ----------
         link
-            Its name.
+            Name of the link.
         tensor
-            (3, 3) kg m2 about the centre of the sphere, in link axes; None takes the
-            inertia of the link away.
+            (3, 3) inertia tensor (kg m2) about the centre of the sphere, in link axes. None
+            removes the inertia of the link.
         mass, centre
-            kg, and the centre of mass (3,) in m in link axes: gravity needs them.
+            Mass (kg), and centre of mass (3,) (m) in link axes. Gravity needs them.
 
         Raises
         ------
         ModelError
-            If there is no such link, or no body has such an inertia.
+            If there is no such link, or no body can have this inertia.
 
         Examples
         --------
@@ -376,23 +441,27 @@ class Mechanism:
         else:
             where = f"{self.name}: mass.{link}"
             rows = as_float_rows(f"{where}.tensor", tensor, (3, 3))
-            place = (
-                None if centre is None else as_float_rows(f"{where}.centre", centre, (3,))
-            )
-            masses[link] = Mass(link, rows, mass, place)
+            mass_centre = None
+            if centre is not None:
+                mass_centre = as_float_rows(f"{where}.centre", centre, (3,))
+            masses[link] = Mass(link, rows, mass, mass_centre)
         return replace(self, masses=tuple(masses.values()))
 
     @checked(ModelError)
     def with_loads(self, *loads: Load, without: Sequence[str] = ()) -> "Mechanism":
-        """Return the same mechanism with other loads, by their names.
+        """Return the same mechanism with other loads.
 
-        Each of `loads` takes the place of the one that has its name, or comes to those
-        that there are; those named in `without` go.
+        Parameters
+        ----------
+        loads
+            Loads to add. Each replaces the load with the same name, if there is one.
+        without
+            Names of loads to remove.
 
         Raises
         ------
         ModelError
-            If there is no load of a name in `without`, or a load is not meaningful.
+            If `without` names a load that does not exist, or a load is not meaningful.
 
         Examples
         --------
@@ -400,23 +469,37 @@ class Mechanism:
         >>> spring = sk.Spring("return", "21", stiffness=2.0, rest=0.5)
         >>> sprung = sk.load("four_bar").with_loads(spring, without=["on_crank"])
         """
-        kept = {load.name: load for load in self.loads}
+        load_by_name = {load.name: load for load in self.loads}
         for name in without:
-            if name not in kept:
-                raise not_named(self.name, "load", name, kept)
-            del kept[name]
-        kept |= {load.name: load for load in loads}
-        return replace(self, loads=tuple(kept.values()))
+            if name not in load_by_name:
+                raise unknown_name_error(self.name, "load", name, load_by_name)
+            del load_by_name[name]
+        load_by_name |= {load.name: load for load in loads}
+        return replace(self, loads=tuple(load_by_name.values()))
 
 
-def not_named(where: str, what: str, name: str, names: Collection[str]) -> ModelError:
-    """Return the error of a name that no link, pair or load has."""
-    said = choices(name, names, f"{what.capitalize()}s")
-    return ModelError(f'{where}: no {what} is named "{name}"{said}')
+def unknown_name_error(
+    where: str, what: str, name: str, names: Collection[str]
+) -> ModelError:
+    """Return the error of a name that does not exist.
+
+    Parameters
+    ----------
+    where
+        Beginning of the message: the mechanism, and the key in its file.
+    what
+        What should have the name, such as ``link``.
+    name
+        The name.
+    names
+        Names that exist, from which the message suggests some.
+    """
+    suggestion = choices(name, names, f"{what.capitalize()}s")
+    return ModelError(f'{where}: no {what} is named "{name}"{suggestion}')
 
 
 def _check(mechanism: Mechanism) -> None:
-    """Raise `ModelError` where names or geometry of a mechanism do not fit each other."""
+    """Check a mechanism; raise `ModelError` at the first fault."""
     where = mechanism.name or "mechanism"
     if len(mechanism.links) < 2:
         raise ModelError(f"{where}: a mechanism has at least two links")
@@ -439,8 +522,8 @@ def _check(mechanism: Mechanism) -> None:
             check_mass(mass)
         for load in mechanism.loads:
             load.check(f"loads.{load.name}", mechanism)
-        for stop in mechanism.joint_limits:
-            check_stop(stop, mechanism)
+        for limit in mechanism.joint_limits:
+            check_joint_limit(limit, mechanism)
     except ModelError as error:
         raise ModelError(f"{where}: {error}") from None
     geometry = mechanism.geometry
@@ -458,7 +541,10 @@ def _check(mechanism: Mechanism) -> None:
 
 
 def _check_names(where: str, mechanism: Mechanism) -> None:
-    """Refuse names that cannot be one, are given twice, or that nothing has."""
+    """Check all names: their characters, that they are unique, and that they exist.
+
+    `where` is the beginning of messages.
+    """
     for what, names in (
         ("link", mechanism.links),
         ("pair", [pair.name for pair in mechanism.pairs]),
@@ -466,7 +552,7 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
         ("output", [output.name for output in mechanism.outputs]),
         ("load", [load.name for load in mechanism.loads]),
         ("mass of a", [mass.link for mass in mechanism.masses]),
-        ("joint limit of a", [stop.pair for stop in mechanism.joint_limits]),
+        ("joint limit of a", [limit.pair for limit in mechanism.joint_limits]),
         ("mode", [*mechanism.modes]),
     ):
         for name, times in Counter(names).items():
@@ -479,16 +565,44 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
                 raise ModelError(
                     f'{where}: {what} "{name}" is given twice; names are unique'
                 )
-    for what, key, name in _named(mechanism):
-        names = mechanism.links if what == "link" else [*mechanism.pair_number]
-        if name not in names:
-            raise not_named(f"{where}: {key}", what, name, names)
+    for reference in _name_references(mechanism):
+        names = mechanism.links if reference.what == "link" else [*mechanism.pair_number]
+        if reference.name not in names:
+            raise unknown_name_error(
+                f"{where}: {reference.key}", reference.what, reference.name, names
+            )
 
 
-def _named(mechanism: Mechanism) -> Iterator[tuple[str, str, str]]:
-    """Yield what a mechanism names: a link or a pair, the key that does, and the name."""
-    yield "link", "ground", mechanism.ground
-    whose = {"link": "link", "links": "link", "pair": "pair", "contact": "pair"}
+class _NameReference(NamedTuple):
+    """A place at which a mechanism refers to a link or a pair by its name.
+
+    Attributes
+    ----------
+    what
+        What is referred to.
+    key
+        Key of the place in the file of the mechanism.
+    name
+        The name.
+    """
+
+    what: Literal["link", "pair"]
+    key: str
+    name: str
+
+
+_REFERRED_BY_KIND: Mapping[str, Literal["link", "pair"]] = {
+    "link": "link",
+    "links": "link",
+    "pair": "pair",
+    "contact": "pair",
+}
+"""What a field refers to, by its kind (`field_kinds`)."""
+
+
+def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
+    """Yield all places at which a mechanism refers to a link or a pair by its name."""
+    yield _NameReference("link", "ground", mechanism.ground)
     for table, parts in (
         ("pairs", mechanism.pairs),
         ("outputs", mechanism.outputs),
@@ -498,23 +612,37 @@ def _named(mechanism: Mechanism) -> Iterator[tuple[str, str, str]]:
         ("joint_limits", mechanism.joint_limits),
     ):
         for part in parts:
-            for key, form in holds(part).items():
-                said = getattr(part, key) if form in whose else ()
-                for name in (said,) if isinstance(said, str) else said:
-                    of = f"{part.name}.{key}" if hasattr(part, "name") else name
-                    yield whose[form], f"{table}.{of}", name
+            for field_name, kind in field_kinds(part).items():
+                if kind not in _REFERRED_BY_KIND:
+                    continue
+                value = getattr(part, field_name)
+                for name in (value,) if isinstance(value, str) else value:
+                    # A part without a name is called like what it belongs to.
+                    part_key = (
+                        f"{part.name}.{field_name}" if hasattr(part, "name") else name
+                    )
+                    yield _NameReference(
+                        _REFERRED_BY_KIND[kind], f"{table}.{part_key}", name
+                    )
     for mode, values in mechanism.modes.items():
-        yield from (("pair", f"modes.{mode}", pair) for pair in values)
+        for pair in values:
+            yield _NameReference("pair", f"modes.{mode}", pair)
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
-        yield from (("link", "links", link) for link in geometry.links)
-        yield from (("pair", "pairs", pair) for pair in geometry.zeros)
+        for link in geometry.links:
+            yield _NameReference("link", "links", link)
+        for pair in geometry.zeros:
+            yield _NameReference("pair", "pairs", pair)
     else:
-        yield from (("pair", "pairs", x) for x in (*geometry.axes, *geometry.values))
+        for pair in (*geometry.axes, *geometry.values):
+            yield _NameReference("pair", "pairs", pair)
 
 
 def _check_pair(where: str, pair: Pair) -> None:
-    """Refuse a pair that cannot be one."""
+    """Check the type, profiles, contact data and links of a pair.
+
+    `where` is the beginning of messages.
+    """
     if pair.type not in KINDS:
         raise ModelError(f'{where}: type "{pair.type}" is not one of {listing(KINDS)}')
     if (pair.profiles is None) != pair.kind.has_axis:
@@ -527,11 +655,13 @@ def _check_pair(where: str, pair: Pair) -> None:
             f"{where}.distance: found {pair.distance}, needs more than 0 m: how far from "
             "the centre the contact force acts"
         )
-    teeth = pair.pressure_angle
-    if teeth is not None and not (pair.rolls and 0.0 <= teeth < math.pi / 2):
+    pressure_angle = pair.pressure_angle
+    if pressure_angle is not None and not (
+        pair.rolls and 0.0 <= pressure_angle < math.pi / 2
+    ):
         raise ModelError(
-            f"{where}.pressure_angle: found {teeth:g} rad in a {pair.type} pair, needs a "
-            "rolling contact (Cr) and at least 0, less than a right angle"
+            f"{where}.pressure_angle: found {pressure_angle:g} rad in a {pair.type} pair, "
+            "needs a rolling contact (Cr) and at least 0, less than a right angle"
         )
     if pair.links[0] == pair.links[1]:
         raise ModelError(
@@ -541,10 +671,18 @@ def _check_pair(where: str, pair: Pair) -> None:
 
 
 def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
+    """Check that the arcs, angles and zeros of a mechanism fit its pairs.
+
+    `where` is the beginning of messages.
+    """
     for name, zero in geometry.zeros.items():
         check_finite(f"{where}: pairs.{name}.zero", [zero])
     for link in mechanism.links:
-        expected = [x.name for x in mechanism.pairs if x.kind.has_axis and link in x.links]
+        expected = [
+            pair.name
+            for pair in mechanism.pairs
+            if pair.kind.has_axis and link in pair.links
+        ]
         sizes = geometry.links.get(link, LinkSizes(()))
         key = f"{where}: links.{link}"
         if sorted(sizes.axes) != sorted([*expected, *sizes.unpaired]):
@@ -552,23 +690,25 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
                 f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
                 f"are [{listing(expected)}]; list each of them once"
             )
-        for place, arc in enumerate(sizes.arcs):
-            if not (0.0 <= arc <= math.pi or (sizes.signed and math.isfinite(arc))):
-                raise ModelError(f"{key}.arcs[{place}]: {_no_arc(arc)}")
+        for index, arc in enumerate(sizes.arcs):
+            is_signed = sizes.signed and math.isfinite(arc)
+            if not (0.0 <= arc <= math.pi or is_signed):
+                raise ModelError(f"{key}.arcs[{index}]: {_describe_wrong_arc(arc)}")
         check_finite(f"{key}.angles", sizes.angles)
-        for kind, fewer, what in (
+        for kind, axes_without, what in (
             ("arcs", 1, "the arcs from the first axis to each of the others"),
             ("angles", 2, "at the first axis, from the first arc to each further arc"),
         ):
-            has, needs = len(getattr(sizes, kind)), max(len(sizes.axes) - fewer, 0)
-            if has != needs:
+            count = len(getattr(sizes, kind))
+            needed = max(len(sizes.axes) - axes_without, 0)
+            if count != needed:
                 raise ModelError(
-                    f"{key}.{kind}: has {counted(has, 'value')}, needs {needs}: {what}"
+                    f"{key}.{kind}: has {counted(count, 'value')}, needs {needed}: {what}"
                 )
 
 
-def _no_arc(arc: float) -> str:
-    """Return what to say of an arc (rad) that is none between two axes."""
+def _describe_wrong_arc(arc: float) -> str:
+    """Return what is wrong with an arc (rad) that is not between 0 and 180 degrees."""
     if not math.isfinite(arc):
         return f"found {arc}, needs a finite number"
     degrees = math.degrees(arc)
@@ -578,29 +718,3 @@ def _no_arc(arc: float) -> str:
         "deg away, perhaps on the other side of the first; if that is meant, say "
         "signed_arcs = true in the link"
     )
-
-
-def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
-    """Return the declared output of this name, or the only one.
-
-    Raises
-    ------
-    ModelError
-        If there is none, or there are several and no name is given.
-    """
-    outputs = {output.name: output for output in mechanism.outputs}
-    if name is None and len(outputs) == 1:
-        return mechanism.outputs[0]
-    if not outputs:
-        raise ModelError(
-            f"{mechanism.name}: no output is declared; declare one in the file as "
-            "[outputs.NAME] with its link, and for a pointing output axis or xyz"
-        )
-    if name is None:
-        raise ModelError(
-            f"{mechanism.name}: there are several outputs, {listing(outputs)}; say which "
-            "is meant"
-        )
-    if name not in outputs:
-        raise not_named(mechanism.name, "output", name, outputs)
-    return outputs[name]

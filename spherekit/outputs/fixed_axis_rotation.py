@@ -21,7 +21,7 @@ from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.geometry.rotation import angles_between, quaternion, rotation_about_axis
 from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import all_finite, max_abs, unit_rows
-from spherekit.mechanism.mechanism import chosen_output
+from spherekit.mechanism.output_choice import chosen_output
 from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.rotation_path import (
     LEAP_LENGTHS_RAD,

@@ -19,7 +19,8 @@ from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.geometry.rotation import transpose
 from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.elements import Output
-from spherekit.mechanism.mechanism import Mechanism, chosen_output
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.output_choice import chosen_output
 from spherekit.numerics.angles import wrap
 from spherekit.outputs.wheel_revolutions import find_assembled_configuration
 from spherekit.planning.assembly_plan import plan_assembly

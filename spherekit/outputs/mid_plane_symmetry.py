@@ -28,7 +28,8 @@ from spherekit.mechanism.elements import Output
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint import Joint, revolute
 from spherekit.mechanism.joint_construction import make_joints
-from spherekit.mechanism.mechanism import Mechanism, chosen_output
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.output_choice import chosen_output
 from spherekit.outputs.mid_plane import MidPlane
 from spherekit.outputs.mid_plane_architecture import (
     Leg,

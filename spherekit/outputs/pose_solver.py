@@ -7,7 +7,8 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.errors import ModelError, SolveError
 from spherekit.geometry.vectors import nans
-from spherekit.mechanism.mechanism import Mechanism, chosen_output
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.output_choice import chosen_output
 from spherekit.outputs.dyad_chain import invert_output_rates
 from spherekit.outputs.dyad_solver import DyadKinematics, geared_kinematics
 from spherekit.outputs.inverse_kinematics import InverseKinematics

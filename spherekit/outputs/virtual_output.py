@@ -16,10 +16,11 @@ from spherekit.conventions import Names
 from spherekit.errors import PlanError
 from spherekit.geometry.tilt_torsion import azimuth_tilt, from_euler_zyz
 from spherekit.mechanism.elements import Input, Output, Pair, PoseGeometry, SizeGeometry
-from spherekit.mechanism.locking import sizes_by_frames
-from spherekit.mechanism.mechanism import Mechanism, chosen_output
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.output_choice import chosen_output
 from spherekit.mechanism.pair_frames import pair_frames
 from spherekit.mechanism.sizes import Vector
+from spherekit.mechanism.sizes_from_frames import sizes_from_frames
 from spherekit.planning.assembly_plan import driven_pairs
 from spherekit.wording import counted
 
@@ -234,6 +235,6 @@ def _add_to_sizes(
     unchanged_sizes = {
         link: sizes for link, sizes in geometry.links.items() if link not in changed_links
     }
-    return sizes_by_frames(
+    return sizes_from_frames(
         (*mechanism.pairs, *virtual_pairs), (first_frames, second_frames), unchanged_sizes
     )

@@ -8,7 +8,7 @@ from spherekit.geometry.tilt_torsion import (
     pointing,
     tilt_torsion,
 )
-from spherekit.mechanism.mechanism import chosen_output
+from spherekit.mechanism.output_choice import chosen_output
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.numerics.angles import wrap
 from spherekit.outputs.fixed_axis_rotation import RotationSamples, follow_rotation

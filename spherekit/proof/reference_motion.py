@@ -22,8 +22,8 @@ from numpy.polynomial.legendre import legint, legvander
 
 from spherekit.arrays import Array, Floats
 from spherekit.errors import EngineError
-from spherekit.mechanism.load import Component, TorqueTable, expression_of
-from spherekit.mechanism.load_expression import KINKED, ON_ARRAYS, fold
+from spherekit.mechanism.load import LoadComponent, TorqueTable, require_expression
+from spherekit.mechanism.load_expression import ARRAY_OPERATIONS, NON_SMOOTH_FUNCTIONS, fold
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.proof.ball_forces import Moving, Sides, _of_table, inertia
 from spherekit.proof.ball_frames import exact, exactly
@@ -40,7 +40,7 @@ from spherekit.proof.linkage import Closed, Linkage, left_inverse, turning_rates
 from spherekit.status import Status
 
 
-def knots(parts: Sequence[Component], until: float) -> list[Ball]:
+def knots(parts: Sequence[LoadComponent], until: float) -> list[Ball]:
     """Return the times between 0 and `until` (s) at which tables of torques have kinks."""
     every: list[Ball] = []
     for table in (part.magnitude for part in parts):
@@ -252,21 +252,23 @@ class ExactSimulation:
             """Return a function of expressions; NaN outside its domain."""
             if name in ("sign", "abs"):
                 return side(given[0]) * given[0] ** (name == "abs")
-            if name in KINKED:
+            if name in NON_SMOOTH_FUNCTIONS:
                 upward, best = 1 if name == "max" else -1, given[0]
                 for item in given[1:]:
                     gap = best - item
                     best = (best + item + upward * side(gap) * gap) / 2
                 return best
             if not hasattr(exact(0.0), name):
-                return ON_ARRAYS[name](*given)
+                return ARRAY_OPERATIONS[name](*given)
             return np.frompyfunc(lambda x, *y: getattr(x, name)(*y), len(given), 1)(*given)
 
         for part in self._parts:
             if isinstance(part.magnitude, TorqueTable):
                 magnitude = _of_table(part.magnitude, t, inside)
             else:
-                magnitude = fold(expression_of(part.magnitude).root, exact, named, applied)
+                magnitude = fold(
+                    require_expression(part.magnitude).root, exact, named, applied
+                )
             rates = [moving.rates[:, variables[part.pair]]] if part.pair else []
             for moment in part.moments:
                 link = self.mechanism.link_number[moment.link]

@@ -14,7 +14,8 @@ from spherekit.arrays import Floats
 from spherekit.errors import AnalysisError
 from spherekit.geometry.triangle import perpendicular
 from spherekit.geometry.vectors import cross
-from spherekit.mechanism.mechanism import Mechanism, chosen_output
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.output_choice import chosen_output
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_plan import Pole, pole_of
 from spherekit.positions.linearisation import Linearisation

@@ -14,7 +14,7 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.errors import EngineError
-from spherekit.mechanism.friction import need_no_rubbing
+from spherekit.mechanism.friction import check_no_reaction_friction
 from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.load_dependence import wound_pairs
 from spherekit.mechanism.mechanism import Mechanism
@@ -647,7 +647,7 @@ class DesignExpressions:
         column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
         if len(self.inputs) == 1:
             column = "eksergian.eksergian: abs(tau)"
-        need_no_rubbing(
+        check_no_reaction_friction(
             mechanism,
             f'a kernel of designs does not solve for; runs do: --reduce "max({column})"',
         )

@@ -20,8 +20,8 @@ from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
 from spherekit.mechanism.elements import Pair
 from spherekit.mechanism.friction import ContactFriction
 from spherekit.mechanism.joint_construction import make_joints
-from spherekit.mechanism.locking import sizes_by_frames
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.sizes_from_frames import sizes_from_frames
 from spherekit.planning.wheel_train import GearTrain, wheel_train
 from spherekit.symbolic.expression_graph import Expr
 from spherekit.symbolic.frame_expressions import about_z
@@ -269,7 +269,7 @@ def _replace_contacts(
         mechanism,
         links=tuple(links),
         pairs=tuple(pairs),
-        geometry=sizes_by_frames(pairs, (first_frames, second_frames)),
+        geometry=sizes_from_frames(pairs, (first_frames, second_frames)),
         joint_limits=(),
         modes={},
     )

@@ -15,7 +15,7 @@ from operator import add
 import numpy as np
 
 from spherekit.conventions import TURN
-from spherekit.mechanism.load import Component, Load, TorqueTable, expression_of
+from spherekit.mechanism.load import Load, LoadComponent, TorqueTable, require_expression
 from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.sizes import Vector
@@ -93,7 +93,9 @@ def generalised_forces(load: Load, load_state: LoadState) -> list[Expr]:
     return component_forces(load.components(load_state.mechanism), load_state)
 
 
-def component_forces(components: Sequence[Component], load_state: LoadState) -> list[Expr]:
+def component_forces(
+    components: Sequence[LoadComponent], load_state: LoadState
+) -> list[Expr]:
     """Return the power of load components per unit of the rate of each coordinate.
 
     Parameters
@@ -111,7 +113,7 @@ def component_forces(components: Sequence[Component], load_state: LoadState) -> 
         if isinstance(law, TorqueTable):
             magnitude = load_state.table_torque(law.name)
         else:
-            magnitude = expression_value(expression_of(law), load_state)
+            magnitude = expression_value(require_expression(law), load_state)
         if component.pair:
             variable = load_state.mechanism.angles[component.pair]
             powers = (magnitude * tau[variable] for tau in load_state.tau)
@@ -140,7 +142,7 @@ def steep_arguments(load: Load, load_state: LoadState) -> list[Expr]:
     arguments: list[Expr] = []
     for component in load.components(load_state.mechanism):
         if isinstance(component.magnitude, Expression):
-            for argument in component.magnitude.steep_and_smooth:
+            for argument in component.magnitude.smooth_steep_arguments:
                 arguments.append(expression_value(argument, load_state))
     return arguments
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from spherekit.mechanism.load import Component, LinkMoment
+from spherekit.mechanism.load import LinkMoment, LoadComponent
 from spherekit.mechanism.load_expression import Expression
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.symbolic.expression_graph import ExpressionNode
@@ -56,9 +56,9 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
     if isinstance(part, int | float):
         return replace_number(float(part))
     fields_with_numbers: dict[str, Any] = {}
-    if isinstance(part, Component):
+    if isinstance(part, LoadComponent):
         fields_with_numbers = {"magnitude": part.magnitude, "moments": part.moments}
-        part = replace(part, rubs=None)
+        part = replace(part, bearing_friction=None)
     elif isinstance(part, LinkMoment):
         fields_with_numbers = {"direction": part.direction, "arm": part.arm}
     elif isinstance(part, Expression):

@@ -4,7 +4,7 @@ import numpy as np
 from sceptic.evidence import check
 
 import spherekit as sk
-from spherekit.mechanism.load_kinds import DRIVE
+from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
 
 UNTIL, SPEED, TOLERANCE = 1.5, 0.4, 1e-9
 """The time (s) that is simulated, the rate (rad/s) at the start, and the tolerance."""
@@ -39,7 +39,7 @@ def simulation_and_inverse(evidence, notes):
         return
     history = found.at(found.end.t * np.array([0.3, 0.65, 0.95]))
     mechanism = evidence.mechanism.with_inputs(*evidence.tracer.inputs)
-    applied = [load.name for load in found.mechanism.loads].index(DRIVE)
+    applied = [load.name for load in found.mechanism.loads].index(DRIVE_LOAD_NAME)
     conditioning = evidence.tracer.given(history.values).conditioning
     for k, t in enumerate(history.t):
         q, dq, ddq = (float(x[k]) for x in (history.q, history.dq, history.ddq))

@@ -29,7 +29,7 @@ from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.number_change import document_of
 from spherekit.files.study import Crossings
 from spherekit.mechanism.elements import Input
-from spherekit.mechanism.friction import need_no_rubbing
+from spherekit.mechanism.friction import check_no_reaction_friction
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load_dependence import wound_pairs
 from spherekit.mechanism.pair_frames import link_axes
@@ -333,7 +333,7 @@ class PageMaker:
         if self.quantities is not None:
             return self._formulas([*self.quantities, *needed])
         try:
-            need_no_rubbing(self.mechanism, "a page does not solve for")
+            check_no_reaction_friction(self.mechanism, "a page does not solve for")
             return self._formulas([*self._default(masses=True), *needed])
         except SpherekitError as problem:
             if not self.mechanism.masses:

@@ -12,12 +12,11 @@ import numpy as np
 from spherekit.arrays import Array, Floats
 from spherekit.conventions import Names
 from spherekit.geometry.vectors import max_abs
-from spherekit.mechanism.changed_axes import restated, turned_vector
-from spherekit.mechanism.changed_axes import turned as turned_profile
+from spherekit.mechanism.changed_axes import redescribe, rotate_profile, rotate_vector
 from spherekit.mechanism.elements import Pair, PoseGeometry, Profile, SizeGeometry
-from spherekit.mechanism.locking import sizes_by_frames
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import pair_frames
+from spherekit.mechanism.sizes_from_frames import sizes_from_frames
 from spherekit.numerics.angles import wrap
 from spherekit.tables.table import Column, Table, TableArrays, row_count
 
@@ -40,7 +39,7 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
     links: Names = (mechanism.ground,)
     if isinstance(given, PoseGeometry):
         links = mechanism.links
-        axes = {name: turned_vector(rotation, axis) for name, axis in given.axes.items()}
+        axes = {name: rotate_vector(rotation, axis) for name, axis in given.axes.items()}
         geometry: PoseGeometry | SizeGeometry = replace(given, axes=axes)
     else:
         first, second = (
@@ -54,15 +53,15 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
             for end, frames in enumerate(pair_frames(mechanism))
         )
         others = {k: x for k, x in given.links.items() if k != mechanism.ground}
-        geometry = sizes_by_frames(mechanism.pairs, (first, second), others)
+        geometry = sizes_from_frames(mechanism.pairs, (first, second), others)
     return replace(
         mechanism,
         geometry=geometry,
-        **restated(
+        **redescribe(
             mechanism,
-            turns=dict.fromkeys(links, rotation),
-            ground=rotation,
-            turned_profile=_profile,
+            rotations=dict.fromkeys(links, rotation),
+            ground_rotation=rotation,
+            rotate_pair_profile=_profile,
         ),
     )
 
@@ -70,7 +69,7 @@ def turned(mechanism: Mechanism, rotation: Floats) -> Mechanism:
 def _profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
     if not profile.points:
         raise NotAppliesError(f"a {profile.kind} counts its arc length from the axes")
-    return turned_profile(profile, rotation, pair)
+    return rotate_profile(profile, rotation, pair)
 
 
 def renamed(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
@@ -90,7 +89,7 @@ def renamed(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
         ground=names[mechanism.ground],
         links=tuple(names.values()),
         geometry=given,
-        **restated(mechanism, names=names, words=words),
+        **redescribe(mechanism, link_names=names, expression_names=words),
     )
 
 

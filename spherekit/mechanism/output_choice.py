@@ -1,0 +1,32 @@
+"""The choice of an output of a mechanism by its name."""
+
+from spherekit.errors import ModelError
+from spherekit.mechanism.elements import Output
+from spherekit.mechanism.mechanism import Mechanism, unknown_name_error
+from spherekit.wording import listing
+
+
+def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
+    """Return the output with this name; without a name, the only output.
+
+    Raises
+    ------
+    ModelError
+        If the mechanism has no such output, or has several and no name is given.
+    """
+    outputs = {output.name: output for output in mechanism.outputs}
+    if name is None and len(outputs) == 1:
+        return mechanism.outputs[0]
+    if not outputs:
+        raise ModelError(
+            f"{mechanism.name}: no output is declared; declare one in the file as "
+            "[outputs.NAME] with its link, and for a pointing output axis or xyz"
+        )
+    if name is None:
+        raise ModelError(
+            f"{mechanism.name}: there are several outputs, {listing(outputs)}; say which "
+            "is meant"
+        )
+    if name not in outputs:
+        raise unknown_name_error(mechanism.name, "output", name, outputs)
+    return outputs[name]

@@ -1,0 +1,67 @@
+"""Arcs, angles and zeros of links that result from given frames of R pairs."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.mechanism.changed_axes import EMPTY_MAPPING
+from spherekit.mechanism.elements import LinkSizes, Pair, SizeGeometry
+from spherekit.mechanism.pair_frames import pair_frames_from_sizes
+
+Frames = Mapping[str, Floats]
+"""Frames (3, 3) of R pairs in one of their links, by the name of the pair."""
+
+
+def sizes_from_frames(
+    pairs: Sequence[Pair],
+    frames: tuple[Frames, Frames],
+    known_sizes: Mapping[str, LinkSizes] = EMPTY_MAPPING,
+) -> SizeGeometry:
+    """Return the sizes with which R pairs have given frames in the axes of their links.
+
+    The z axis and the y axis of a link are the first two axes in its list, without a pair.
+    This keeps the axes of the link.
+
+    Parameters
+    ----------
+    pairs
+        The pairs of the mechanism.
+    frames
+        Frames of R pairs in their first and in their second links.
+    known_sizes
+        Sizes of the links that have their sizes already.
+    """
+    axes_by_link: dict[str, dict[str, Floats]] = {}
+    for pair in pairs:
+        for link, frames_of_end in zip(pair.links, frames, strict=True):
+            axes = axes_by_link.setdefault(link, {})
+            if pair.name in frames_of_end:
+                axes[pair.name] = frames_of_end[pair.name][:, 2]
+    links = {}
+    for link, axes in axes_by_link.items():
+        link_axes = (f"{link}_z", f"{link}_y")
+        arcs = [0.5 * np.pi]
+        angles = []
+        for x, y, z in axes.values():
+            arcs.append(float(np.arctan2(np.hypot(x, y), z)))
+            angles.append(float(np.arctan2(-x, y)))
+        sizes = LinkSizes((*link_axes, *axes), tuple(arcs), tuple(angles), link_axes)
+        links[link] = known_sizes.get(link, sizes)
+
+    # The frames from these sizes differ from the given ones by rotations about z. Only the
+    # sum of the zeros in both links of a pair matters.
+    frames_without_zeros = pair_frames_from_sizes(pairs, SizeGeometry(links, {}))
+    zeros = {}
+    for name in frames[0]:
+        first_angle, second_angle = (
+            _rotation_angle_about_z(given[name].T @ without_zeros[name])
+            for given, without_zeros in zip(frames, frames_without_zeros, strict=True)
+        )
+        zeros[name] = second_angle - first_angle
+    return SizeGeometry(links, zeros)
+
+
+def _rotation_angle_about_z(rotation: Floats) -> float:
+    """Return the angle (rad) of a rotation matrix (3, 3) about z."""
+    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
