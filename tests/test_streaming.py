@@ -28,13 +28,13 @@ def test_rows_are_those_of_the_engine_that_ends(monkeypatch):
 
 
 def test_rows_are_those_of_the_tighter_run_where_a_tolerance_is_missed(monkeypatch):
-    difference, asked = forward_dynamics._difference, []
+    difference, asked = forward_dynamics._largest_difference, []
 
     def missed(one, other):
         asked.append(one)
         return 1.0 if len(asked) == 1 else difference(one, other)
 
-    monkeypatch.setattr(forward_dynamics, "_difference", missed)
+    monkeypatch.setattr(forward_dynamics, "_largest_difference", missed)
     frame = simulated("numpy", duration=2.0).frame("motion")
     t = frame["t"].to_numpy()
     tight = sk.simulate("four_bar", START, 2.0, engine="numpy", tolerance=1e-11).at(t)

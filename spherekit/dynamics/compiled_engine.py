@@ -25,26 +25,28 @@ from spherekit.dynamics.multi_dof_equation import MAX_RATE_SQUARES, total_moment
 from spherekit.dynamics.simulated_path import (
     CoordinateFrames,
     CurveFrames,
-    Frames,
+    FrameFunction,
     StatePath,
-    through_runs,
+    make_taylor_path,
 )
 from spherekit.dynamics.simulation import (
-    CROSSING,
-    JUMPS,
-    NO_SERIES,
-    OVER,
-    EndKind,
     EngineReport,
     Event,
     EventKind,
     Forecast,
     Simulation,
+)
+from spherekit.dynamics.simulation_end import (
+    CROSSING_MESSAGE,
+    JUMP_MESSAGE,
+    NO_SERIES_MESSAGE,
+    TIME_MESSAGE,
+    EndKind,
     SimulationEnd,
-    cannot_leave,
-    given_up,
-    stop_end,
-    too_many,
+    joint_limit_end,
+    make_start_error,
+    no_step_end,
+    too_many_steps_message,
 )
 from spherekit.dynamics.simulation_start import Problem
 from spherekit.dynamics.taylor_integration import (
@@ -93,9 +95,9 @@ STICKS = (
 )
 
 END_BY_RUN_END: dict[RunEnd, tuple[EndKind, str]] = {
-    "singularity": ("singularity", CROSSING),
+    "singularity": ("singularity", CROSSING_MESSAGE),
     "sticking": ("sticking", STICKS),
-    "too_many": ("too_fast", too_many(MAX_TAYLOR_STEPS)),
+    "too_many": ("too_fast", too_many_steps_message(MAX_TAYLOR_STEPS)),
 }
 """Kind and message of ends of a simulation that need no further numbers."""
 
@@ -115,7 +117,7 @@ class CompiledRuns:
     """
 
     runs: list[TaylorRun]
-    frames: list[Frames]
+    frames: list[FrameFunction]
     compile_seconds: float
 
 
@@ -143,9 +145,9 @@ def by_taylor_series(
     motion = problem.equation.compute_motion(problem.values[None], problem.frame)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
-        raise cannot_leave(problem, STATUS_MEANING[status])
+        raise make_start_error(problem, STATUS_MEANING[status])
     compiled = _integrate(problem, motion, tolerance)
-    path = through_runs(compiled.runs, compiled.frames)
+    path = make_taylor_path(compiled.runs, compiled.frames)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds
     if last_run.end == "singularity":
@@ -185,7 +187,7 @@ def _integrate(
     equation = problem.equation
     mechanism = equation.mechanism
     runs: list[TaylorRun] = []
-    frames_of_runs: list[Frames] = []
+    frames_of_runs: list[FrameFunction] = []
     compile_seconds = 0.0
     values = problem.values
     turns = problem.turns
@@ -215,7 +217,7 @@ def _integrate(
             homogeneous_rates = compiled_equation.homogeneous_rates(problem.values[None])
             sense = float(np.copysign(1.0, homogeneous_rates[0, 0] @ problem.frame[0]))
             momenta = sense * momentum_unit * problem.speed
-            frames: Frames = CurveFrames(compiled_equation, sense)
+            frames: FrameFunction = CurveFrames(compiled_equation, sense)
         else:
             momentum_unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
             momenta = momentum_unit * variable_rates[coordinate_variables]
@@ -307,8 +309,10 @@ def _check_first_step(problem: Problem, run: TaylorRun) -> None:
         return
     state = problem.equation.make_state(problem.values, problem.speed, problem.frame)
     if _have_loads_values(problem, 0.0, state, problem.frame, problem.whole):
-        raise EngineError(f"{problem.equation.mechanism.name}: at the start {NO_SERIES}")
-    raise cannot_leave(problem, JUMPS)
+        raise EngineError(
+            f"{problem.equation.mechanism.name}: at the start {NO_SERIES_MESSAGE}"
+        )
+    raise make_start_error(problem, JUMP_MESSAGE)
 
 
 def _check_crossing(problem: Problem, run: TaylorRun) -> None:
@@ -346,7 +350,7 @@ def _collect_events(
     events += [(t, "switch", -1) for t in problem.switches if t < runs[-1].end_time]
     events.sort(key=lambda event: event[0])
     times = np.array([t for t, *_ in events])
-    inputs = path.at(times).values[:, problem.driven]
+    inputs = path.evaluate(times).values[:, problem.driven]
     return tuple(
         Event(kind, t, tuple(q.tolist()), pair_of_variable.get(variable, ""))
         for (t, kind, variable), q in zip(events, inputs, strict=True)
@@ -356,22 +360,22 @@ def _collect_events(
 def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> SimulationEnd:
     """Return why and when the simulation ended; `run` is the last one."""
     if run.end == "time":
-        return SimulationEnd("time", problem.until, OVER)
+        return SimulationEnd("time", problem.until, TIME_MESSAGE)
     if run.end in END_BY_RUN_END:
         kind, message = END_BY_RUN_END[run.end]
         return SimulationEnd(kind, run.end_time, message)
-    traced = path.at(np.array([run.end_time]))
+    traced = path.evaluate(np.array([run.end_time]))
     if run.end == "joint_limit":
         variable = run.events[-1][2]
         mechanism = problem.equation.mechanism
         name = mechanism.pairs[mechanism.variable_owners[variable]].name
-        return stop_end(run.end_time, name, float(traced.values[0, variable]))
+        return joint_limit_end(run.end_time, name, float(traced.values[0, variable]))
     if run.end == "not_finite" and _have_loads_values(
         problem, run.end_time, traced.states[0], traced.frames[0], TURN * traced.turns[0]
     ):
-        return SimulationEnd("too_fast", run.end_time, NO_SERIES)
-    why = f"no step is short enough; {JUMPS}"
-    return given_up(problem.equation, path, run.end_time, why)
+        return SimulationEnd("too_fast", run.end_time, NO_SERIES_MESSAGE)
+    why = f"no step is short enough; {JUMP_MESSAGE}"
+    return no_step_end(problem.equation, path, run.end_time, why)
 
 
 def _have_loads_values(

@@ -1,47 +1,52 @@
-"""The direct problem by Gauss collocation with NumPy: for whatever a mechanism has.
+"""Simulates motions by Gauss collocation with NumPy, for all loads and mechanisms.
 
-All nodes of a step at once: few, long, vectorised steps. The equations of a step are solved
-by Picard iteration: the right-hand side is evaluated at all nodes in one call, which costs
-an array code little more than one node. The last coefficients of the rate's series say how
-well the solution is resolved.
+Steps are few and long. The equations of a step are solved by Picard iteration: the rates
+are evaluated at all nodes in one call, which takes little longer than a call for one node.
+The error is estimated from the last Legendre coefficients of the rates.
+
+`spherekit.dynamics.collocation_step` has the steps and their zeros. The *orientation* at a
+node is the determinant of `CollocationStep.closure_determinants`, whose sign changes where
+curves of configurations cross.
 """
 
 import time
 from collections.abc import Generator, Iterator
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
+from spherekit.dynamics.collocation_step import (
+    GAUSS_NODES,
+    INTEGRATION_MATRIX,
+    NODE_COUNT,
+    SERIES_MATRIX,
+    CollocationStep,
+)
 from spherekit.dynamics.coordinates import reciprocal_condition
 from spherekit.dynamics.equation_of_motion import StateDynamics
 from spherekit.dynamics.inertia import inertia_matrix
-from spherekit.dynamics.simulated_path import (
-    GAUSS,
-    INTEGRAL,
-    NODES,
-    TO_SERIES,
-    StatePath,
-    Step,
-    through_steps,
-)
+from spherekit.dynamics.simulated_path import StatePath, make_collocation_path
 from spherekit.dynamics.simulation import (
-    CROSSING,
-    JUMPS,
-    LOCKING,
-    NOISE,
-    OVER,
-    EndKind,
     EngineReport,
     Event,
     EventKind,
     Forecast,
     Simulation,
+)
+from spherekit.dynamics.simulation_end import (
+    CROSSING_MESSAGE,
+    JUMP_MESSAGE,
+    LOCKING_MESSAGE,
+    NOISE_MESSAGE,
+    TIME_MESSAGE,
+    EndKind,
     SimulationEnd,
-    cannot_leave,
-    given_up,
-    stop_end,
-    too_many,
+    joint_limit_end,
+    make_start_error,
+    no_step_end,
+    too_many_steps_message,
 )
 from spherekit.dynamics.simulation_start import Problem, variable_of
 from spherekit.dynamics.step_probes import find_first_errors
@@ -121,7 +126,7 @@ MAX_NOISY_STEPS = 50
 NOISY_STEP_FRACTION = 1e-4
 """Part of the whole time below which a noisy step counts as short."""
 
-ERROR_DIVISOR = 4 * NODES - 2
+ERROR_DIVISOR = 4 * NODE_COUNT - 2
 """The error of a step is its length times its last coefficients over this number.
 
 The integral of the Legendre polynomial of order k is the difference of two others over
@@ -133,6 +138,33 @@ MAX_PROBE_ERROR_RATIO = 1.0
 
 Larger: abrupt changes of loads are missed. Smaller: accurate steps are rejected.
 """
+
+LAST_COEFFICIENTS = 3
+"""Number of last coefficients of a series by which errors and noise are judged.
+
+More: errors are overestimated. Fewer: coefficients that vanish by symmetry hide errors.
+"""
+
+FINAL_STEP_RATIO = 1.05
+"""Rest of an interval, relative to the next step, that is done in one step.
+
+Larger: last steps are rejected more often. Smaller: very short last steps.
+"""
+
+CONVERGED_RATIO = 0.05
+"""Change of the states in an iteration, relative to the tolerance, at which it has
+converged. Larger: the error of the iteration adds to that of the step."""
+
+DIVERGENCE_RATIO = 4.0
+"""Growth of the changes from one iteration to the next at which a step is rejected, after
+`FREE_ITERATIONS`. Larger: diverging iterations take longer."""
+
+FREE_ITERATIONS = 4
+"""Number of iterations in which changes may grow by any factor."""
+
+MIN_CROSSING_CONDITION = 1e-5
+"""Reciprocal condition number of the closure equations below which a simulation that cannot
+continue is at a crossing of curves. Larger: other ends count as crossings."""
 
 MAX_FRAME_RATE = 1.5
 """Largest rate of all pair variables per unit rate of a coordinate before the frame is
@@ -148,153 +180,224 @@ FORECAST_STEPS = 4
 END_BY_STATUS: dict[Status, tuple[EndKind, str]] = {
     Status.OFF_PROFILE: ("off_profile", STATUS_MEANING[Status.OFF_PROFILE]),
     Status.CURVATURE: ("curvature", STATUS_MEANING[Status.CURVATURE]),
-    Status.NOT_CONVERGED: ("locking", LOCKING),
+    Status.NOT_CONVERGED: ("locking", LOCKING_MESSAGE),
 }
 """Ends of a simulation at configurations in which there are no rates, by their status."""
 
 
 class Collocation:
-    """One integration of a problem, kept while it goes on, step by step."""
+    """One integration of a problem, which is continued step by step.
+
+    Attributes
+    ----------
+    problem, equation, tolerance
+        The problem, its equation of motion, and the tolerance of the pair variables (rad).
+    frame
+        (m, variables) frame of the momenta at the end of the last step.
+    steps
+        The accepted steps.
+    events
+        The events in them.
+    start_state
+        (states,) the state at the start.
+    scales
+        (states,) sizes of the state, by which errors are divided: 1 rad for variables, and
+        the momentum and the energy at unit speed.
+    orientation
+        The largest orientation so far, with the sign of that at the last node.
+    is_careful
+        Whether steps are made with at most `MAX_CROSSING_TOLERANCE_RAD`, because a crossing
+        of curves may be near.
+    max_closure_residual
+        Largest closure residual that was removed between steps, rad.
+    noisy_steps
+        Number of short noisy steps in a row.
+    end
+        The end, or None while the integration continues.
+    """
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
+        """Prepare the first step.
+
+        Parameters
+        ----------
+        problem, tolerance
+            The problem, and the tolerance of the pair variables (rad).
+        """
         self.problem = problem
         self.equation = equation = problem.equation
         self.tolerance = tolerance
         self.frame = problem.frame
-        self.path: list[Step] = []
+        self.steps: list[CollocationStep] = []
         self.events: list[Event] = []
+        self.start_state = equation.make_state(problem.values, problem.speed, problem.frame)
         motion = equation.compute_motion(problem.values[None], problem.frame)
-        square = float(np.linalg.norm(inertia_matrix(equation.mechanism, motion)[0], 2))
-        self.start = equation.make_state(problem.values, problem.speed, problem.frame)
-        self.sizes = np.ones(len(self.start))
-        self.sizes[equation.momenta] = np.sqrt(square)
-        self.sizes[equation.works] = square
+        largest_inertia = float(
+            np.linalg.norm(inertia_matrix(equation.mechanism, motion)[0], 2)
+        )
+        self.scales = np.ones(len(self.start_state))
+        self.scales[equation.momenta] = np.sqrt(largest_inertia)
+        self.scales[equation.works] = largest_inertia
         self.orientation = 0.0
-        self.fine = False
-        self.drift = 0.0
-        self.creeping = 0
+        self.is_careful = False
+        self.max_closure_residual = 0.0
+        self.noisy_steps = 0
         self.end: SimulationEnd | None = None
-        self._steps = self._integrate()
-        self._working = ProgressReporter("simulating")
-        self._reached: list[tuple[float, float]] = [(0.0, 0.0)]
+        self._integration = self._integrate()
+        self._progress = ProgressReporter("simulating")
+        # Time of the simulation and computing time after each step, s.
+        self._progress_times: list[tuple[float, float]] = [(0.0, 0.0)]
 
     def advance(self) -> bool:
-        """Take a step; return whether the integration goes on after it."""
+        """Take a step, and return whether the integration continues after it."""
         started = time.perf_counter()
         with np.errstate(all="ignore"):
             try:
-                t = next(self._steps)
-            except StopIteration as done:
-                self.end, t = done.value, self.reached
-        self._reached.append((t, self.seconds + time.perf_counter() - started))
-        is_time = self._working.tell(lambda: f"{t:.4g} of {self.problem.until:.6g} s")
-        if is_time and self.end is None and self.problem.seen:
+                t = next(self._integration)
+            except StopIteration as stopped:
+                self.end = stopped.value
+                t = self.reached
+        self._progress_times.append((t, self.seconds + time.perf_counter() - started))
+        is_due = self._progress.tell(lambda: f"{t:.4g} of {self.problem.until:.6g} s")
+        if is_due and self.end is None and self.problem.seen:
             self.problem.seen(self.simulation("it goes on"))
         return self.end is None
 
     @property
     def left(self) -> float | None:
-        """What the rest will take at the pace of the last steps (s), None before those."""
-        if len(self._reached) <= FORECAST_STEPS + 1:
+        """Computing time (s) of the rest, by the last steps. None before these."""
+        if len(self._progress_times) <= FORECAST_STEPS + 1:
             return None
-        before, started = self._reached[-FORECAST_STEPS - 1]
-        pace = (self.seconds - started) / (self.reached - before)
+        earlier_time, earlier_seconds = self._progress_times[-FORECAST_STEPS - 1]
+        pace = (self.seconds - earlier_seconds) / (self.reached - earlier_time)
         return (self.problem.until - self.reached) * pace
 
     @property
     def seconds(self) -> float:
-        """What solving has taken (s)."""
-        return self._reached[-1][1]
+        """Computing time so far, s."""
+        _, seconds = self._progress_times[-1]
+        return seconds
 
     @property
     def reached(self) -> float:
-        """The time (s) up to which it has come."""
-        return self._reached[-1][0]
+        """The time (s) that the simulation has reached."""
+        t, _ = self._progress_times[-1]
+        return t
 
     def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
-        """Return the motion as far as it is known; `reason` says why it is NumPy's."""
+        """Return the motion as far as it is known.
+
+        Parameters
+        ----------
+        reason, forecast
+            As in `EngineReport`.
+
+        Raises
+        ------
+        SolveError
+            If there is not even a first step.
+        """
         end = self.end or SimulationEnd("time", self.reached, "it goes on")
-        if not self.path:
-            raise cannot_leave(self.problem, end.message)
+        if not self.steps:
+            raise make_start_error(self.problem, end.message)
         return Simulation(
-            self.equation,
-            self.problem.driven,
-            self._travelled(),
-            tuple(self.events),
-            end,
-            EngineReport("numpy", reason, 0.0, self.seconds, len(self.path), forecast),
+            equation=self.equation,
+            driven=self.problem.driven,
+            path=self._make_path(),
+            events=tuple(self.events),
+            end=end,
+            engine=EngineReport(
+                name="numpy",
+                reason=reason,
+                compile_seconds=0.0,
+                seconds=self.seconds,
+                steps=len(self.steps),
+                forecast=forecast,
+            ),
             tolerance=self.tolerance,
         )
 
-    def _travelled(self) -> StatePath:
-        return through_steps(self.path, self.problem.turns, self.drift)
+    def _make_path(self) -> StatePath:
+        """Return the path of all accepted steps."""
+        return make_collocation_path(
+            self.steps, self.problem.turns, self.max_closure_residual
+        )
 
     def _integrate(self) -> Generator[float, None, SimulationEnd]:
-        """Yield the time after each step; return the end."""
+        """Yield the time after each step, and return the end."""
         problem = self.problem
         equation = self.equation
         t = 0.0
-        state = self.start
-        before = None
-        length = self._first_length()
+        state = self.start_state
+        previous: CollocationStep | None = None
+        length = self._choose_first_length()
+        # Loads may have kinks at the targets, so no step leads across one.
         for target in problem.targets:
             while t < target:
-                left = target - t
-                tried = left if left < 1.05 * length else length
-                step, error, iterations, last = self._attempt(t, tried, state, before)
-                rates = last.motion.rates
+                rest = target - t
+                tried = rest if rest < FINAL_STEP_RATIO * length else length
+                attempt = self._attempt_step(t, tried, state, previous)
+                step = attempt.step
+                error = attempt.error
+                rates = attempt.dynamics.motion.rates
                 if error <= 1.0:
-                    orientation = step.orientation(equation.closure, rates)
-                    if not self._keeps(step, orientation):
+                    orientations = step.closure_determinants(equation.closure, rates)
+                    if not self._stays_on_set(step, orientations):
                         error = np.inf
                 if error > 1.0:
-                    length = min(_factor(error, iterations), 0.5) * tried
+                    length = min(_length_factor(error, attempt.iterations), 0.5) * tried
                     if length < MIN_STEP_FRACTION * problem.until:
-                        return self._stuck(step, error, last)
+                        return self._diagnose_failure(step, error, attempt.dynamics)
                     continue
-                if self._refined(orientation):
+                if self._needs_careful_step(orientations):
                     continue
-                if len(self.path) >= MAX_COLLOCATION_STEPS:
-                    return SimulationEnd("too_fast", t, too_many(MAX_COLLOCATION_STEPS))
-                noisy = self._noisy(step)
-                if tried == length or tried < left:
-                    # A shorter step has as much noise.
-                    length = _factor(EPS if noisy else error, iterations) * tried
-                creeps = noisy and tried < NOISY_STEP_FRACTION * problem.until
-                self.creeping = self.creeping + 1 if creeps else 0
-                if self.creeping == MAX_NOISY_STEPS:
-                    return SimulationEnd("too_fast", t, NOISE)
-                stopped = self._accept(step, rates, orientation)
-                if stopped is not None:
-                    return stopped
-                t = target if tried == left else step.stop
-                before = step
-                state = self._closed(step.end)
+                if len(self.steps) >= MAX_COLLOCATION_STEPS:
+                    message = too_many_steps_message(MAX_COLLOCATION_STEPS)
+                    return SimulationEnd("too_fast", t, message)
+                is_noisy = self._is_noisy(step)
+                if tried == length or tried < rest:
+                    # A shorter step would have as much noise, so noise counts as no error.
+                    effective_error = EPS if is_noisy else error
+                    length = _length_factor(effective_error, attempt.iterations) * tried
+                is_short = tried < NOISY_STEP_FRACTION * problem.until
+                self.noisy_steps = self.noisy_steps + 1 if is_noisy and is_short else 0
+                if self.noisy_steps == MAX_NOISY_STEPS:
+                    return SimulationEnd("too_fast", t, NOISE_MESSAGE)
+                end = self._accept(step, rates, orientations)
+                if end is not None:
+                    return end
+                t = target if tried == rest else step.stop
+                previous = step
+                state = self._close(step.end_state)
                 if equation.freedoms == 1:
                     self.frame = rates[-1]
                 elif np.linalg.norm(rates[-1], 2) > MAX_FRAME_RATE:
                     state, self.frame = equation.renew_frame(state, self.frame)
-                    before = None
+                    # The series of the last step are in the old frame.
+                    previous = None
                 yield t
             if t < problem.until:
-                self._note("switch", t, self.path[-1])
-                before = None
-        return SimulationEnd("time", problem.until, OVER)
+                self._record_event("switch", t, self.steps[-1])
+                previous = None
+        return SimulationEnd("time", problem.until, TIME_MESSAGE)
 
-    def _first_length(self) -> float:
+    def _choose_first_length(self) -> float:
+        """Return the length (s) of the first step, from speed and acceleration."""
         until = self.problem.until
-        dynamics = self._dynamics(np.zeros(1), self.start[None])
-        speed = float(np.linalg.norm(dynamics.speed)) / FIRST_STEP_ARC
-        push = float(np.linalg.norm(dynamics.roots.solve(dynamics.momentum_rates)))
-        pace = max(speed, (push / FIRST_STEP_ARC) ** 0.5, 1.0)
-        return max(min(until, 1.0 / pace), MIN_STEP_FRACTION * until)
+        dynamics = self._evaluate_dynamics(np.zeros(1), self.start_state[None])
+        speed = float(np.linalg.norm(dynamics.speed))
+        acceleration = float(np.linalg.norm(dynamics.roots.solve(dynamics.momentum_rates)))
+        inverse_length = max(
+            speed / FIRST_STEP_ARC, (acceleration / FIRST_STEP_ARC) ** 0.5, 1.0
+        )
+        return max(min(until, 1.0 / inverse_length), MIN_STEP_FRACTION * until)
 
-    def _dynamics(self, t: Floats, states: Floats) -> StateDynamics:
-        """Return what acts at states, in the frame of the last step's end.
+    def _evaluate_dynamics(self, t: Floats, states: Floats) -> StateDynamics:
+        """Return motion and forces at times (n,) and states (n, states).
 
-        Where crossings are passed at configurations that close: rates of others have no
-        limit where sets of configurations cross, those of closed ones go on smoothly along
-        the set.
+        The frame is that of the end of the last step. If crossings are passed, the
+        configurations are closed first: near a crossing, the rates of configurations that
+        are open have no limit, and those of closed ones continue smoothly.
         """
         equation = self.equation
         variables = self.equation.variable_count
@@ -303,69 +406,92 @@ class Collocation:
             states = np.concatenate([closed, states[:, variables:]], axis=1)
         return equation.evaluate(t, states, self.frame, self.problem.whole)
 
-    def _closed(self, state: Floats) -> Floats:
-        """Return the state with its configuration put back onto the curve."""
+    def _close(self, state: Floats) -> Floats:
+        """Return the state (states,) with its configuration closed again."""
         variables = self.equation.variable_count
-        values, gap = self.equation.project_once(state[:variables])
-        self.drift = max(self.drift, gap)
+        values, closure_residual = self.equation.project_once(state[:variables])
+        self.max_closure_residual = max(self.max_closure_residual, closure_residual)
         return np.concatenate([values, state[variables:]])
 
-    def _attempt(
-        self, start: float, length: float, state: Floats, before: Step | None
-    ) -> tuple[Step, float, int, StateDynamics]:
-        """Try a step, from `before`, the one that ends there.
+    def _attempt_step(
+        self,
+        start: float,
+        length: float,
+        state: Floats,
+        previous: CollocationStep | None,
+    ) -> "StepAttempt":
+        """Solve the equations of a step.
 
-        Return it with its error, what the polynomial leaves out over what is tolerated,
-        infinite where the iteration failed, there are no rates, or it misses what a load
-        does within it; with the number of iterations, and what acts at the nodes.
+        Parameters
+        ----------
+        start, length
+            Time at the start, and length, s.
+        state
+            (states,) state at the start.
+        previous
+            The step that ends there, whose series is continued as the first guess. None
+            after a kink of a load.
         """
         equation = self.equation
-        t = start + 0.5 * length * (GAUSS + 1.0)
-        scale = np.maximum(self.sizes, np.abs(state))
-        # Newton's method is of one momentum.
-        stiff = equation.freedoms == 1 and equation.loads.needs_step_probes
-        if before is None:
-            first = self._dynamics(np.array([start]), state[None])
-            rates = np.repeat(equation.state_rates(first), NODES, axis=0)
+        t = start + 0.5 * length * (GAUSS_NODES + 1.0)
+        scale = np.maximum(self.scales, np.abs(state))
+        # Loads that change abruptly make the momentum stiff. Newton's method is implemented
+        # for a single momentum.
+        is_stiff = equation.freedoms == 1 and equation.loads.needs_step_probes
+        momentum = equation.variable_count
+        if previous is None:
+            dynamics = self._evaluate_dynamics(np.array([start]), state[None])
+            rates = np.repeat(equation.state_rates(dynamics), NODE_COUNT, axis=0)
         else:
-            rates = before.summed(before.series[:CONTINUED_COEFFICIENTS], t)
-        integral = 0.5 * length * INTEGRAL
-        states = state + integral @ rates
-        tolerance = (
-            min(self.tolerance, MAX_CROSSING_TOLERANCE_RAD) if self.fine else self.tolerance
-        )
-        enough = max(0.05 * tolerance, 8 * EPS)
+            series = previous.series[:CONTINUED_COEFFICIENTS]
+            rates = previous.evaluate_series(series, t)
+        integration = 0.5 * length * INTEGRATION_MATRIX
+        states = state + integration @ rates
+        tolerance = self.tolerance
+        if self.is_careful:
+            tolerance = min(tolerance, MAX_CROSSING_TOLERANCE_RAD)
+        converged_change = max(CONVERGED_RATIO * tolerance, 8 * EPS)
         change = np.inf
         error = np.inf
-        settled = False
-        for count in range(1, MAX_ITERATIONS + 1):
-            last = change
-            dynamics = self._dynamics(t, states)
+        has_converged = False
+        for iterations in range(1, MAX_ITERATIONS + 1):
+            last_change = change
+            dynamics = self._evaluate_dynamics(t, states)
             rates = equation.state_rates(dynamics)
-            moved = state + integral @ rates
-            if stiff:
-                if count in SLOPE_ITERATIONS:
-                    inverse = self._inverse(t, states, rates, length, scale)
-                place = equation.variable_count
-                moved[:, place] = states[:, place] + inverse @ (moved - states)[:, place]
-            change = float(max_abs((moved - states) / scale))
-            states = moved
-            if not np.isfinite(change) or (count > 4 and change > 4.0 * last):
+            new_states = state + integration @ rates
+            if is_stiff:
+                if iterations in SLOPE_ITERATIONS:
+                    inverse = self._newton_inverse(t, states, rates, length, scale)
+                residual = (new_states - states)[:, momentum]
+                new_states[:, momentum] = states[:, momentum] + inverse @ residual
+            change = float(max_abs((new_states - states) / scale))
+            states = new_states
+            is_diverging = (
+                iterations > FREE_ITERATIONS and change > DIVERGENCE_RATIO * last_change
+            )
+            if not np.isfinite(change) or is_diverging:
                 break
-            if change < enough or last <= change < max(tolerance, 64 * EPS):
-                settled = True
+            # Changes that no longer fall are rounding errors, if they are small enough.
+            is_rounding = last_change <= change < max(tolerance, 64 * EPS)
+            if change < converged_change or is_rounding:
+                has_converged = True
                 break
-        series = TO_SERIES @ rates
-        frames = dynamics.motion.rates if equation.freedoms == 1 else self.frame[None]
-        step = Step(start, length, state, series, frames)
-        if settled and np.all(dynamics.motion.status == Status.OK):
-            left_out = max_abs(series[-3:], axis=0) * length / ERROR_DIVISOR
-            error = float(np.max(left_out / scale)) / tolerance
-        if error <= 1.0 and not self._looked(step, scale, tolerance):
+        step = CollocationStep(
+            start=start,
+            length=length,
+            state=state,
+            series=SERIES_MATRIX @ rates,
+            frames=dynamics.motion.rates if equation.freedoms == 1 else self.frame[None],
+        )
+        if has_converged and np.all(dynamics.motion.status == Status.OK):
+            last_sizes = max_abs(step.series[-LAST_COEFFICIENTS:], axis=0)
+            truncation_errors = last_sizes * length / ERROR_DIVISOR
+            error = float(np.max(truncation_errors / scale)) / tolerance
+        if error <= 1.0 and not self._passes_probes(step, scale, tolerance):
             error = np.inf
-        return step, error, count, dynamics
+        return StepAttempt(step, error, iterations, dynamics)
 
-    def _inverse(
+    def _newton_inverse(
         self, t: Floats, states: Floats, rates: Floats, length: float, scale: Floats
     ) -> Floats:
         """Return the matrix (N, N) of Newton's method for the momenta at N nodes.
@@ -387,146 +513,257 @@ class Collocation:
         shift = MOMENTUM_DIFFERENCE * scale[momentum]
         shifted_states = states.copy()
         shifted_states[:, momentum] += shift
-        shifted_rates = self.equation.state_rates(self._dynamics(t, shifted_states))
+        shifted_rates = self.equation.state_rates(
+            self._evaluate_dynamics(t, shifted_states)
+        )
         # The derivative of the momentum's rate by the momentum at each node.
         slope = (shifted_rates - rates)[:, momentum] / shift
         slope[~np.isfinite(slope)] = 0.0
-        return np.linalg.inv(np.eye(NODES) - 0.5 * length * INTEGRAL * slope)
+        return np.linalg.inv(np.eye(NODE_COUNT) - 0.5 * length * INTEGRATION_MATRIX * slope)
 
-    def _looked(self, step: Step, scale: Floats, tolerance: float) -> bool:
-        """Return whether loads do within a step what its series say."""
+    def _passes_probes(
+        self, step: CollocationStep, scale: Floats, tolerance: float
+    ) -> bool:
+        """Return whether the loads within a step agree with its series.
+
+        Parameters
+        ----------
+        step
+            The step.
+        scale
+            (states,) sizes of the state.
+        tolerance
+            Tolerance of the step, rad.
+        """
         equation = self.equation
         momenta = self.equation.momenta
         loads = equation.loads
         if not loads.needs_step_probes:
             return True
-        largest = max(scale[equation.variable_count], float(max_abs(step.state[momenta])))
-        enough = MAX_PROBE_ERROR_RATIO * tolerance * ERROR_DIVISOR * largest / step.length
+        largest_momentum = max(
+            scale[equation.variable_count], float(max_abs(step.state[momenta]))
+        )
+        allowed_error = (
+            MAX_PROBE_ERROR_RATIO
+            * tolerance
+            * ERROR_DIVISOR
+            * largest_momentum
+            / step.length
+        )
 
-        def probe(_: Indices, places: Floats) -> tuple[Floats, Floats]:
+        def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
             """Return errors (n,) and steep arguments (n, arguments); see `step_probes`."""
-            t = step.start + places * step.length
+            t = step.start + fractions * step.length
             # The frames are the tangents at the nodes, which are in [-1, 1].
-            nearest = np.argmin(np.abs(2.0 * places[:, None] - 1.0 - GAUSS), axis=1)
+            distances = np.abs(2.0 * fractions[:, None] - 1.0 - GAUSS_NODES)
+            nearest = np.argmin(distances, axis=1)
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
-            dynamics = equation.evaluate(t, step.at(t), frame, self.problem.whole)
-            missed = np.abs(dynamics.momentum_rates - step.rate(t)[:, momenta])
-            steep = loads.evaluate_laws(
+            states = step.evaluate_state(t)
+            dynamics = equation.evaluate(t, states, frame, self.problem.whole)
+            rate_errors = np.abs(
+                dynamics.momentum_rates - step.evaluate_rate(t)[:, momenta]
+            )
+            steep_arguments = loads.evaluate_laws(
                 loads.steep_arguments, dynamics.motion, dynamics.speed, t
             )
-            return np.max(missed, axis=1) / enough, steep
+            return np.max(rate_errors, axis=1) / allowed_error, steep_arguments
 
+        # A value above 1 means that no error was found in the step.
         return bool(find_first_errors(probe, 1)[0] > 1.0)
 
-    def _noisy(self, step: Step) -> bool:
-        """Return whether a step's last coefficients are noise: not smaller than others."""
-        sizes = max_abs(step.series[NODES // 3 :] / self.sizes, axis=1)
-        return bool(np.max(sizes[-3:]) > NOISE_RATIO * np.max(sizes))
+    def _is_noisy(self, step: CollocationStep) -> bool:
+        """Return whether the last coefficients of a step are noise.
 
-    def _keeps(self, step: Step, orientation: Floats) -> bool:
-        """Return whether a step keeps to one set of configurations where sets cross.
+        They are if they are not much smaller than earlier ones.
+        """
+        sizes = max_abs(step.series[NODE_COUNT // 3 :] / self.scales, axis=1)
+        largest_last = np.max(sizes[-LAST_COEFFICIENTS:])
+        return bool(largest_last > NOISE_RATIO * np.max(sizes))
 
-        Where crossings are passed: it passes through one, ends away from any, and is on no
-        two sets that come near each other and do not cross.
+    def _stays_on_set(self, step: CollocationStep, orientations: Floats) -> bool:
+        """Return whether a step stays on one set of configurations near a crossing.
+
+        This is examined only if crossings are passed. The step then has to pass through at
+        most one crossing and to end away from any. It must not lead from one set to another
+        that comes near without crossing it.
+
+        Parameters
+        ----------
+        step
+            The step.
+        orientations
+            (N,) orientations at its nodes.
         """
         if not self.problem.passes:
             return True
         equation = self.equation
-        size, side = self._sense(orientation)
-        near = np.abs(orientation) < CROSSING_RATIO * size
-        if not np.any(orientation * side < 0.0):
-            return not np.any(near)
-        t = step.crossing(orientation, float(np.copysign(size, side)))
-        if np.any(near[-2:]) or t is None:
+        largest, sign = self._largest_orientation(orientations)
+        is_near = np.abs(orientations) < CROSSING_RATIO * largest
+        if not np.any(orientations * sign < 0.0):
+            return not np.any(is_near)
+        t = step.find_crossing(orientations, float(np.copysign(largest, sign)))
+        if np.any(is_near[-2:]) or t is None:
             return False
-        values = step.at(np.array([t]))[0, : equation.variable_count]
-        # Between sets that do not cross, a way from one to the other is not closed.
-        (gap,) = equation.closure.at(values[None]).gap
-        sure = reciprocal_condition(equation.closure, values, equation.freedoms)
-        return bool(gap < MAX_CROSSING_TOLERANCE_RAD and sure < CROSSING_RATIO)
+        values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
+        # Between sets that do not cross, a path from one to the other is not closed.
+        (closure_residual,) = equation.closure.at(values[None]).gap
+        condition = reciprocal_condition(equation.closure, values, equation.freedoms)
+        return bool(
+            closure_residual < MAX_CROSSING_TOLERANCE_RAD and condition < CROSSING_RATIO
+        )
 
-    def _refined(self, orientation: Floats) -> bool:
-        """Return whether a step has to be taken again, to tell whether curves cross."""
+    def _needs_careful_step(self, orientations: Floats) -> bool:
+        """Return whether a step has to be repeated with a smaller tolerance.
+
+        This is the case if a crossing may be near, and the tolerance is too large to
+        recognise it. `orientations` (N,) are those at the nodes of the step.
+        """
         if self.problem.passes:
             return False
-        size, side = self._sense(orientation)
-        near = orientation * np.sign(side) < np.sqrt(self.tolerance) * size
-        before, self.fine = self.fine, bool(np.any(near))
-        return self.fine and not before and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
+        largest, sign = self._largest_orientation(orientations)
+        is_near = orientations * np.sign(sign) < np.sqrt(self.tolerance) * largest
+        was_careful = self.is_careful
+        self.is_careful = bool(np.any(is_near))
+        becomes_careful = self.is_careful and not was_careful
+        return becomes_careful and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
 
-    def _sense(self, orientation: Floats) -> tuple[float, float]:
-        """Return the largest orientation so far, with those of a step, and a first one."""
-        size = max(abs(self.orientation), float(max_abs(orientation)))
-        return size, self.orientation or float(orientation[0])
+    def _largest_orientation(self, orientations: Floats) -> tuple[float, float]:
+        """Return the largest size of an orientation so far, and a number with its sign.
+
+        `orientations` (N,) are those at the nodes of a step, which are included. The sign
+        is that before this step, or that of its first node if it is the first step.
+        """
+        largest = max(abs(self.orientation), float(max_abs(orientations)))
+        return largest, self.orientation or float(orientations[0])
 
     def _accept(
-        self, step: Step, rates: Floats, orientation: Floats
+        self, step: CollocationStep, rates: Floats, orientations: Floats
     ) -> SimulationEnd | None:
-        """Keep a step and note its events; return the end if there is one within it."""
-        self.path.append(step)
-        happened = self._happened(step, rates, orientation)
-        for t, kind, pair in sorted(happened, key=lambda item: item[0]):
+        """Add a step and record its events. Return the end if there is one within it.
+
+        Parameters
+        ----------
+        step
+            The step.
+        rates
+            (N, m, variables) rates of the variables by the coordinates at its nodes.
+        orientations
+            (N,) orientations at its nodes.
+        """
+        self.steps.append(step)
+        occurrences = self._find_occurrences(step, rates, orientations)
+        # Sorting is stable: occurrences at one time keep their order.
+        for t, kind, pair in sorted(occurrences, key=lambda item: item[0]):
             if kind == "singularity":
-                return SimulationEnd(kind, t, CROSSING)
-            values = self._note(kind, t, step, pair)
+                return SimulationEnd(kind, t, CROSSING_MESSAGE)
+            values = self._record_event(kind, t, step, pair)
             if kind == "joint_limit":
-                number = variable_of(self.equation.mechanism, pair)
-                return stop_end(t, pair, float(values[number]))
+                variable = variable_of(self.equation.mechanism, pair)
+                return joint_limit_end(t, pair, float(values[variable]))
         return None
 
-    def _happened(
-        self, step: Step, rates: Floats, orientation: Floats
+    def _find_occurrences(
+        self, step: CollocationStep, rates: Floats, orientations: Floats
     ) -> Iterator[tuple[float, EventKind | Literal["singularity"], str]]:
-        """Yield what happens within a step, where at one time, what ends it first."""
+        """Yield time, kind and pair of what occurs within a step.
+
+        Occurrences that end the simulation come first. The parameters are those of
+        `_accept`.
+        """
         mechanism = self.equation.mechanism
         driven = list(self.problem.driven)
-        for t, pair in step.stopped(mechanism, self.problem.whole):
+        for t, pair in step.find_exceeded_limits(mechanism, self.problem.whole):
             yield t, "joint_limit", pair
-        size, side = self._sense(orientation)
-        self.orientation = float(np.copysign(size, side))
-        crossing = step.crossing(orientation, self.orientation)
+        largest, sign = self._largest_orientation(orientations)
+        self.orientation = float(np.copysign(largest, sign))
+        crossing = step.find_crossing(orientations, self.orientation)
         if crossing is not None:
             yield crossing, "crossing" if self.problem.passes else "singularity", ""
-            self.orientation = float(np.copysign(size, orientation[-1]))
-        # There the inputs do not say how all else moves; a single one turns back.
-        alone = len(driven) == 1
-        kind: EventKind = "dead_centre" if alone else "type_2"
-        for t in step.passed(TO_SERIES @ np.linalg.det(rates[:, :, driven])):
-            yield t, kind, mechanism.input_pairs[0] if alone else ""
-        if alone:
-            for t in step.passed(step.column(self.equation.variable_count)):
+            self.orientation = float(np.copysign(largest, orientations[-1]))
+        # Where the rates of the inputs by the coordinates are dependent, the inputs do not
+        # determine the motion. A single input reverses there.
+        has_one_input = len(driven) == 1
+        kind: EventKind = "dead_centre" if has_one_input else "type_2"
+        input_rates = np.linalg.det(rates[:, :, driven])
+        for t in step.find_sign_changes(SERIES_MATRIX @ input_rates):
+            yield t, kind, mechanism.input_pairs[0] if has_one_input else ""
+        if has_one_input:
+            momentum_series = step.state_series(self.equation.variable_count)
+            for t in step.find_sign_changes(momentum_series):
                 yield t, "rest", ""
 
-    def _note(self, kind: EventKind, t: float, step: Step, pair: str = "") -> Floats:
-        """Note an event, and return all variables there."""
-        values = (
-            step.at(np.array([t]))[0, : self.equation.variable_count] + self.problem.whole
-        )
+    def _record_event(
+        self, kind: EventKind, t: float, step: CollocationStep, pair: str = ""
+    ) -> Floats:
+        """Record an event at a time (s) within a step, and return all variables (rad)."""
+        state = step.evaluate_state(np.array([t]))[0]
+        values = state[: self.equation.variable_count] + self.problem.whole
         inputs = tuple(values[list(self.problem.driven)].tolist())
         self.events.append(Event(kind, t, inputs, pair))
         return values
 
-    def _stuck(self, step: Step, error: float, last: StateDynamics) -> SimulationEnd:
-        """Return why no step however short can be taken from the start of one."""
+    def _diagnose_failure(
+        self, step: CollocationStep, error: float, dynamics: StateDynamics
+    ) -> SimulationEnd:
+        """Return the reason why no step from the start of a rejected one is short enough.
+
+        Parameters
+        ----------
+        step, error
+            The rejected step, and its error relative to the tolerance.
+        dynamics
+            Motion and forces at its nodes.
+        """
         equation = self.equation
         t = step.start
-        for code, (kind, words) in END_BY_STATUS.items():
-            if np.any(last.motion.status == code):
-                return SimulationEnd(kind, t, words)
+        for status, (kind, message) in END_BY_STATUS.items():
+            if np.any(dynamics.motion.status == status):
+                return SimulationEnd(kind, t, message)
         values = step.state[: equation.variable_count]
-        sure = reciprocal_condition(equation.closure, values, equation.freedoms)
-        if self.fine or sure < 1e-5:
-            return SimulationEnd("singularity", t, CROSSING)
-        why = f"no step is short enough (iteration error {error:.2g}); {JUMPS}"
-        if not self.path:
-            return SimulationEnd("too_fast", t, why)
-        return given_up(equation, self._travelled(), t, why)
+        condition = reciprocal_condition(equation.closure, values, equation.freedoms)
+        if self.is_careful or condition < MIN_CROSSING_CONDITION:
+            return SimulationEnd("singularity", t, CROSSING_MESSAGE)
+        message = f"no step is short enough (iteration error {error:.2g}); {JUMP_MESSAGE}"
+        if not self.steps:
+            return SimulationEnd("too_fast", t, message)
+        return no_step_end(equation, self._make_path(), t, message)
 
 
-def _factor(error: float, iterations: int) -> float:
-    """Return by what the next step is longer, or shorter after one not accepted."""
+@dataclass(frozen=True)
+class StepAttempt:
+    """A step whose equations were iterated.
+
+    Attributes
+    ----------
+    step
+        The step.
+    error
+        Its error relative to the tolerance. It is infinite if the iteration failed, if
+        there are no rates at a node, or if the series miss a change of the loads.
+    iterations
+        Number of iterations.
+    dynamics
+        Motion and forces at the nodes.
+    """
+
+    step: CollocationStep
+    error: float
+    iterations: int
+    dynamics: StateDynamics
+
+
+def _length_factor(error: float, iterations: int) -> float:
+    """Return the ratio of the next step to one with this error.
+
+    Parameters
+    ----------
+    error
+        Error relative to the tolerance. It is proportional to the power N of the length.
+    iterations
+        Number of iterations that the step took.
+    """
     if not np.isfinite(error):
         return MIN_STEP_SHRINKAGE
-    factor = STEP_SAFETY * max(error, EPS) ** (-1.0 / NODES)
-    most = STEP_SAFETY if iterations > MANY_ITERATIONS else MAX_STEP_GROWTH
-    return min(max(factor, MIN_STEP_SHRINKAGE), most)
+    factor = STEP_SAFETY * max(error, EPS) ** (-1.0 / NODE_COUNT)
+    largest = STEP_SAFETY if iterations > MANY_ITERATIONS else MAX_STEP_GROWTH
+    return min(max(factor, MIN_STEP_SHRINKAGE), largest)

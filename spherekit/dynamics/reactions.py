@@ -1,15 +1,14 @@
-"""What the pairs transmit: moments about the centre and forces through it.
+"""The moments and forces that the pairs of a mechanism transmit.
 
-Newton's and Euler's equation of each moving link about the centre O,
+The Newton-Euler equation of each moving link about the centre O is
 
-    I a + w x I w = moments of the loads + moments of its pairs,
+    I a + w x I w = moments of the loads + moments of its pairs.
 
-has on the right, of each pair, a part along what its variables turn about, which loads and
-drives say, and the reaction, which does no work. The forces through O have no moment about
-it. They are determined, by the equations of the forces on all links, as far as the file
-says which pairs let their links slide along the axis, and where centres of mass are: every
-pair that does not slide holds its links at O, and each loop of R pairs leaves three such
-forces open.
+The moment of a pair has a part along the vectors of its variables, which loads and drives
+determine, and the reaction, which does no work. Forces through O have no moment about it.
+They follow from the equations of the forces on all links, if the file says which pairs let
+their links slide along the axis, and where centres of mass are. Every pair that does not
+slide holds its links at O. Each loop of R pairs leaves three such forces undetermined.
 """
 
 from collections.abc import Mapping
@@ -34,25 +33,33 @@ from spherekit.mechanism.friction import Bearings
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
 
-ROUNDING = 1e-12
-"""A contact pulls where it does so by more than this part of the largest reaction."""
+MAX_RELATIVE_PULL_OF_CONTACTS = 1e-12
+"""Largest pull of a contact, relative to the largest reaction, that counts as rounding.
+
+Rows with a larger pull have the status LIFT_OFF. Larger: small pulls are not noticed.
+"""
 
 
 @dataclass(frozen=True)
 class Reactions(JointReactions):
-    """What every pair transmits at n rows of a motion.
+    """The moments and forces that every pair transmits, at n rows of a motion.
 
-    `moments` (n, pairs, 3) N m: that of the first link on the second about O, in pair axes,
-    the columns of the pair's frame in ground axes `frames` (n, pairs, 3, 3), of an R pair
-    fixed in its second link; its opposite acts on the first link. `forces` (n, pairs, 3) N
-    are those through O likewise, of a contact at its point. Of an R pair z is the axis and
-    its component the torque of loads and drives; of a contact x is the tangent, y the
-    normal to the side of the first body, z the point. Components that constraints leave
-    open are NaN, as are rows that failed; `is_open` and `open_forces` (n, pairs, 3) say
-    which, `lacking` what would determine the forces, `slides` (n, links) which links no
-    pair holds at O, so that no force is. `unbalanced` (n,) N m is the largest moment by
-    which a link misses its equation, `torques` what drives the inputs, `status` (n, pairs)
-    theirs, with LIFT_OFF where a contact would have to pull.
+    Components are along the pair axes: the columns of `frames`, which for an R pair are
+    fixed in its second link. z is the axis of an R pair, and the moment about it is the
+    torque of loads and drives. For a contact, x is the tangent, y the normal on the side of
+    the first body, and z the contact point. Failed rows, and components that constraints
+    leave undetermined, are NaN.
+
+    Attributes
+    ----------
+    wrenches, opened, unbalanced, slides
+        As in `JointReactions`.
+    torques
+        The driving torques of the motion.
+    lacking
+        The information that would determine the forces.
+    status
+        (n, pairs) status of the torques, and LIFT_OFF if a contact would have to pull.
     """
 
     torques: InverseSolution
@@ -61,93 +68,119 @@ class Reactions(JointReactions):
 
     @property
     def frames(self) -> Floats:
-        """(n, pairs, 3, 3) those of the pairs in ground axes."""
+        """(n, pairs, 3, 3) pair frames in ground axes."""
         return self.torques.motion.frames
 
     @property
     def forces(self) -> Floats:
-        """(n, pairs, 3) N."""
+        """(n, pairs, 3) forces through O of the first link on the second, N."""
         return self.wrenches[..., 3:]
 
     @property
     def is_open(self) -> Bools:
-        """(n, pairs, 3) which components of moments are not determined."""
+        """(n, pairs, 3) whether a component of a moment is undetermined."""
         return self.opened[..., :3]
 
     @property
     def open_forces(self) -> Bools:
-        """(n, pairs, 3) which components of forces are not."""
+        """(n, pairs, 3) whether a component of a force is undetermined."""
         return self.opened[..., 3:]
 
     @property
     def contacts(self) -> Bools:
-        """(pairs,) which pairs are contacts."""
+        """(pairs,) whether a pair is a contact."""
         pairs = self.torques.mechanism.pairs
         return np.array([not pair.kind.has_axis for pair in pairs])
 
     @property
     def on_bearings(self) -> Mapping[str, Floats]:
-        """(n, bearings, 3) N by load: the forces on its bearings, in pair axes.
+        """(n, bearings, 3) N by name of the load: forces on its bearings, in pair axes.
 
-        Along the axis they are NaN where the file does not say how that part is shared,
-        across it where the force through O is open.
+        The component along the axis is NaN if the file does not say how the bearings share
+        it, and the other components are NaN if the force through O is undetermined.
         """
-        return {load.name: load.supported_loads(*self._of(load)) for load in self._bearings}
+        forces: dict[str, Floats] = {}
+        for load in self._bearing_loads:
+            pair = self._pair_number(load)
+            forces[load.name] = load.supported_loads(
+                self.moments[:, pair], self.forces[:, pair]
+            )
+        return forces
 
     @property
     def couples(self) -> Mapping[str, Floats]:
-        """(n, bearings) N by load: what of these forces is of the couple alone."""
+        """(n, bearings) N by name of the load: sizes of the forces by the moment alone."""
         return {
-            load.name: np.linalg.norm(load.supported_loads(self._of(load)[0]), axis=-1)
-            for load in self._bearings
+            load.name: np.linalg.norm(
+                load.supported_loads(self.moments[:, self._pair_number(load)]), axis=-1
+            )
+            for load in self._bearing_loads
         }
 
     @property
-    def _bearings(self) -> list[Bearings]:
+    def _bearing_loads(self) -> list[Bearings]:
+        """The loads that describe bearings of pairs."""
         loads = self.torques.mechanism.loads
         return [load for load in loads if isinstance(load, Bearings)]
 
-    def _of(self, load: Bearings) -> tuple[Floats, Floats]:
-        pair = self.torques.mechanism.pair_number[load.pair]
-        return self.moments[:, pair], self.forces[:, pair]
+    def _pair_number(self, load: Bearings) -> int:
+        """Return the number of the pair whose bearings a load describes."""
+        return self.torques.mechanism.pair_number[load.pair]
 
     @property
     def push(self) -> Floats:
-        """(n, pairs) N m: force of contacts along the normal, times the radius.
+        """(n, pairs) N m: force of a contact along its normal, times the radius.
 
-        Positive where it presses; NaN of R pairs.
+        It is positive if the contact presses, and NaN for R pairs.
         """
         return np.where(self.contacts, self.moments[..., 0], np.nan)
 
     @property
     def traction(self) -> Floats:
-        """(n, pairs) N m: that along the tangent, on the second link, likewise."""
+        """(n, pairs) N m: force of a contact along its tangent, times the radius.
+
+        It acts on the second link. NaN for R pairs.
+        """
         return np.where(self.contacts, self.moments[..., 1], np.nan)
 
     def in_first(self, vectors: Floats) -> Floats:
-        """Return x and y (n, pairs, 2), in the first link, of vectors (n, pairs, 3).
+        """Return the x and y components of vectors in the first links of R pairs.
 
-        Of an R pair along the axes that coincide with the pair axes where its variable is
-        zero, but are fixed in its first link; NaN of contacts.
+        The axes coincide with the pair axes if the variable of the pair is zero, but they
+        are fixed in the first link.
+
+        Parameters
+        ----------
+        vectors
+            (n, pairs, 3) components along the pair axes.
+
+        Returns
+        -------
+        (n, pairs, 2) components; NaN for contacts.
         """
         mechanism = self.torques.mechanism
-        turned = nans(vectors.shape[:2])
-        numbers = [mechanism.pair_number[pair] for pair in mechanism.angles]
-        turned[:, numbers] = self.torques.values[:, [*mechanism.angles.values()]]
-        cos = np.cos(turned)
-        sin = np.sin(turned)
+        angles = nans(vectors.shape[:2])
+        pair_numbers = [mechanism.pair_number[pair] for pair in mechanism.angles]
+        angles[:, pair_numbers] = self.torques.values[:, [*mechanism.angles.values()]]
+        cos = np.cos(angles)
+        sin = np.sin(angles)
         x = vectors[..., 0]
         y = vectors[..., 1]
         return np.stack((cos * x - sin * y, sin * x + cos * y), axis=-1)
 
 
 def reactions(motion: Motion) -> Reactions:
-    """Return what every pair transmits in a motion; see `needed_torques`.
+    """Return the moments and forces that every pair transmits in a motion.
+
+    Parameters
+    ----------
+    motion
+        As for `needed_torques`.
 
     Notes
     -----
-    The equations of all links are more than the reactions, by as many as there are inputs,
-    since the torques of these are known: what is left over checks both.
+    There are more equations of links than unknown reactions, by the number of inputs, since
+    the torques at the inputs are known. The residual of the equations checks both.
     """
     torques = needed_torques(motion)
     mechanism = motion.mechanism
@@ -156,28 +189,33 @@ def reactions(motion: Motion) -> Reactions:
     driven = DrivenState(
         mechanism, torques.motion, timing, torques.torques, torques.carried
     )
-    good = torques.status == Status.OK
-    carried = compute_reactions(driven.rows(good), forces=True)
-    missing = IndeterminateForces()
-    count = np.count_nonzero(carried.opened, axis=(1, 2))
-    if np.any(count) and not np.any(carried.slides):
-        frames = torques.motion.frames[good]
-        missing = diagnose_indeterminate_forces(mechanism, frames[np.argmin(count)])
+    is_ok = torques.status == Status.OK
+    joint_reactions = compute_reactions(driven.rows(is_ok), forces=True)
+    indeterminate_forces = IndeterminateForces()
+    open_counts = np.count_nonzero(joint_reactions.opened, axis=(1, 2))
+    if np.any(open_counts) and not np.any(joint_reactions.slides):
+        # The row with the fewest undetermined components is not at a special configuration.
+        frames = torques.motion.frames[is_ok]
+        indeterminate_forces = diagnose_indeterminate_forces(
+            mechanism, frames[np.argmin(open_counts)]
+        )
 
-    def spread(made: Any, none: float | bool) -> Any:
-        every = np.full((len(motion), *made.shape[1:]), none)
-        every[good] = made
-        return every
+    def all_rows(values: Any, failed_value: float | bool) -> Any:
+        """Return an array for all rows from one for the rows that are OK."""
+        array = np.full((len(motion), *values.shape[1:]), failed_value)
+        array[is_ok] = values
+        return array
 
     result = Reactions(
-        spread(carried.wrenches, np.nan),
-        spread(carried.opened, False),
-        spread(carried.unbalanced, np.nan),
-        spread(carried.slides, False),
-        torques,
-        missing,
-        np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
+        wrenches=all_rows(joint_reactions.wrenches, np.nan),
+        opened=all_rows(joint_reactions.opened, False),
+        unbalanced=all_rows(joint_reactions.unbalanced, np.nan),
+        slides=all_rows(joint_reactions.slides, False),
+        torques=torques,
+        lacking=indeterminate_forces,
+        status=np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
     )
-    size = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
-    result.status[result.push < -ROUNDING * size[:, None]] = Status.LIFT_OFF
+    largest_moment = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
+    is_pulling = result.push < -MAX_RELATIVE_PULL_OF_CONTACTS * largest_moment[:, None]
+    result.status[is_pulling] = Status.LIFT_OFF
     return result

@@ -4,7 +4,7 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
-from spherekit.dynamics.forward_dynamics import LEAST, simulate
+from spherekit.dynamics.forward_dynamics import MIN_TOLERANCE_BY_ENGINE, simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.errors import EngineError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
@@ -54,7 +54,7 @@ def reference_simulation(
         torque=torque,
         input_pair=input_pair,
         assembly_mode=assembly_mode,
-        tolerance=LEAST["numpy"],
+        tolerance=MIN_TOLERANCE_BY_ENGINE["numpy"],
     )
     return refined(simulation, start, until, arithmetic)
 
@@ -95,7 +95,7 @@ def refined(
     (q,), (dq,) = start.each(mechanism.input_pairs)
 
     def near(t: Floats) -> tuple[Floats, Floats]:
-        traced = simulation.path.at(np.clip(t, 0.0, end.t))
+        traced = simulation.path.evaluate(np.clip(t, 0.0, end.t))
         rates = traced.rates[:, : simulation.equation.variable_count]
         return traced.values + rates * np.maximum(t - end.t, 0.0)[:, None], rates
 

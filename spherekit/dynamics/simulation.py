@@ -1,4 +1,4 @@
-"""A motion that follows from the loads: dense output, events, and what was checked."""
+"""The result of a simulation: the motion at any time, events, and checks of its errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,10 +13,9 @@ from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.dynamics.equation_of_motion import EquationOfMotion, StateDynamics
 from spherekit.dynamics.generalised_forces import rates_by_time
-from spherekit.dynamics.inertia import inertia_matrix
 from spherekit.dynamics.input_motion import InputMotion, only_column
-from spherekit.dynamics.simulated_path import StatePath, Traced
-from spherekit.dynamics.simulation_start import Problem
+from spherekit.dynamics.simulated_path import PathStates, StatePath
+from spherekit.dynamics.simulation_end import SimulationEnd
 from spherekit.dynamics.transmitted_forces import (
     DrivenState,
     JointReactions,
@@ -31,64 +30,40 @@ from spherekit.wording import counted
 EventKind = Literal[
     "dead_centre", "type_2", "crossing", "rest", "joint_limit", "switch", "lift_off"
 ]
-EndKind = Literal[
-    "time",
-    "joint_limit",
-    "off_profile",
-    "curvature",
-    "singularity",
-    "sticking",
-    "locking",
-    "lift_off",
-    "no_inertia",
-    "too_fast",
-]
+"""Kinds of events; see `Event`."""
 
-OVER = "the time asked for is over"
+MAX_MOMENTUM_ERROR_RATIO = 1000.0
+"""Largest momentum error of a step, relative to the tolerance of the simulation.
 
-CROSSING = (
-    "two curves of configurations cross here, so the loads do not say which way the "
-    "mechanism goes on; start beyond the crossing, or ask for crossings to be passed"
-)
-NO_SERIES = (
-    "a load has a value here but no series, as where exp overflows within it: write it by "
-    "tanh, or take the NumPy engine"
-)
-JUMPS = "a load jumps or grows without bound here: smooth it, or give its time in switches"
-NOISE = (
-    "the noise of the loads, or of rates near a crossing of curves, exceeds the tolerance: "
-    "no step is short enough to go on in; smooth the loads, or raise the tolerance"
-)
-LOCKING = (
-    "bearings lock here: their friction raises the reactions it follows from by as much as "
-    "it is, so rigid links do not say what it is; give them a smaller coefficient or "
-    "radius, or set them farther apart"
-)
-NO_INERTIA = (
-    "the equivalent inertia goes to zero here: no link with mass moves together with the "
-    "input, and the mechanism would go on infinitely fast; give mass to links that move"
-)
-
-VANISHED = 1e-6
-"""An inertia that is smaller than this part of its largest where steps end has vanished."""
-
-UNBALANCED = 1000.0
-"""Tolerances by which a step may change the momentum without a load that does.
-
-The error of NumPy's steps is measured by the last coefficients of their series, which are
-up to 94 times as large.
+A simulation with a larger error misses its tolerance. The error of steps of the NumPy
+engine is measured by the last coefficients of their series, which are up to 94 times as
+large. Larger: missed tolerances are not reported. Smaller: accurate simulations are.
 """
+
+Forecast = Mapping[str, float]
+"""Time (s) that each engine is expected to need for the rest, compiling included."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """What happened at time `t` (s), at the variables of the `inputs` (rad).
+    """An event of a simulation.
 
-    dead_centre: the only input's variable turns back though the mechanism moves on; type_2:
-    several inputs do not hold the mechanism; crossing: it went straight on where sets of
-    configurations cross; rest: a mechanism with one input stands still;
-    stop: a pair reached its joint limit; switch: a load has a kink; lift_off: a one-sided
-    contact presses no more.
+    Attributes
+    ----------
+    kind
+        - "dead_centre": the only input reverses while the mechanism moves on.
+        - "type_2": several inputs do not determine the motion.
+        - "crossing": the simulation passed a crossing of sets of configurations.
+        - "rest": a mechanism with one input stands still.
+        - "joint_limit": a pair reached its joint limit.
+        - "switch": a load has a kink.
+        - "lift_off": a one-sided contact loses its pressure.
+    t
+        The time, s.
+    inputs
+        Variables of the inputs, rad.
+    pair
+        Name of the pair that the event belongs to, or empty.
     """
 
     kind: EventKind
@@ -103,61 +78,23 @@ class Event:
 
 
 @dataclass(frozen=True)
-class SimulationEnd:
-    """Why a simulation ended, and when (s); `time` is the end that was asked for."""
-
-    kind: EndKind
-    t: float
-    message: str
-
-
-def stop_end(t: float, pair: str, value: float) -> SimulationEnd:
-    """Return the end at a stop of a pair whose variable is `value` (rad)."""
-    return SimulationEnd(
-        "joint_limit", t, f"pair {pair} reached its joint limit at {value:.6g} rad"
-    )
-
-
-def too_many(steps: int) -> str:
-    """Return what to do where this many steps are not enough."""
-    return (
-        f"{steps} steps are not enough; the loads change the speed too fast: raise the "
-        "speed that smooths friction, or the tolerance, or simulate a shorter time"
-    )
-
-
-def given_up(
-    equation: EquationOfMotion, path: StatePath, t: float, why: str
-) -> SimulationEnd:
-    """Return the end where no step is short enough: `why`, or the inertia has vanished."""
-    traced = path.at(np.append(path.starts[path.chosen], t))
-    motion = equation.compute_motion(
-        traced.states[:, : equation.variable_count], traced.frames
-    )
-    sizes = np.linalg.eigvalsh(inertia_matrix(equation.mechanism, motion))
-    if sizes[-1, 0] < VANISHED * np.max(sizes):
-        return SimulationEnd("no_inertia", t, NO_INERTIA)
-    return SimulationEnd("too_fast", t, why)
-
-
-def cannot_leave(problem: Problem, why: str) -> SolveError:
-    """Return the error of a motion that has not even a first step."""
-    return SolveError(
-        f"{problem.equation.mechanism.name}: the motion cannot leave its start: {why}"
-    )
-
-
-Forecast = Mapping[str, float]
-"""What each engine was expected to take for what is left (s), compiling included."""
-
-
-@dataclass(frozen=True)
 class EngineReport:
-    """Which engine found a simulation, and what that cost.
+    """The engine of a simulation, and its cost.
 
-    `reason` says why it was this one. `compile_seconds` is what compiling took now, 0
-    where it had been compiled before; `seconds` what solving took; `forecast` what the
-    choice went by, None where there was none to make.
+    Attributes
+    ----------
+    name
+        The engine.
+    reason
+        The reason why this engine was taken.
+    compile_seconds
+        Time that compiling took now, s. It is 0 if the equation was compiled before.
+    seconds
+        Time that solving took, s.
+    steps
+        Number of steps.
+    forecast
+        The expected times by which the engine was chosen. None if there was no choice.
     """
 
     name: Literal["numpy", "compiled"]
@@ -170,15 +107,25 @@ class EngineReport:
 
 @dataclass(frozen=True)
 class Checks:
-    """What a simulation says about its own errors.
+    """Estimates of the errors of a simulation.
 
-    `energy` (J): largest difference of kinetic energy gained and work of the loads;
-    `energy_scale` (J): largest of both; `power` (W): largest difference of the rate of
-    kinetic energy and the power of the loads along the dense output; `momentum`: largest
-    part of the momentum that such a difference would be, did it last its step; `closure`
-    (rad):
-    largest closure residual, before it was taken out; `error` (rad): largest difference
-    of a pair variable from a tighter run, None unless it was asked for.
+    Attributes
+    ----------
+    energy
+        Largest difference between the kinetic energy gained and the work of the loads, J.
+    energy_scale
+        The larger of these two at any time, J.
+    power
+        Largest difference between the rate of the kinetic energy and the power of the
+        loads, W.
+    momentum
+        Largest change of the momentum by this difference over its step, relative to the
+        largest momentum.
+    closure
+        Largest closure residual before it was removed, rad.
+    error
+        Largest difference of a pair variable from a simulation with a smaller tolerance,
+        rad. None if there is no such simulation.
     """
 
     energy: float
@@ -191,13 +138,33 @@ class Checks:
 
 @dataclass(frozen=True)
 class History(InputMotion):
-    """A simulation at n times, rows in order of time.
+    """A simulation at n times.
 
-    `t` s; `inputs`, `input_rates`, `input_accelerations` (n, inputs) rad and s; `values`,
-    `value_rates` (n, variables); `rotations` (n, links, 3, 3); `speed` (n, m) rates of the
-    coordinates of the integration, of one freedom along the curve, 1/s; `M` (n, masses, m,
-    m) and `Q` (n, m, loads) link by link and load by load, in these coordinates; `kinetic`
-    J; `power` (n, loads) W; `work` (n, loads) J since the start; `residual` rad.
+    Coordinates are those of the integration. With one degree of freedom it is the arc
+    length of the curve of configurations.
+
+    Attributes
+    ----------
+    t
+        (n,) times, s.
+    inputs, input_rates, input_accelerations
+        (n, inputs) motion of the inputs (rad, s).
+    values, value_rates
+        (n, variables) pair variables (rad) and their rates (rad/s).
+    rotations
+        (n, links, 3, 3) rotations from link axes to ground axes.
+    speed
+        (n, m) rates of the coordinates, 1/s.
+    M
+        (n, masses, m, m) part of each link in the inertia matrix.
+    Q
+        (n, m, loads) generalised forces of single loads.
+    kinetic
+        (n,) kinetic energy, J.
+    power, work
+        (n, loads) power (W) of each load, and its work (J) since the start.
+    residual
+        (n,) closure residual, rad.
     """
 
     t: Floats
@@ -221,11 +188,26 @@ class History(InputMotion):
 
 @dataclass(frozen=True)
 class Simulation:
-    """The solution of the direct problem, kept as far as it went.
+    """The motion of a mechanism under its loads, as far as it was computed.
 
-    `path` gives the states at any time; `events` are what happened; `end` says why it
-    ended, `engine` what found it; `error` see `Checks`; `tolerance` what was asked for,
-    None where steps are not made for one.
+    Attributes
+    ----------
+    equation
+        The equation of motion.
+    driven
+        Numbers of the variables of the inputs.
+    path
+        The states at any time.
+    events
+        Events in order of time.
+    end
+        The reason for which the simulation ended.
+    engine
+        The engine, and its cost.
+    error
+        As in `Checks`.
+    tolerance
+        The tolerance (rad) that was asked for. None if steps are not made for one.
     """
 
     equation: EquationOfMotion
@@ -247,33 +229,33 @@ class Simulation:
 
     @property
     def missed(self) -> str | None:
-        """What says that the tolerance is missed, None if nothing does.
+        """A message if the tolerance is missed, otherwise None.
 
-        The balance of power always can; the error only where it was asked for.
+        The balance of power can always show this, and the error only if the simulation was
+        compared with another one.
         """
         if self.tolerance is None:
             return None
         if self.error is not None and not self.error <= self.tolerance:
-            said = (
-                f"its error is {self.error:.1e} rad"
-                if np.isfinite(self.error)
-                else "it ends in another way with a smaller tolerance"
-            )
-        elif not self.checks.momentum <= UNBALANCED * self.tolerance:
-            said = (
+            if np.isfinite(self.error):
+                evidence = f"its error is {self.error:.1e} rad"
+            else:
+                evidence = "it ends in another way with a smaller tolerance"
+        elif not self.checks.momentum <= MAX_MOMENTUM_ERROR_RATIO * self.tolerance:
+            evidence = (
                 f"the power of the loads and the kinetic energy differ by "
                 f"{self.checks.power:.1e} W"
             )
         else:
             return None
         return (
-            f"the simulation misses its tolerance of {self.tolerance:.1e} rad: {said}; "
+            f"the simulation misses its tolerance of {self.tolerance:.1e} rad: {evidence}; "
             "simulate a shorter time, smooth the loads more, or ask for less"
         )
 
     @property
     def mechanism(self) -> Mechanism:
-        """The mechanism, with its input and with all loads that acted."""
+        """The mechanism, with its inputs and with all loads that acted."""
         return self.equation.mechanism
 
     @property
@@ -283,85 +265,96 @@ class Simulation:
 
     @checked(SolveError)
     def at(self, t: ArrayLike) -> History:
-        """Return the motion at times t (n,) in s, any order, within [start, end.t].
+        """Return the motion at times t (n,) in s, in any order, within [start, end.t].
 
         Raises
         ------
         SolveError
-            If a time lies outside.
+            If a time is outside of this range.
         """
         equation = self.equation
         driven = list(self.driven)
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        traced, dynamics = self._at(times, second=True)
+        path_states, dynamics = self._evaluate(times, second=True)
+        states = path_states.states
         motion = dynamics.motion
         masses = dynamics.masses
         speed = dynamics.speed
         assert masses is not None
-        bend = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
-        rates = rates_by_time(motion, speed)
-        second = rates_by_time(motion, dynamics.accelerations) + bend
+        # The accelerations of the variables are second u u + rates du/dt.
+        centripetal = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
+        value_rates = rates_by_time(motion, speed)
+        value_accelerations = rates_by_time(motion, dynamics.accelerations) + centripetal
+        closed = equation.closure.at(states[:, : equation.variable_count])
         return History(
             t=times,
             inputs=motion.values[:, driven],
-            input_rates=rates[:, driven],
-            input_accelerations=second[:, driven],
+            input_rates=value_rates[:, driven],
+            input_accelerations=value_accelerations[:, driven],
             values=motion.values,
-            value_rates=rates,
+            value_rates=value_rates,
             rotations=motion.rotations,
             speed=speed,
             M=masses.M_parts,
             Q=dynamics.forces,
-            kinetic=0.5 * np.sum(traced.states[:, equation.momenta] ** 2, axis=1),
+            kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
             power=dynamics.power,
-            work=traced.states[:, equation.works],
-            residual=equation.closure.at(traced.states[:, : equation.variable_count]).gap,
+            work=states[:, equation.works],
+            residual=closed.gap,
         )
 
     @checked(SolveError)
     def moments(self, t: ArrayLike) -> JointReactions:
-        """Return the moments that every pair transmits at times (n,), in pair axes."""
+        """Return the moments that every pair transmits at times t (n,) in s."""
         times = np.atleast_1d(np.asarray(t, dtype=float))
-        _, dynamics = self._at(times, second=True)
+        _, dynamics = self._evaluate(times, second=True)
         timing = Timing(times, dynamics.speed, dynamics.accelerations)
-        none = np.zeros_like(dynamics.speed)
+        # All torques are loads of a simulation, so the inputs have none besides.
+        no_torques = np.zeros_like(dynamics.speed)
         return compute_reactions(
-            DrivenState(self.mechanism, dynamics.motion, timing, none, dynamics.carried)
+            DrivenState(
+                self.mechanism, dynamics.motion, timing, no_torques, dynamics.carried
+            )
         )
 
     @cached_property
     def checks(self) -> Checks:
-        """The balance of energy and power, closure, and the error if it was asked for."""
+        """Balances of energy and power, closure residual, and the error if it is known."""
         path = self.path
         equation = self.equation
-        starts = path.starts[path.chosen]
-        lengths = path.lengths[path.chosen]
+        starts = path.starts[path.checked_steps]
+        lengths = path.lengths[path.checked_steps]
         # Not at the ends of steps, where loads may jump.
         t = np.concatenate([starts + x * lengths for x in (0.03, 0.35, 0.7)])
         t = np.append(np.minimum(t, self.end.t), self.end.t)
-        traced, dynamics = self._at(t)
-        states = traced.states
+        path_states, dynamics = self._evaluate(t)
+        states = path_states.states
         closed = equation.closure.at(states[:, : equation.variable_count])
         momenta = states[:, equation.momenta]
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
         work = np.sum(states[:, equation.works], axis=1)
-        missed = traced.rates[:, equation.momenta] - dynamics.momentum_rates
-        missed[t >= self.end.t] = 0.0
-        sizes = np.append(np.linalg.norm(momenta, axis=1), dynamics.roots.sizes)
-        push = np.linalg.norm(missed, axis=1)
-        steps = np.append(np.tile(lengths, 3), 0.0)
+        rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
+        rate_errors[t >= self.end.t] = 0.0
+        momentum_sizes = np.append(np.linalg.norm(momenta, axis=1), dynamics.roots.sizes)
+        step_lengths = np.append(np.tile(lengths, 3), 0.0)
+        momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         balance = kinetic - work
         return Checks(
             energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
-            power=float(max_abs(np.vecdot(momenta, missed))),
-            momentum=float(np.max(push * steps) / np.nanmax(sizes)),
-            closure=max(path.drift, float(np.max(closed.gap))),
+            power=float(max_abs(np.vecdot(momenta, rate_errors))),
+            momentum=float(np.max(momentum_errors) / np.nanmax(momentum_sizes)),
+            closure=max(path.max_closure_residual, float(np.max(closed.gap))),
             error=self.error,
         )
 
-    def _at(self, t: Floats, second: bool = False) -> tuple[Traced, StateDynamics]:
-        """Return the states of the dense output, and forces there."""
+    def _evaluate(
+        self, t: Floats, second: bool = False
+    ) -> tuple[PathStates, StateDynamics]:
+        """Return the states at times (n,), and the forces that act in them.
+
+        `second` says whether accelerations of the variables are needed.
+        """
         low = self.start
         high = self.end.t
         slack = 1e-12 * max(abs(high), 1.0)
@@ -372,8 +365,8 @@ class Simulation:
                 f"{np.max(t):.6g} s are asked for"
             )
         t = np.clip(t, low, high)
-        traced = self.path.at(t)
-        whole = TURN * traced.turns
-        return traced, self.equation.evaluate(
-            t, traced.states, traced.frames, whole, second
+        path_states = self.path.evaluate(t)
+        turn_angles = TURN * path_states.turns
+        return path_states, self.equation.evaluate(
+            t, path_states.states, path_states.frames, turn_angles, second
         )

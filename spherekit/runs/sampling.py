@@ -12,7 +12,7 @@ import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.conventions import TURN, Names
-from spherekit.dynamics.forward_dynamics import need_allowed, simulate
+from spherekit.dynamics.forward_dynamics import check_engine_and_tolerance, simulate
 from spherekit.dynamics.simulation import Simulation
 from spherekit.dynamics.simulation_start import make_input_torques
 from spherekit.errors import ModelError, SolveError
@@ -380,7 +380,7 @@ def _simulate_study(
 ) -> Sampling:
     """Solve and check the simulation of a study, and return it at times t (n,) s."""
     assert study.start is not None and study.duration is not None
-    need_allowed(mechanism, engine, study.tolerance)
+    check_engine_and_tolerance(mechanism, engine, study.tolerance)
     # The position analysis only finds the assembly modes at the start. A single input has
     # the two ends of its range as samples, several inputs have the start.
     start_inputs = None

@@ -10,7 +10,7 @@ import numpy as np
 
 from spherekit.argument_validation import check_fields
 from spherekit.conventions import TURN
-from spherekit.dynamics.forward_dynamics import LEAST, simulate
+from spherekit.dynamics.forward_dynamics import MIN_TOLERANCE_BY_ENGINE, simulate
 from spherekit.dynamics.reference_simulation import refined
 from spherekit.errors import AnalysisError, EngineError, SpherekitError
 from spherekit.files.study import Study
@@ -186,7 +186,7 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
         Setting(integrator=integrator, tolerance=tolerance)
         for integrator in INTEGRATORS
         for tolerance in TOLERANCES
-        if tolerance >= LEAST[integrator]
+        if tolerance >= MIN_TOLERANCE_BY_ENGINE[integrator]
     ]
     best, sampling, compiling = _tightest(plan, study)
     try:
@@ -198,7 +198,7 @@ def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
     except EngineError as reason:
         poles = ()
         tables, *_ = _simulated_tables(plan, study, best)
-        other = replace(best, tolerance=10.0 * LEAST[best.integrator])
+        other = replace(best, tolerance=10.0 * MIN_TOLERANCE_BY_ENGINE[best.integrator])
         near = measure_deviations(plan, _simulated_tables(plan, study, other)[0], tables)
         words = (
             f"simulation {best}, known to {_largest(near):.1e} from {other} "
@@ -262,7 +262,7 @@ def _simulated_tables(
 def _tightest(plan: RunPlan, study: Study) -> tuple[Setting, Sampling, float]:
     """Return the tightest setting, its simulation, and what compiling took (s)."""
     setting, compiled = (
-        Setting(integrator=integrator, tolerance=LEAST[integrator])
+        Setting(integrator=integrator, tolerance=MIN_TOLERANCE_BY_ENGINE[integrator])
         for integrator in INTEGRATORS
     )
     with suppress(EngineError):

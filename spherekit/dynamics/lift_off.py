@@ -1,0 +1,116 @@
+"""Ends simulations at the time at which a one-sided contact would have to pull."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.dynamics.simulated_path import STATES_PER_BLOCK
+from spherekit.dynamics.simulation import Event, Simulation
+from spherekit.dynamics.simulation_end import SimulationEnd
+from spherekit.errors import SolveError
+
+PROBES_PER_STEP = 8
+"""Number of times in each step at which the pushes of contacts are computed.
+
+Larger: more time. Smaller: a contact that lifts off for a short time is missed.
+"""
+
+MAX_RELATIVE_PULL = 1e-9
+"""Largest pull of a contact, relative to the largest reaction, that counts as rounding.
+
+Larger: contacts lift off late. Smaller: rounding ends simulations.
+"""
+
+FIRST_STEPS = 8
+"""Number of first steps whose largest reaction is the least with which pulls are compared.
+
+Smaller: if a mechanism starts without reactions, their rounding ends the simulation.
+"""
+
+LIFT_OFF_TOLERANCE_S = 1e-14
+"""Tolerance of the time at which a contact lifts off."""
+
+
+@dataclass(frozen=True)
+class ContactPushes:
+    """The pushes of one-sided contacts at n times.
+
+    Attributes
+    ----------
+    pushes
+        (n, contacts) force along the normal times the radius, N m. Negative if a contact
+        pulls.
+    largest_reaction
+        (n,) largest component of any moment that a pair transmits, N m.
+    """
+
+    pushes: Floats
+    largest_reaction: Floats
+
+
+def end_at_lift_off(simulation: Simulation) -> Simulation:
+    """Return a simulation up to the time at which a one-sided contact would have to pull.
+
+    Raises
+    ------
+    SolveError
+        If a contact would have to pull at the start.
+    """
+    mechanism = simulation.mechanism
+    one_sided = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
+    if not one_sided:
+        return simulation
+    path = simulation.path
+    fractions = np.arange(PROBES_PER_STEP) / PROBES_PER_STEP
+    t = (path.starts[:, None] + fractions * path.lengths[:, None]).ravel()
+    t = np.append(t[t < simulation.end.t], simulation.end.t)
+
+    def compute_pushes(t: Floats) -> ContactPushes:
+        moments = simulation.moments(t).moments
+        # The first component of a contact is the force along its normal.
+        return ContactPushes(
+            pushes=moments[:, one_sided, 0],
+            largest_reaction=np.fmax.reduce(np.abs(moments), axis=(1, 2)),
+        )
+
+    blocks = [
+        compute_pushes(block) for block in np.array_split(t, 1 + len(t) // STATES_PER_BLOCK)
+    ]
+    pushes = np.concatenate([block.pushes for block in blocks])
+    reactions = np.concatenate([block.largest_reaction for block in blocks])
+    # The largest reaction up to each time.
+    scale = np.fmax.accumulate(reactions)
+    scale = np.maximum(scale, scale[: FIRST_STEPS * PROBES_PER_STEP][-1])
+    is_pulling = np.any(pushes < -MAX_RELATIVE_PULL * scale[:, None], axis=1)
+    pulling_rows = np.flatnonzero(is_pulling)
+    if not len(pulling_rows):
+        return simulation
+    row = pulling_rows[0]
+    contact = np.argmin(pushes[row])
+    name = mechanism.pairs[one_sided[contact]].name
+    if row == 0:
+        raise SolveError(
+            f"{mechanism.name}: contact {name} would have to pull at the start, and is "
+            "one_sided: press it with a spring, start more slowly, or leave one_sided out"
+        )
+    from scipy.optimize import brentq
+
+    lift_off_time = float(t[row - 1])
+    if pushes[row - 1, contact] > 0.0:
+        lift_off_time = brentq(
+            lambda x: compute_pushes(np.array([x])).pushes[0, contact],
+            lift_off_time,
+            t[row],
+            xtol=LIFT_OFF_TOLERANCE_S,
+        )
+    end = SimulationEnd(
+        "lift_off",
+        lift_off_time,
+        f"contact {name} lifts off: it would have to pull to keep its links together; "
+        "press it with a spring, or move more slowly",
+    )
+    inputs = tuple(simulation.at([lift_off_time]).inputs[0].tolist())
+    events = [event for event in simulation.events if event.t <= lift_off_time]
+    events.append(Event("lift_off", lift_off_time, inputs, name))
+    return replace(simulation, events=tuple(events), end=end)

@@ -1,0 +1,126 @@
+"""The reasons for which simulations end, in words."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from spherekit.dynamics.equation_of_motion import EquationOfMotion
+from spherekit.dynamics.inertia import inertia_matrix
+from spherekit.dynamics.simulated_path import StatePath
+from spherekit.dynamics.simulation_start import Problem
+from spherekit.errors import SolveError
+
+EndKind = Literal[
+    "time",
+    "joint_limit",
+    "off_profile",
+    "curvature",
+    "singularity",
+    "sticking",
+    "locking",
+    "lift_off",
+    "no_inertia",
+    "too_fast",
+]
+"""Kinds of ends. "time" is the end that was asked for."""
+
+TIME_MESSAGE = "the time asked for is over"
+CROSSING_MESSAGE = (
+    "two curves of configurations cross here, so the loads do not say which way the "
+    "mechanism goes on; start beyond the crossing, or ask for crossings to be passed"
+)
+NO_SERIES_MESSAGE = (
+    "a load has a value here but no series, as where exp overflows within it: write it by "
+    "tanh, or take the NumPy engine"
+)
+JUMP_MESSAGE = (
+    "a load jumps or grows without bound here: smooth it, or give its time in switches"
+)
+NOISE_MESSAGE = (
+    "the noise of the loads, or of rates near a crossing of curves, exceeds the tolerance: "
+    "no step is short enough to go on in; smooth the loads, or raise the tolerance"
+)
+LOCKING_MESSAGE = (
+    "bearings lock here: their friction raises the reactions it follows from by as much as "
+    "it is, so rigid links do not say what it is; give them a smaller coefficient or "
+    "radius, or set them farther apart"
+)
+NO_INERTIA_MESSAGE = (
+    "the equivalent inertia goes to zero here: no link with mass moves together with the "
+    "input, and the mechanism would go on infinitely fast; give mass to links that move"
+)
+
+MAX_VANISHING_INERTIA = 1e-6
+"""Largest equivalent inertia, relative to the largest one of the simulation, that counts as
+vanishing.
+
+Larger: simulations that fail for another reason are said to end without inertia.
+"""
+
+
+@dataclass(frozen=True)
+class SimulationEnd:
+    """The reason for which a simulation ended.
+
+    Attributes
+    ----------
+    kind
+        The kind of the end.
+    t
+        The time of the end, s.
+    message
+        The reason in words.
+    """
+
+    kind: EndKind
+    t: float
+    message: str
+
+
+def joint_limit_end(t: float, pair: str, value: float) -> SimulationEnd:
+    """Return the end at a joint limit of a pair whose variable is `value` (rad)."""
+    return SimulationEnd(
+        "joint_limit", t, f"pair {pair} reached its joint limit at {value:.6g} rad"
+    )
+
+
+def too_many_steps_message(steps: int) -> str:
+    """Return the message that a number of steps is not enough, with advice."""
+    return (
+        f"{steps} steps are not enough; the loads change the speed too fast: raise the "
+        "speed that smooths friction, or the tolerance, or simulate a shorter time"
+    )
+
+
+def no_step_end(
+    equation: EquationOfMotion, path: StatePath, t: float, message: str
+) -> SimulationEnd:
+    """Return the end of a simulation that cannot continue with any step.
+
+    Parameters
+    ----------
+    equation, path
+        The equation of motion, and the states so far.
+    t
+        The time, s.
+    message
+        The reason, unless the inertia vanishes there.
+    """
+    step_starts = path.starts[path.checked_steps]
+    path_states = path.evaluate(np.append(step_starts, t))
+    motion = equation.compute_motion(
+        path_states.states[:, : equation.variable_count], path_states.frames
+    )
+    # The last row is the end. The first principal inertia is the smallest.
+    inertias = np.linalg.eigvalsh(inertia_matrix(equation.mechanism, motion))
+    if inertias[-1, 0] < MAX_VANISHING_INERTIA * np.max(inertias):
+        return SimulationEnd("no_inertia", t, NO_INERTIA_MESSAGE)
+    return SimulationEnd("too_fast", t, message)
+
+
+def make_start_error(problem: Problem, reason: str) -> SolveError:
+    """Return the error of a simulation that has not even a first step."""
+    return SolveError(
+        f"{problem.equation.mechanism.name}: the motion cannot leave its start: {reason}"
+    )
