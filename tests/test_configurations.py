@@ -7,7 +7,7 @@ from independent import multi_start
 
 import spherekit as sk
 from spherekit.completeness import Guarantee
-from spherekit.numerics.sign_changes import find_sign_changes
+from spherekit.numerics.sign_changes import FIRST_EDGES, SAMPLES_PER_CELL, find_sign_changes
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.driving_pair import choose_driving_pair
@@ -46,6 +46,13 @@ def test_two_near_zeros_are_parted_or_doubtful_but_never_lost(gap):
     assert not len(places) and start < 1.2345 < stop and stop - start < 1e-5
     _, at_seam = find_sign_changes(lambda x: 1.0 - np.cos(x), 0.0, TURN)
     assert np.allclose(at_seam, [[0.0], [TURN]], rtol=0, atol=1e-6)
+
+
+def test_a_cell_takes_the_stated_number_of_values():
+    """A limit of time is turned into a number of cells by it."""
+    counts = []
+    find_sign_changes(lambda x: counts.append(len(x)) or np.full(len(x), 1.0), 0.0, TURN)
+    assert sum(counts) == SAMPLES_PER_CELL * (len(FIRST_EDGES) - 1)
 
 
 def test_what_is_no_smooth_function_is_doubtful():

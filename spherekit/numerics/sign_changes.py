@@ -85,6 +85,9 @@ Without the margin, rounding could move an extremum at an edge out of both cells
 _CHECK_POSITIONS = np.linspace(-1.0, 1.0, 6)[:, None]
 """(6, 1) positions in a cell, from -1 to 1, where polynomial and function are compared."""
 
+SAMPLES_PER_CELL = DEGREE + 1 + len(_CHECK_POSITIONS)
+"""Number of values of the function that a cell takes."""
+
 
 def find_sign_changes(
     function: Callable[[Floats], Floats],
@@ -105,7 +108,7 @@ def find_sign_changes(
     low, high
         Ends of the range.
     max_cells
-        Approximate limit of the number of cells. A cell takes 39 samples.
+        Approximate limit of the number of cells. A cell takes `SAMPLES_PER_CELL` values.
     smooth_width
         A smooth function is resolved by the samples of a cell of this width. Only cells
         that are not wider can count as fruitless (`MAX_FRUITLESS_HALVINGS`).

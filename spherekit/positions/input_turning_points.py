@@ -15,7 +15,11 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.completeness import Completeness, Guarantee
-from spherekit.numerics.sign_changes import MAX_CELLS, find_sign_changes
+from spherekit.numerics.sign_changes import (
+    MAX_CELLS,
+    SAMPLES_PER_CELL,
+    find_sign_changes,
+)
 from spherekit.positions.curve_crossing import Crossing
 from spherekit.positions.mode_coalescence import make_mode_coalescence
 from spherekit.positions.mode_meetings import SAME_INPUT_RAD, degrees_text, find_crossings
@@ -164,7 +168,8 @@ def find_input_turning_points(
         return InputTurningPoints(low, high, np.zeros(0), np.array([[low, high]]))
     if not coalescence.groups:  # An open chain has one mode.
         return InputTurningPoints(low, high, np.zeros(0), np.zeros((0, 2)))
-    max_cells = int(np.clip(max_time_s / (36.0 * coalescence.cost), MIN_CELLS, MAX_CELLS))
+    cell_time_s = SAMPLES_PER_CELL * coalescence.cost
+    max_cells = int(np.clip(max_time_s / cell_time_s, MIN_CELLS, MAX_CELLS))
     progress = ProgressReporter("looking for the inputs at which modes meet")
     group_count = len(coalescence.groups)
     all_places = []
