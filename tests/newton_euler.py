@@ -146,8 +146,8 @@ def links_moving(mechanism, values, dq, ddq):
     inputs turn about.
     """
     joints = make_joints(mechanism)
-    at = Closure.of(mechanism, joints).at(values[None])
-    placed, states = at.placed, at.states
+    at = Closure.of_mechanism(mechanism, joints).at(values[None])
+    placed, states = at.rotations, at.states
     turns, count = placed[0], len(mechanism.links)
     rows, rates, drives = [], [], {}
     plans = []

@@ -47,7 +47,7 @@ def alone(made):
 def poses(solver, found):
     """Return orientations (modes, links, 3, 3) and closure gaps of configurations."""
     at = solver.closure.at(found.values)
-    return at.placed, at.residual
+    return at.rotations, at.residual
 
 
 def check_complete(chain, driven, axes, random, starts, roots):

@@ -151,8 +151,8 @@ def test_curves_have_every_mode_that_a_search_finds(chain, seed, inputs):
         at = tracer.solver.closure.at(
             np.concatenate([curve.at(places).values for curve, places in met])
         )
-        placed = at.placed
-        assert np.max(at.gap, initial=0.0) < 1e-12
+        placed = at.rotations
+        assert np.max(at.closure_residual, initial=0.0) < 1e-12
         searched, links = multi_start(tracer.mechanism, random, 96, q=q)
         for turn in searched:
             gaps = np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))

@@ -149,9 +149,9 @@ def test_graph_and_mid_plane_form_are_one(paper, form):
         start[:, free] += np.random.default_rng(2).uniform(-1e-4, 1e-4, (len(start), 12))
         held = turn_singularity(form, normals, modes) > 3e-3
         solved = closure.solve(start[held], driven)
-        assert np.max(solved.gap) < 1e-14
+        assert np.max(solved.closure_residual) < 1e-14
         assert np.max(np.abs(solved.values - values[held])) < 1e-11
-        placed = closure.at(solved.values).placed
+        placed = closure.at(solved.values).rotations
         ours = form.orientations(normals[held])
         assert np.max(np.abs(placed[:, form.effector] - ours)) < 1e-11
         own = form.plane.solutions(normals)[-1, 1]
@@ -246,9 +246,9 @@ def rates_by_differences(turn, theta, rel, second):
 @pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
 def test_three_freedoms_follow_any_axis(name):
     made, _, values = configuration(name)
-    closure = Closure.of(made, make_joints(made))
+    closure = Closure.of_mechanism(made, make_joints(made))
     output = made.link_number[made.outputs[0].link]
-    start = closure.at(values[None]).placed[0, output]
+    start = closure.at(values[None]).rotations[0, output]
     for axis in ([0.4, -1.0, 0.3], [1.0, 0.2, -0.5]):
         turn = sk.follow_rotation(made, values, axis, 0.3)
         theta = np.linspace(0.0, min(0.3, turn.reached), 9)
@@ -256,8 +256,8 @@ def test_three_freedoms_follow_any_axis(name):
         assert np.all(found.status == sk.Status.OK)
         at = closure.at(found.values)
         wanted = rotation_about_axis(turn.axis, theta) @ start
-        assert np.max(at.gap) < 1e-13
-        assert np.max(np.abs(at.placed[:, output] - wanted)) < 1e-12
+        assert np.max(at.closure_residual) < 1e-13
+        assert np.max(np.abs(at.rotations[:, output] - wanted)) < 1e-12
         assert np.max(found.orientation_error) < 1e-13 and np.max(found.drift) < 1e-12
         rates_by_differences(turn, 0.5 * theta[-1], 1e-8, 1e-7)
 
@@ -271,8 +271,8 @@ def test_two_freedoms_depart_as_little_as_they_can():
     found = turn.at(theta)
     assert np.all(found.status == sk.Status.OK) and found.orientation_error[0] < 1e-14
     assert found.orientation_error[2] > 0.1
-    closure = Closure.of(made, make_joints(made))
-    start = closure.at(values[None]).placed[0, output]
+    closure = Closure.of_mechanism(made, make_joints(made))
+    start = closure.at(values[None]).rotations[0, output]
     wanted = rotation_about_axis(turn.axis, theta) @ start
     # a mesh around the inputs found, by the dyad's closed form of the same mode
     mesh = 2e-4 * np.array(list(product((-1, 0, 1), repeat=2)))

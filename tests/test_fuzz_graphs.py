@@ -87,7 +87,7 @@ def turning(motion, row):
     mechanism = motion.mechanism
     held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     free = [v for v in range(motion.values.shape[1]) if v not in held]
-    closure = Closure.of(mechanism, motion.joints)
+    closure = Closure.of_mechanism(mechanism, motion.joints)
     jacobian = closure.at(motion.values[row : row + 1]).jacobian[0][:, free]
     sizes = np.linalg.svd(jacobian, compute_uv=False)
     if jacobian.shape[0] != jacobian.shape[1] or not sizes.size:
@@ -100,7 +100,10 @@ def walked(motion, row, steps=40):
 
     Euler's steps and Newton's corrections with the inputs held, written here.
     """
-    mechanism, closure = motion.mechanism, Closure.of(motion.mechanism, motion.joints)
+    mechanism, closure = (
+        motion.mechanism,
+        Closure.of_mechanism(motion.mechanism, motion.joints),
+    )
     held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     free = [v for v in range(motion.values.shape[1]) if v not in held]
     values = motion.values[row].copy()

@@ -40,15 +40,15 @@ def written(tmp_path, text, name="model.xml"):
 
 def configurations(made, q):
     """Return the placed links at values of all inputs, followed from the pose."""
-    closure = Closure.of(made, make_joints(made))
+    closure = Closure.of_mechanism(made, make_joints(made))
     values = make_joints_in_pose(made)[1].copy()
     held = [made.angles[item.pair] for item in made.inputs]
     start = values[held]
     for part in np.linspace(0.0, 1.0, 5)[1:]:
         values[held] = start + part * (np.asarray(q) - start)
         values = closure.solve(values[None], held).values[0]
-    assert closure.at(values[None]).gap[0] < 1e-13
-    return closure.at(values[None]).placed[0]
+    assert closure.at(values[None]).closure_residual[0] < 1e-13
+    return closure.at(values[None]).rotations[0]
 
 
 def closed(mechanism):
@@ -58,10 +58,10 @@ def closed(mechanism):
     joints, reference = make_joints_in_pose(mechanism)
     if reference is not None:
         return mechanism, reference
-    closure = Closure.of(mechanism, joints)
+    closure = Closure.of_mechanism(mechanism, joints)
     starts = np.random.default_rng(3).uniform(-2.0, 2.0, (60, len(closure.tree.owners)))
     found = closure.solve(starts, iterations=40)
-    good = found.values[found.gap < 1e-14]
+    good = found.values[found.closure_residual < 1e-14]
     free = [v for v in range(good.shape[1]) if mechanism.variable_names[v][6:] not in pairs]
     jacobian = closure.at(good).jacobian[:, :, free]
     least = np.linalg.svd(jacobian, compute_uv=False)[:, len(free) - 1]
@@ -80,16 +80,16 @@ def test_out_and_in_again_is_the_same_mechanism(mechanism, tmp_path):
     for one, other in zip(again.inputs, made.inputs, strict=True):
         assert one.pair == other.pair
         assert (one.start, one.stop) == pytest.approx((other.start, other.stop), abs=1e-12)
-    closure = Closure.of(made, make_joints(made))
+    closure = Closure.of_mechanism(made, make_joints(made))
     held = [made.angles[item.pair] for item in made.inputs]
-    start = closure.at(values[None]).placed[0]
+    start = closure.at(values[None]).rotations[0]
     moved = values.copy()
     for _ in range(3):
         moved[held] += 0.02
         found = closure.solve(moved[None], held)
-        assert found.gap[0] < 1e-13
+        assert found.closure_residual[0] < 1e-13
         moved = found.values[0]
-    here = closure.at(moved[None]).placed[0]
+    here = closure.at(moved[None]).rotations[0]
     there = configurations(again, moved[held])
     for link in made.links:
         k = made.link_number[link]
@@ -123,7 +123,7 @@ def test_loads_and_masses_come_back(tmp_path):
     assert {*found} == {load.name for load in loads_there}
     (limit,) = again.joint_limits
     assert (limit.low, limit.high) == pytest.approx((-2.0, 0.5), rel=1e-13)
-    placed = Closure.of(made, make_joints(made)).at(values[None]).placed[0]
+    placed = Closure.of_mechanism(made, make_joints(made)).at(values[None]).rotations[0]
     for mass in made.masses:
         turn = placed[made.link_number[mass.link]]
         other = next(each for each in again.masses if each.link == mass.link)
@@ -141,7 +141,7 @@ def _power(mechanism, values, placed):
     from spherekit.dynamics.coordinates import motion_by_variables
     from spherekit.dynamics.generalised_forces import Loads
 
-    closure = Closure.of(mechanism, make_joints(mechanism))
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     values = make_joints_in_pose(mechanism)[1] if values is None else values
     held = [mechanism.angles[item.pair] for item in mechanism.inputs]
     motion = motion_by_variables(closure, values[None], held)

@@ -257,7 +257,9 @@ def test_every_turn_of_the_mid_plane_mechanism_is_found():
         assert len(pairs) == (4 if reached[row] else 0)
     assert {len(signs) for signs in found.signs} == {5}
     there = kinematics.solutions([[0.0, 0.5, 0.75**0.5]])  # axes of a dyad coincide
-    assert np.all(ForwardKinematics(made).solver.closure.at(there.values).gap < 1e-12)
+    assert np.all(
+        ForwardKinematics(made).solver.closure.at(there.values).closure_residual < 1e-12
+    )
 
 
 def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():

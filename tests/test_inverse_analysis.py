@@ -64,7 +64,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     assert np.max(np.abs(type_1 - rows.type_1[good])[known]) < 1e-10
     mechanism, output = solver.mechanism, solver.output
     at = own.closure.at(rows.values[good])
-    placed, axes = at.placed, at.vectors
+    placed, axes = at.rotations, at.vectors
     link, of = (mechanism.link_number[n] for n in (output.link, output.relative_to))
     for k in range(0, len(axes), 5):
         direction = None if directions is None else directions[k]

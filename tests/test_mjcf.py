@@ -32,10 +32,10 @@ def closed_at(mechanism, values, inputs):
     held = [mechanism.angles[item.pair] for item in mechanism.inputs]
     values = values.copy()
     values[held] = inputs
-    closure = Closure.of(mechanism, make_joints(mechanism))
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     found = closure.solve(values[None], held)
-    assert found.gap[0] < 1e-12
-    return found.values[0], closure.at(found.values).placed[0]
+    assert found.closure_residual[0] < 1e-12
+    return found.values[0], closure.at(found.values).rotations[0]
 
 
 def apart(mechanism, data, placed):
@@ -57,8 +57,8 @@ def apart(mechanism, data, placed):
 def test_the_pose_is_the_mechanisms_and_motors_sit_at_inputs_alone(name, at):
     mechanism, values = posed(replace(sk.load(name), loads=()), at=at)
     model, data = started(MujocoModel(mechanism, values).text)
-    closure = Closure.of(mechanism, make_joints(mechanism))
-    assert apart(mechanism, data, closure.at(values[None]).placed[0]) < 1e-14
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
+    assert apart(mechanism, data, closure.at(values[None]).rotations[0]) < 1e-14
     assert np.max(np.abs(data.efc_pos), initial=0.0) < 1e-14
     motors = [model.actuator(k).name for k in range(model.nu)]
     assert motors == [item.pair for item in mechanism.inputs]

@@ -421,8 +421,8 @@ def test_a_chain_of_26_links_has_608_modes():
     found = enumerate_assemblies(solver, np.zeros(1))
     assert len(found.values) == 608 and found.is_complete
     at = solver.closure.at(found.values)
-    assert np.max(at.gap) < 1e-12
-    turns = at.placed.reshape(608, -1)
+    assert np.max(at.closure_residual) < 1e-12
+    turns = at.rotations.reshape(608, -1)
     nearest = [np.sort(np.max(np.abs(turns - one), axis=1))[1] for one in turns]
     assert min(nearest) > SAME
 

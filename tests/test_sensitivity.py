@@ -91,7 +91,7 @@ def test_derivatives_are_those_of_differences_in_fifty_digits(
         for side, weight in weights.items():
             moved = number_at(document, path) + side * step
             other = read(with_numbers(document, {path: moved}))
-            closure = Closure.of(other, make_joints(other))
+            closure = Closure.of_mechanism(other, make_joints(other))
             near = closure.solve(motion.values, list(mechanism.variables_of(driven)))
             moved = replace(motion, mechanism=other, values=near.values)
             found = exact_rows(moved, motion.sample >= 0, driven, sk.Digits(50))

@@ -146,7 +146,7 @@ def check_points(tracer, points, kind):
     assert np.max(np.abs(turns - np.round(turns)), initial=0.0) < 1e-9
     values[:, driven] = points.inputs
     at = solver.closure.at(values)
-    assert np.max(at.gap, initial=0.0) < 1e-12
+    assert np.max(at.closure_residual, initial=0.0) < 1e-12
     low, high = np.transpose([item.range for item in made.inputs])
     within = np.all((points.inputs >= low - 1e-9) & (points.inputs <= high + 1e-9), axis=1)
     assert np.array_equal(within, points.inside)

@@ -54,7 +54,7 @@ def kernel_type(made, values, output):
     turning = w[3 * o : 3 * o + 3] - w[3 * s : 3 * s + 3]
     freedoms = 3
     if output.direction is not None and len(made.inputs) == 2:
-        direction = at.placed[0, o] @ np.array(output.direction)
+        direction = at.rotations[0, o] @ np.array(output.direction)
         turning = turning - np.outer(direction, direction @ turning)
         freedoms = 2
     driven = [made.pair_number[item.pair] for item in made.inputs]
@@ -131,7 +131,9 @@ def test_a_row_is_what_the_links_can_do_there(made, expected):
         assert set(rows.kind) >= kinds - {"I", "II", "III"}
         (output,) = (o for o in made.outputs if f"{o.link}/{o.relative_to}" == name)
         values = of_rows(rows, made)
-        assert np.max(solver_of(made).closure.at(values).gap, initial=0.0) < 1e-12
+        assert (
+            np.max(solver_of(made).closure.at(values).closure_residual, initial=0.0) < 1e-12
+        )
         step = 1 + len(rows) // 60
         for kind, here in zip(rows.kind[::step], values[::step], strict=True):
             assert kernel_type(made, here, output) == kind
@@ -214,7 +216,7 @@ def closed(solver, count):
         return closed_configurations(solver, 4 * count, random)[:count]
     starts[0] = 0.0
     solution = solver.closure.solve(starts, list(solver.driven), iterations=40)
-    return solution.values[solution.gap < 1e-12][:count]
+    return solution.values[solution.closure_residual < 1e-12][:count]
 
 
 def check_types(made, count):

@@ -59,7 +59,7 @@ def dead_pose(chain, driven, random):
 
         def determinant(part, at=at):
             made = mechanism(chain, at(part), driven)
-            jacobian = LoopTree.of(made).jacobian(at(part)[None])[0]
+            jacobian = LoopTree.of_mechanism(made).jacobian(at(part)[None])[0]
             number = made.pair_number[driven]
             return np.linalg.det(np.delete(jacobian, number, axis=1))
 

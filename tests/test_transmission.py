@@ -32,7 +32,7 @@ def axes_of(mechanism, values):
     output = mechanism.outputs[0]
     if len(mechanism.inputs) != 2 or output.direction is None:
         return at.vectors, None
-    turned = at.placed[:, mechanism.link_number[output.link]]
+    turned = at.rotations[:, mechanism.link_number[output.link]]
     return at.vectors, turned @ np.array(output.direction)
 
 
@@ -158,7 +158,7 @@ def test_neither_frame_nor_ground_nor_order_matters(name):
     values = motion.values[~motion.failed][:2]
     closure = PositionSolver(made, plan_assembly(made, by_rank=True)).closure
     at, own = closure.at(values), Transmission.from_mechanism(made, made.outputs[0])
-    vectors, pointed = at.vectors, own.output_directions(at.placed)
+    vectors, pointed = at.vectors, own.output_directions(at.rotations)
     turn = Rotation.random(random_state=1).as_matrix()
     again = own.measure(
         3.0 * vectors @ turn.T, None if pointed is None else pointed @ turn.T

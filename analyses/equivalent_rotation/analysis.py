@@ -317,7 +317,7 @@ class EquivalentRotation(AbstractAnalysis):
                 unscheduled = str(problem)
         return FoundRotation(
             mechanism,
-            lambda values: batch.tracer.solver.closure.at(values).placed,
+            lambda values: batch.tracer.solver.closure.at(values).rotations,
             output,
             start,
             number,

@@ -337,7 +337,7 @@ class ConfigurationsOfPoses:
         shown = np.flatnonzero(rows.solved)[:DRAWN]
         if not len(shown):
             return (Scene("Inverse", (solved, legend)),)
-        placed = solver_of(mechanism).closure.at(rows.values[shown]).placed
+        placed = solver_of(mechanism).closure.at(rows.values[shown]).rotations
         base = placed[:, mechanism.link_number[solver.output.relative_to]]
         at = np.matvec(base, places[rows.pose[shown]])
         listed = [

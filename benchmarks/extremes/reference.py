@@ -127,7 +127,7 @@ class Reference:
 
     def __init__(self, mechanism: Mechanism, moved: str | None = None) -> None:
         self.mechanism = mechanism
-        self.tree = LoopTree.of(mechanism)
+        self.tree = LoopTree.of_mechanism(mechanism)
         self.joints = make_joints(mechanism)
         self.count = len(self.tree.owners)
         names = [item.pair for item in mechanism.inputs]

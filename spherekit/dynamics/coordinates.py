@@ -188,7 +188,7 @@ def _complete_motion(
     second = nans((n, m, m, variables))
     dw = nans((n, m, m, tree.count, 3))
     for k in range(m if order == 2 else 0):
-        vector_derivatives = linearisation.turned(w[:, k])
+        vector_derivatives = linearisation.vector_rates(w[:, k])
         bias = rates @ transpose(tree.jacobian(vector_derivatives))
         second[:, :, k] = -bias @ transpose(closing_inverse)
         dw[:, :, k] = tree.body_rates(vectors[:, None], second[:, :, k])
@@ -197,7 +197,7 @@ def _complete_motion(
         values=linearisation.values,
         rates=rates,
         second=second,
-        rotations=linearisation.placed,
+        rotations=linearisation.rotations,
         w=w,
         dw=dw,
         status=status,

@@ -271,7 +271,7 @@ class EquationOfMotion:
         The second value is the closure residual before the step, rad.
         """
         linearisation = self.closure.at(values[None])
-        return _project_step(linearisation)[0], float(linearisation.gap[0])
+        return _project_step(linearisation)[0], float(linearisation.closure_residual[0])
 
     def project(self, values: Floats) -> Floats:
         """Return configurations (n, variables) after `PROJECTION_STEPS` Newton steps."""

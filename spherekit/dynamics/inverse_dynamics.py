@@ -398,7 +398,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     mechanism = motion.mechanism
     timing = motion.timing
     input_variables = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-    closure = Closure.of(mechanism, motion.joints)
+    closure = Closure.of_mechanism(mechanism, motion.joints)
     coordinates = motion_by_variables(closure, motion.values, input_variables)
     is_singular = ~(determinacy(coordinates.rates) >= MIN_INPUT_DETERMINACY)
     has_configuration = ~motion.failed

@@ -559,7 +559,7 @@ class BoxSampler(Sampler):
             rate_sums = nodes.rates[near] + motion.rates
             change = 0.5 * np.einsum("ni,niv->nv", closed.steps, rate_sums)
             predicted = nodes.values[near] + change
-            is_valid = closed.linearisation.gap < CLOSURE_TOLERANCE
+            is_valid = closed.linearisation.closure_residual < CLOSURE_TOLERANCE
             is_valid &= max_abs(predicted - values, axis=1) < MAX_PREDICTION_ERROR_RAD
             is_valid &= determinacy(motion.rates) >= MIN_DETERMINACY
             is_valid &= motion.status == Status.OK

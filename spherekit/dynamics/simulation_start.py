@@ -175,7 +175,7 @@ def prepare(
     if not all(np.isfinite(times)):
         raise SolveError(f"{name}: switches has a time that is not finite")
 
-    closure = Closure.of(mechanism, make_joints(mechanism))
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     equation = EquationOfMotion(mechanism, closure, len(inputs))
     if isinstance(start, PoseStart):
         values, turns = _close_start(closure, mechanism, start.values)
@@ -317,12 +317,13 @@ def _close_start(
     start_values[angles] = wrap_to_pi(start_values[angles])
     solution = closure.solve(start_values[None])
     distance = float(max_abs(solution.values[0] - start_values))
-    is_closed = solution.gap[0] < START_CLOSURE_TOLERANCE_RAD
+    is_closed = solution.closure_residual[0] < START_CLOSURE_TOLERANCE_RAD
     if not (is_closed and distance < MAX_START_DISTANCE_RAD):
         raise SolveError(
             f"{name}: the values at the start do not close the loops: the nearest closed "
             f"configuration found is {distance:.2g} rad away (residual "
-            f"{solution.gap[0]:.2g} rad), allowed is {MAX_START_DISTANCE_RAD} rad"
+            f"{solution.closure_residual[0]:.2g} rad), allowed is "
+            f"{MAX_START_DISTANCE_RAD} rad"
         )
     return np.asarray(solution.values[0]), turns
 

@@ -512,7 +512,7 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     """
     mechanism = terms.mechanism
     # (n, variables, 3) direction of the axis of each variable
-    vectors = Closure.of(mechanism, make_joints(mechanism)).at(values).vectors
+    vectors = Closure.of_mechanism(mechanism, make_joints(mechanism)).at(values).vectors
     signs: list[float] = []
     for group in terms.structure.assembly.groups:
         axes = vectors[:, [mechanism.variables_of(pair)[0] for pair in group.pairs]]

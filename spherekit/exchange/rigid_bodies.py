@@ -141,8 +141,8 @@ def construct_rigid_bodies(
         )
     pairs = mechanism.pairs
     links = mechanism.links
-    pose = Closure.of(mechanism, make_joints(mechanism)).at(values[None])
-    rotations = pose.placed[0]
+    pose = Closure.of_mechanism(mechanism, make_joints(mechanism)).at(values[None])
+    rotations = pose.rotations[0]
     pair_frames = pose.frames[0]
     link_inertias = find_link_inertias(mechanism)
     massless_links = {

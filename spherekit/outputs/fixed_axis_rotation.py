@@ -486,7 +486,7 @@ def follow_to(
     mechanism = mechanism_of(mechanism)
     output_link = OutputLink.from_output(mechanism, chosen_output(mechanism, output))
     start_values = _check_values(output_link, values, mechanism.name)
-    placed = output_link.closure.at(start_values[None]).placed
+    placed = output_link.closure.at(start_values[None]).rotations
     target = np.asarray(orientation, dtype=float)
     is_right_handed = target.shape == (3, 3) and np.linalg.det(target) > 0.0
     if (
@@ -549,7 +549,7 @@ def _close_start(
             f"{input_count} inputs; declare {least_mobility} R pairs as inputs"
         )
     deviation = output_link.compare(values[None], np.eye(3)[None])
-    residual = deviation.linearisation.gap[0]
+    residual = deviation.linearisation.closure_residual[0]
     if not residual < START_RESIDUAL_RAD:
         raise SolveError(
             f"{mechanism_name}: the configuration to start from does not close: its "

@@ -482,7 +482,7 @@ class InverseKinematics:
         values, _ = measure_pair_angles(ends, joints, np.concatenate(link_rotations))
         # A dyad whose outer axes coincide is placed by rounding errors, and its loops
         # remain open. Such configurations are left out.
-        residual = Closure.of(self.own, tuple(joints)).at(values).gap
+        residual = Closure.of_mechanism(self.own, tuple(joints)).at(values).closure_residual
         is_closed = residual < CLOSING_RESIDUAL
         order = np.argsort(row, kind="stable")
         order = order[is_closed[order]]

@@ -355,7 +355,7 @@ class MidPlaneArchitecture:
         for modes in product((1, -1), repeat=len(self.legs)):
             values, residuals = self.values(self.place(normals, modes))
             gap = max(gap, float(np.max(residuals)))
-        closure = Closure.of(self.mechanism, self.joints)
+        closure = Closure.of_mechanism(self.mechanism, self.joints)
         mobility = rank_mobility(closure.tree, closure.at(values).vectors)
         return gap, int(np.min(mobility))
 

@@ -315,7 +315,7 @@ class _MidPlaneCurveSearch:
         constraint = self.locus.constraint.equations(linearisation)
         equations = np.hstack([linearisation.jacobian, constraint])
         _, singular_values, right = np.linalg.svd(np.nan_to_num(equations))
-        closure_residual = np.nan_to_num(linearisation.gap, nan=np.inf)
+        closure_residual = np.nan_to_num(linearisation.closure_residual, nan=np.inf)
         residual = np.maximum(closure_residual, singular_values[:, -1])
         # The last right singular vector is the motion of the singularity.
         points = self.report.describe(values, right[:, -1], residual)

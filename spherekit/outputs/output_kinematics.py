@@ -225,7 +225,7 @@ class OutputKinematics:
 
     def residual(self, values: Floats) -> Floats:
         """Return the closure residuals (n,) in rad at values (n, variables)."""
-        return self._closure.at(values).gap
+        return self._closure.at(values).closure_residual
 
     @cached_property
     def _forward(self) -> ForwardKinematics:
@@ -235,7 +235,7 @@ class OutputKinematics:
     @cached_property
     def _closure(self) -> Closure:
         """Loop closure of the mechanism."""
-        return Closure.of(self.mechanism, make_joints(self.mechanism))
+        return Closure.of_mechanism(self.mechanism, make_joints(self.mechanism))
 
 
 class ClosedKinematics(OutputKinematics, ABC):

@@ -79,7 +79,7 @@ class OutputLink:
         """Return the output link of a declared output."""
         grounded = replace(mechanism, ground=output.relative_to)
         return OutputLink(
-            closure=Closure.of(grounded, make_joints(grounded)),
+            closure=Closure.of_mechanism(grounded, make_joints(grounded)),
             number=grounded.link_number[output.link],
             degrees_of_freedom=len(grounded.inputs),
         )
@@ -95,7 +95,7 @@ class OutputLink:
             (n or 1, 3, 3) rotations from the axes of the output link to those of body 0.
         """
         linearisation = self.closure.at(values)
-        orientations = linearisation.placed[:, self.number]
+        orientations = linearisation.rotations[:, self.number]
         path_senses = self.closure.tree.paths[self.number]
         return TargetDeviation(
             output_link=self,
@@ -177,7 +177,7 @@ class TargetDeviation:
     @property
     def orientations(self) -> Floats:
         """(n, 3, 3) rotations from the axes of the output link to those of body 0."""
-        return self.linearisation.placed[:, self.output_link.number]
+        return self.linearisation.rotations[:, self.output_link.number]
 
     @cached_property
     def _jacobian_split(self) -> JacobianSplit:
@@ -270,7 +270,7 @@ class TargetDeviation:
 
         The links move at rates (n, variables) of the variables.
         """
-        return self.linearisation.turned(self.linearisation.body_rates(rates))
+        return self.linearisation.vector_rates(self.linearisation.body_rates(rates))
 
     def _vector_accelerations(self, rates: Floats, vector_rates: Floats) -> Floats:
         """Return the second derivatives (n, variables, 3) of the variables' vectors.
@@ -382,7 +382,9 @@ class TargetDeviation:
             output_error = self.remaining_rotation
         else:
             output_error = np.vecmat(self.remaining_rotation, self.free_output_rates)
-        return np.maximum(self.linearisation.gap, max_abs(output_error, axis=1))
+        return np.maximum(
+            self.linearisation.closure_residual, max_abs(output_error, axis=1)
+        )
 
     def rates(self, axis: Floats) -> TargetRates:
         """Return the derivatives of the variables while the target turns about an axis.

@@ -67,7 +67,7 @@ def find_assembled_configuration(
         linearisation = held.closure.solve(
             start_values, [*held.driven, *rolled], iterations=MAX_MESH_STEPS
         )
-    is_closed = linearisation.gap < CLOSURE_TOLERANCE
+    is_closed = linearisation.closure_residual < CLOSURE_TOLERANCE
     best_configuration = None
     least_sum = np.inf
     for configuration in linearisation.values[is_closed]:

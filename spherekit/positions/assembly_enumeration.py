@@ -217,7 +217,7 @@ def _place_group_modes(
                 place_dyad(next_state, group, sign)
             else:
                 closure = solver.place_wheel_train(next_state, position, q)
-                next_state.is_open |= ~(closure.gap < CLOSURE_TOLERANCE)
+                next_state.is_open |= ~(closure.closure_residual < CLOSURE_TOLERANCE)
             if not np.all(next_state.is_open):
                 states_by_mode.append((sign, next_state))
         return states_by_mode, CLOSED_FORM
@@ -231,7 +231,7 @@ def _place_group_modes(
         at = group_loops.solve(np.array(configurations))
         for row, values in enumerate(at.values):
             next_state = state.copy()
-            next_state.merge(group, at.placed[row : row + 1])
+            next_state.merge(group, at.rotations[row : row + 1])
             next_state.values[:, variables] = values
             states_by_mode.append((0, next_state))
     return states_by_mode, method
@@ -376,7 +376,9 @@ def random_starts(
                 values[is_near_closed], driven + rolled, iterations=POLISHING_STEPS
             )
             reciprocal_condition = group_reciprocal_condition(at.jacobian[:, :, ~is_input])
-            is_good = (at.gap < CLOSURE_TOLERANCE) & np.all(at.states.inside, axis=1)
+            is_good = (at.closure_residual < CLOSURE_TOLERANCE) & np.all(
+                at.states.inside, axis=1
+            )
             is_good &= reciprocal_condition > START_RECIPROCAL_CONDITION
             is_good &= ~has_penetration(closure.joints, at.states)
         at.values[:, passive_angles] = wrap(at.values[:, passive_angles])

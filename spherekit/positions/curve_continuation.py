@@ -167,7 +167,7 @@ def follow_arc(
         If the configuration does not close, does not move, is beyond a limit, or is
         singular.
     """
-    limits = CurveLimits.of(closure, stops or {})
+    limits = CurveLimits.of_mechanism(closure, stops or {})
     start = _make_start_node(closure, np.asarray(values, dtype=float), limits)
     return _follow_both_senses(closure, [start], limits, longest)[0]
 
@@ -188,7 +188,7 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     -------
     n curves. None for a configuration for which `follow_arc` raises an error.
     """
-    limits = CurveLimits.of(closure, {})
+    limits = CurveLimits.of_mechanism(closure, {})
     start_nodes: dict[int, _ArcNodes] = {}
     for row, values in enumerate(starts):
         with suppress(SolveError):
@@ -314,7 +314,7 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
     """
     if not all_finite(values):
         raise SolveError("the configuration to follow has to be finite, but is not")
-    residual = float(closure.at(values[None]).gap[0])
+    residual = float(closure.at(values[None]).closure_residual[0])
     if not residual < MAX_START_RESIDUAL_RAD:
         raise SolveError(
             f"the configuration to follow does not close: its residual is {residual:.3g} "

@@ -140,7 +140,7 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     points = values + RADIUS_RAD * _spread_unit_vectors(len(motions)) @ motions
     points, _ = newton(step_to_sphere, points, MAX_NEWTON_STEPS, trust=0.5 * RADIUS_RAD)
     distances = np.linalg.norm(points - values, axis=1)
-    is_solution = closure.at(points).gap < CLOSURE_TOLERANCE
+    is_solution = closure.at(points).closure_residual < CLOSURE_TOLERANCE
     is_solution &= np.abs(distances - RADIUS_RAD) < SAME_POINT_RATIO * RADIUS_RAD
     distinct: list[Floats] = []
     for point in points[is_solution]:
@@ -225,7 +225,7 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     second_rates = first_rates.copy()
     rows = np.arange(count)
     second_rates[rows, list(tree.owners)] += linearisation.vectors[rows, rows]
-    return tree.jacobian(linearisation.pair_rates(first_rates, second_rates))
+    return tree.jacobian(linearisation.vector_rates_of_pairs(first_rates, second_rates))
 
 
 def _find_directions(forms: Floats) -> Floats | None:

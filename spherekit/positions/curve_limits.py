@@ -67,7 +67,9 @@ class CurveLimits:
     contacts: tuple[ContactLimit, ...]
 
     @staticmethod
-    def of(closure: Closure, stops: Mapping[int, tuple[float, float]]) -> "CurveLimits":
+    def of_mechanism(
+        closure: Closure, stops: Mapping[int, tuple[float, float]]
+    ) -> "CurveLimits":
         """Return the limits of a mechanism.
 
         They are the ends of open profiles, equal curvatures of profiles in contact, and

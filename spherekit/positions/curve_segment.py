@@ -176,7 +176,7 @@ def curve_points(
     # J dt/ds + bias = 0. Then the part along the tangent is removed, since |t| = 1.
     bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], at.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
-    return CurvePoints(values, tangents, bends, at.gap), at
+    return CurvePoints(values, tangents, bends, at.closure_residual), at
 
 
 def correct(

@@ -150,7 +150,7 @@ def place_at_folds(
     fold = _FoldModel(at, free)
     values[rows] = stepped
 
-    gap = at.gap + rounding_of_loops(at)
+    gap = at.closure_residual + rounding_of_loops(at)
     newton_error = bound_by_newton(fold.sensitivity, gap, curvature_bound(at))
     input_rounding = INPUT_ROUNDING * np.maximum(1.0, max_abs(stepped[:, driven], axis=1))
     input_gap = input_rounding * np.max(np.abs(at.jacobian[:, :, driven]), axis=(1, 2))

@@ -232,12 +232,14 @@ def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
 
 def group_closure(state: AssemblyState, group: Group) -> Closure:
     """Return the loop closure of a group's bodies, at the samples of a state."""
-    first_leads, second_leads = (
+    body_from_first, body_from_second = (
         np.stack([state.within[state.ends[pair][side]] for pair in group.pairs], axis=1)
         for side in (0, 1)
     )
     joints = tuple(state.joints[pair] for pair in group.pairs)
-    return Closure(group_tree(group, state.joints), joints, (first_leads, second_leads))
+    return Closure(
+        group_tree(group, state.joints), joints, (body_from_first, body_from_second)
+    )
 
 
 def place_group(state: AssemblyState, group: Group, start: Floats) -> Linearisation:
@@ -257,7 +259,7 @@ def place_group(state: AssemblyState, group: Group, start: Floats) -> Linearisat
     The closure of the group at the last values. The caller checks whether it is closed.
     """
     at = group_closure(state, group).solve(start)
-    state.merge(group, at.placed)
+    state.merge(group, at.rotations)
     state.values[:, group_variables(state, group)] = at.values
     return at
 

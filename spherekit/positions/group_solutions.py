@@ -134,7 +134,7 @@ def find_distinct_by_elimination(
     distinct = DistinctConfigurations(closure)
     result = solve_by_elimination(group, closure)
     closed = closure.solve(result.angles, iterations=POLISHING_STEPS)
-    is_closed = closed.gap < CLOSURE_TOLERANCE
+    is_closed = closed.closure_residual < CLOSURE_TOLERANCE
     correction = max_abs(wrap(closed.values - result.angles), axis=1)
     # A real root belongs to a closed configuration next to it. If Newton's method does not
     # converge there, the configuration of this root is missing.

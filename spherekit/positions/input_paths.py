@@ -198,7 +198,7 @@ def _try_steps(
     at, step_sizes = closure.solve_with_step_sizes(
         prediction, driven, iterations=MAX_CORRECTION_ITERATIONS
     )
-    is_verified = is_finite & (at.gap < CLOSURE_TOLERANCE)
+    is_verified = is_finite & (at.closure_residual < CLOSURE_TOLERANCE)
     predicted_move = max_abs(prediction - nodes.values, axis=1)
     predicted_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
     is_verified &= INPUT_STEP_TESTS.accepts_correction(step_sizes, predicted_move)
@@ -242,7 +242,7 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     """
     at = closure.at(values)
     states = at.states
-    limits = CurveLimits.of(closure, {})
+    limits = CurveLimits.of_mechanism(closure, {})
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
     # Equal curvatures come last in the limits, and are examined first.
     for status, margin in zip(reversed(limits.statuses), reversed(margins[0]), strict=True):

@@ -42,12 +42,12 @@ class Linearisation:
         The loops, and the joints of the pairs.
     values
         (n, variables) values of the pair variables (rad).
-    leads
+    body_from_links
         Two arrays (n or 1, pairs, 3, 3) of rotations from the axes of the first and of the
         second link of each pair to the axes of its body, if bodies are groups of links.
         None if each body is one link.
-    rotations
-        (n, bodies, 3, 3) the `placed`, if they are known already.
+    known_rotations
+        (n, bodies, 3, 3) the `rotations`, if they are known already.
     locks
         Variables with the values at which they are locked. Each adds one equation.
     """
@@ -55,8 +55,8 @@ class Linearisation:
     tree: LoopTree
     joints: tuple[Joint, ...]
     values: Floats
-    leads: tuple[Floats, Floats] | None = None
-    rotations: Floats | None = None
+    body_from_links: tuple[Floats, Floats] | None = None
+    known_rotations: Floats | None = None
     locks: Locks | None = None
 
     def __len__(self) -> int:
@@ -66,20 +66,20 @@ class Linearisation:
     def states(self) -> PairStates:
         """Frames of the pairs in their bodies, curvatures, and whether profiles end."""
         states = evaluate_pair_states(self.joints, self.values)
-        if self.leads is None:
+        if self.body_from_links is None:
             return states
-        first_leads, second_leads = self.leads
+        body_from_first, body_from_second = self.body_from_links
         return states._replace(
-            first=first_leads @ states.first, second=second_leads @ states.second
+            first=body_from_first @ states.first, second=body_from_second @ states.second
         )
 
     @cached_property
-    def placed(self) -> Floats:
+    def rotations(self) -> Floats:
         """(n, bodies, 3, 3) rotations from body axes to the axes of body 0."""
-        if self.rotations is not None:
-            return self.rotations
-        placed = np.empty((len(self.values), self.tree.count, 3, 3))
-        placed[:, 0] = _IDENTITY
+        if self.known_rotations is not None:
+            return self.known_rotations
+        rotations = np.empty((len(self.values), self.tree.count, 3, 3))
+        rotations[:, 0] = _IDENTITY
         # Rotation from the axes of the second body of each pair to those of the first.
         first_from_second = self.states.first @ transpose(self.states.second)
         for pair, parent, child in self.tree.placements:
@@ -90,15 +90,15 @@ class Linearisation:
                 else transpose(first_from_second[:, pair])
             )
             if parent:
-                np.matmul(placed[:, parent], parent_from_child, out=placed[:, child])
+                np.matmul(rotations[:, parent], parent_from_child, out=rotations[:, child])
             else:
-                placed[:, child] = parent_from_child  # The parent is body 0 itself.
-        return placed
+                rotations[:, child] = parent_from_child  # The parent is body 0 itself.
+        return rotations
 
     @cached_property
     def frames(self) -> Floats:
         """(n, pairs, 3, 3) pair frames in the axes of body 0; columns as in `Joint`."""
-        return self.placed[:, self.tree.firsts] @ self.states.first
+        return self.rotations[:, self.tree.firsts] @ self.states.first
 
     @cached_property
     def axes(self) -> Floats:
@@ -147,8 +147,8 @@ class Linearisation:
         differences of locked variables from the values at which they are locked.
         """
         chords, firsts, seconds = self.tree.closing
-        first_frames = self.placed[:, firsts] @ self.states.first[:, chords]
-        second_frames = self.placed[:, seconds] @ self.states.second[:, chords]
+        first_frames = self.rotations[:, firsts] @ self.states.first[:, chords]
+        second_frames = self.rotations[:, seconds] @ self.states.second[:, chords]
         loop_rotations = rotation_vector(first_frames @ transpose(second_frames))
         loop_residual = loop_rotations.reshape(len(loop_rotations), 3 * len(chords))
         if self.locks is None:
@@ -158,7 +158,7 @@ class Linearisation:
         return np.append(loop_residual, lock_residual, axis=1)
 
     @property
-    def gap(self) -> Floats:
+    def closure_residual(self) -> Floats:
         """(n,) largest absolute component of the closure residual (rad)."""
         return max_abs(self.residual, axis=1)
 
@@ -180,7 +180,7 @@ class Linearisation:
         """Return the angular velocities (n, bodies, 3) at rates (n, variables)."""
         return self.tree.body_rates(self.vectors, rates)
 
-    def pair_rates(self, first_w: Floats, second_w: Floats) -> Floats:
+    def vector_rates_of_pairs(self, first_w: Floats, second_w: Floats) -> Floats:
         """Return the time derivatives (n, variables, 3) of the velocity vectors.
 
         Parameters
@@ -197,12 +197,12 @@ class Linearisation:
             )
         )
 
-    def turned(self, w: Floats) -> Floats:
+    def vector_rates(self, w: Floats) -> Floats:
         """Return the time derivatives (n, variables, 3) of the velocity vectors.
 
         `w` (n, bodies, 3) are the angular velocities of the bodies, in the axes of body 0.
         """
-        return self.pair_rates(w[:, self.tree.firsts], w[:, self.tree.seconds])
+        return self.vector_rates_of_pairs(w[:, self.tree.firsts], w[:, self.tree.seconds])
 
     def bias(self, rates: Floats) -> Floats:
         """Return the bias acceleration (n, equations): (dJ/dt) rates.
@@ -210,7 +210,7 @@ class Linearisation:
         The velocity equations J rates = 0 differentiated by time are J accelerations + bias
         = 0. The bias is quadratic in the rates (n, variables).
         """
-        vector_rates = self.turned(self.body_rates(rates))
+        vector_rates = self.vector_rates(self.body_rates(rates))
         bias = np.einsum("nij,nj->ni", self.tree.jacobian(vector_rates), rates)
         if self.locks is None:
             return bias

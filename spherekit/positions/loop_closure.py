@@ -95,7 +95,7 @@ class Closure:
         The bodies, the pairs that join them, and their loops.
     joints
         The joint of each pair.
-    leads
+    body_from_links
         Two arrays (n or 1, pairs, 3, 3) of rotations from the axes of the first and of the
         second link of each pair to the axes of its body, if bodies are groups of links.
         None if each body is one link.
@@ -106,26 +106,26 @@ class Closure:
 
     tree: LoopTree
     joints: tuple[Joint, ...]
-    leads: tuple[Floats, Floats] | None = None
+    body_from_links: tuple[Floats, Floats] | None = None
     locks: Locks | None = None
 
     @staticmethod
-    def of(mechanism: Mechanism, joints: tuple[Joint, ...]) -> "Closure":
+    def of_mechanism(mechanism: Mechanism, joints: tuple[Joint, ...]) -> "Closure":
         """Return the closure of a whole mechanism, in which each link is a body."""
-        return Closure(LoopTree.of(mechanism), joints)
+        return Closure(LoopTree.of_mechanism(mechanism), joints)
 
     def take(self, rows: Indices) -> "Closure":
         """Return the closure of some samples, by their numbers (k,).
 
-        Leads and locks with a single row belong to all samples, and stay as they are.
+        Arrays with a single row belong to all samples, and stay as they are.
         """
-        leads = self.leads
+        body_from_links = self.body_from_links
         locks = self.locks
-        if leads is not None and len(leads[0]) > 1:
-            leads = leads[0][rows], leads[1][rows]
+        if body_from_links is not None and len(body_from_links[0]) > 1:
+            body_from_links = body_from_links[0][rows], body_from_links[1][rows]
         if locks is not None and len(locks[1]) > 1:
             locks = locks[0], locks[1][rows]
-        return replace(self, leads=leads, locks=locks)
+        return replace(self, body_from_links=body_from_links, locks=locks)
 
     def locked(self, variables: Sequence[int], values: Floats) -> "Closure":
         """Return the closure with variables locked at values (n or 1, variables) rad."""
@@ -133,7 +133,13 @@ class Closure:
 
     def at(self, values: Floats) -> Linearisation:
         """Return the closure linearised at configurations (n, variables) in rad."""
-        return Linearisation(self.tree, self.joints, values, self.leads, None, self.locks)
+        return Linearisation(
+            tree=self.tree,
+            joints=self.joints,
+            values=values,
+            body_from_links=self.body_from_links,
+            locks=self.locks,
+        )
 
     def solve(
         self,
@@ -174,7 +180,7 @@ class Closure:
             all_values[:, passive] = passive_values
             steps = np.zeros_like(passive_values)
             at = self.take(rows).at(all_values)
-            is_open = at.gap > ROUNDED_RESIDUAL_RAD
+            is_open = at.closure_residual > ROUNDED_RESIDUAL_RAD
             steps[is_open] = solve_least_norm(
                 at.jacobian[is_open][:, :, passive], -at.residual[is_open]
             )

@@ -48,7 +48,7 @@ class LoopTree:
     owners: tuple[int, ...]
 
     @staticmethod
-    def of(mechanism: Mechanism) -> "LoopTree":
+    def of_mechanism(mechanism: Mechanism) -> "LoopTree":
         """Return the tree of a whole mechanism: bodies are links, body 0 is the ground."""
         return LoopTree(len(mechanism.links), mechanism.ends, mechanism.variable_owners)
 

@@ -414,7 +414,7 @@ class ModesOverRange:
         families = np.full(len(values), -1, dtype=np.intp)
         driven = list(self.solver.driven)
         passive_angles = [v for v in self.solver.angles if v not in driven]
-        rotations = self.solver.closure.at(values).placed
+        rotations = self.solver.closure.at(values).rotations
         q = values[:, driven]
         for mode, family in zip(
             self.assembly_modes[first_mode:], self._families[first_mode:], strict=True

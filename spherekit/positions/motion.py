@@ -129,12 +129,12 @@ class Motion(ArrayRows):
     @cached_property
     def rotations(self) -> Floats:
         """(n, links, 3, 3) rotations from link axes to ground axes."""
-        return self.linearisation.placed
+        return self.linearisation.rotations
 
     @cached_property
     def linearisation(self) -> Linearisation:
         """The loop closure at the rows: pair axes in ground axes, Jacobian, residual."""
-        tree = LoopTree.of(self.mechanism)
+        tree = LoopTree.of_mechanism(self.mechanism)
         return Linearisation(tree, self.joints, self.values, None, self.placed)
 
     @property
@@ -283,9 +283,9 @@ def make_motion(solver: PositionSolver, values: Floats) -> Motion:
     closure = solver.closure.at(values)
     configurations = ModeConfigurations(
         values=values,
-        rotations=closure.placed,
+        rotations=closure.rotations,
         status=np.full(len(values), Status.OK, dtype=np.int8),
-        residual=closure.gap,
+        residual=closure.closure_residual,
         singular_error=nans(len(values)),
     )
     return arrange_rows(

@@ -121,7 +121,7 @@ class PositionSolver:
         self.mechanism = mechanism
         self.assembly = assembly
         self.joints, self.reference = make_joints_in_pose(mechanism)
-        self.closure = Closure.of(mechanism, self.joints)
+        self.closure = Closure.of_mechanism(mechanism, self.joints)
         self.driven = tuple(
             number for pair in assembly.inputs for number in mechanism.variables_of(pair)
         )
@@ -321,8 +321,8 @@ class PositionSolver:
 
             closure = self.closure.at(state.values)
             values = closure.values
-            rotations = closure.placed
-            residual = closure.gap
+            rotations = closure.rotations
+            residual = closure.closure_residual
             has_angles = all_finite(state.values, 1) | (status != Status.AT_SINGULARITY)
             is_open = ~(residual < CLOSURE_TOLERANCE)
             _set_status(status, has_angles & is_open, Status.NOT_CLOSED)
@@ -362,7 +362,7 @@ class PositionSolver:
         group = self.assembly.groups[position]
         if position in self.wheel_trains:
             closure = self.place_wheel_train(state, position, q)
-            is_open = ~(closure.gap < CLOSURE_TOLERANCE)
+            is_open = ~(closure.closure_residual < CLOSURE_TOLERANCE)
             _set_status(status, is_open, Status.NOT_CONVERGED)
         else:
             assert assembly_mode.guide is not None
@@ -372,7 +372,7 @@ class PositionSolver:
             start = predicted[:, group_variables(state, group)]
             start = np.where(has_configuration(status)[:, None], start, np.nan)
             closure = place_group(state, group, start)
-            is_open = ~(closure.gap < CLOSURE_TOLERANCE)
+            is_open = ~(closure.closure_residual < CLOSURE_TOLERANCE)
             _set_status(status, is_open, Status.NOT_CONVERGED)
             # Newton's method may converge to another mode, which is farther away than an
             # interpolation between two verified nodes can be wrong.

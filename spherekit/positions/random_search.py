@@ -257,13 +257,13 @@ class DistinctConfigurations:
         """
         indices = np.full(len(values), -1, dtype=np.intp)
         at = self.closure.at(values)
-        rotations = at.placed
+        rotations = at.rotations
         exists = np.all(at.states.inside, axis=1)
         exists &= ~has_penetration(self.closure.joints, at.states)
         singular_values = np.linalg.svd(at.jacobian, compute_uv=False)
         smallest = singular_values[:, -1]
         is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
-        error = np.maximum(at.gap, EPS) / np.maximum(smallest, EPS)
+        error = np.maximum(at.closure_residual, EPS) / np.maximum(smallest, EPS)
         tolerance = np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
         order = np.argsort(rolled_sum, kind="stable")
@@ -360,7 +360,7 @@ def _close_by_newton(closure: Closure, values: Floats) -> Floats:
     if not len(values):
         return values
     at = closure.solve(values, iterations=POLISHING_STEPS)
-    return at.values[at.gap < CLOSURE_TOLERANCE]
+    return at.values[at.closure_residual < CLOSURE_TOLERANCE]
 
 
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:

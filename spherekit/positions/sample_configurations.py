@@ -176,7 +176,7 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 state, parent = _place_both_modes(state, group)
             elif number in solver.wheel_trains:
                 closed = (
-                    solver.place_wheel_train(state, number, q[sample]).gap
+                    solver.place_wheel_train(state, number, q[sample]).closure_residual
                     < CLOSURE_TOLERANCE
                 )
                 parent = np.flatnonzero(closed)
@@ -187,7 +187,7 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 is_complete[sample[~solutions.is_complete]] = False
                 problem = problem or solutions.problem
                 parent = solutions.sample
-                placed = closure.take(parent).at(solutions.values).placed
+                placed = closure.take(parent).at(solutions.values).rotations
                 state = state.rows(parent)
                 state.merge(group, placed)
                 state.values[:, group_variables(state, group)] = solutions.values
@@ -254,8 +254,10 @@ def _eliminate_distinct_rows(
     """
     # First row of the sample of each row.
     first = np.searchsorted(sample, sample)
-    assert closure.leads is not None
-    differences = [max_abs(lead - lead[first], axis=(1, 2, 3)) for lead in closure.leads]
+    assert closure.body_from_links is not None
+    differences = [
+        max_abs(lead - lead[first], axis=(1, 2, 3)) for lead in closure.body_from_links
+    ]
     equals_first = np.maximum(*differences) < SAME_FRAME_TOLERANCE
     solved_rows = np.flatnonzero(~equals_first | (first == np.arange(len(sample))))
     solutions = _eliminate_samples(group, closure.take(solved_rows))
@@ -297,8 +299,8 @@ def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
     closure
         The loop equations of the group at n samples.
     """
-    assert closure.leads is not None
-    count = len(closure.leads[0])
+    assert closure.body_from_links is not None
+    count = len(closure.body_from_links[0])
     is_complete = np.zeros(count, dtype=bool)
     samples = [np.empty(0, dtype=np.intp)]
     values = [np.empty((0, len(group.pairs)))]
@@ -371,7 +373,7 @@ def _solve_batch(
     start_values = geometry.measure_pair_angles_at(placed[sample, number], sample)
     at = closure.take(sample).solve(start_values, iterations=POLISHING_STEPS)
     correction = max_abs(wrap(at.values - start_values), axis=1)
-    is_sound = (at.gap < CLOSURE_TOLERANCE) & (correction < MAX_CORRECTION_RAD)
+    is_sound = (at.closure_residual < CLOSURE_TOLERANCE) & (correction < MAX_CORRECTION_RAD)
     is_sound &= condition_numbers(at.jacobian) < MAX_CONDITION_NUMBER
     is_clear[sample[~is_sound]] = False
     # Two real solutions must not converge to the same configuration. Points on the unit

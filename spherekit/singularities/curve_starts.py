@@ -238,7 +238,7 @@ def closed_configurations(
         start[:, list(meshes.variables)] = meshes.rolled_lengths(start[:, fixed_variables])
         fixed_variables += meshes.variables
     solution = solver.closure.solve(start, fixed_variables, iterations=CLOSING_NEWTON_STEPS)
-    return solution.values[solution.gap < CLOSURE_TOLERANCE]
+    return solution.values[solution.closure_residual < CLOSURE_TOLERANCE]
 
 
 def is_singular_everywhere(report: SingularityReport) -> bool:

@@ -102,7 +102,7 @@ class LinkMotion:
         self.w = linearisation.body_rates(tangents)
         # w = sum of vectors times rates: the rates change, and the vectors do.
         self.dw = linearisation.body_rates(bends)
-        vector_derivatives = linearisation.turned(self.w)
+        vector_derivatives = linearisation.vector_rates(self.w)
         self.dw += linearisation.tree.body_rates(vector_derivatives, tangents)
         equations = bordered(linearisation.jacobian, tangents)
         reciprocal_condition = np.maximum(

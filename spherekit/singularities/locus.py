@@ -320,7 +320,7 @@ class SingularityLocus:
         linearised = self._linearise(values, motions, borders, reference_basis)
         motions = linearised.unit_motions
         residual = np.maximum(
-            linearised.space.linearisation.gap,
+            linearised.space.linearisation.closure_residual,
             max_abs(linearised.constraint_residual, axis=1),
         )
         equations = linearised.equations[:, : self.constraint.equation_count + 1]

@@ -473,7 +473,7 @@ class SampledSingularities:
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at an arc length (rad)."""
         arc_curve = self.curves[curve]
-        return arc_curve.closure.at(arc_curve.at(s).values).placed[0]
+        return arc_curve.closure.at(arc_curve.at(s).values).rotations[0]
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
         """Return the ends of a curve at crossings: arc length, and the crossing.

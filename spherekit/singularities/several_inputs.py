@@ -351,7 +351,7 @@ def classify_rows(
     transmission = Transmission(
         tree, tuple(input_variables), output.link, output.relative_to, output.pointing
     )
-    pointed = transmission.output_directions(space.linearisation.placed)
+    pointed = transmission.output_directions(space.linearisation.rotations)
     type_two = transmission.measure(vectors, pointed)
     determinant = np.linalg.det(input_rates)
     if not space.has_fixed_sense:

@@ -139,11 +139,11 @@ class OutputStationary:
             pointing = np.array(self.pointing)
             side = perpendicular(pointing)
             link_directions = np.stack([side, cross(pointing, side)], axis=1)
-        return np.swapaxes(linearisation.placed[:, self.link] @ link_directions, 1, 2)
+        return np.swapaxes(linearisation.rotations[:, self.link] @ link_directions, 1, 2)
 
     def orientation(self, linearisation: Linearisation) -> Floats:
         """Return the rotation (n, 3, 3) from the output link's to its reference's axes."""
-        placed = linearisation.placed
+        placed = linearisation.rotations
         return np.swapaxes(placed[:, self.relative_to], 1, 2) @ placed[:, self.link]
 
     def angular_velocity(self, space: TangentSpace, rates: Floats) -> Floats:

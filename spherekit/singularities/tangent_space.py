@@ -156,7 +156,7 @@ class TangentSpace:
         that close a loop, the derivative along the closing step is an approximation.
         """
         derivatives = [
-            self.linearisation.turned(self.linearisation.body_rates(rates))
+            self.linearisation.vector_rates(self.linearisation.body_rates(rates))
             for rates in np.moveaxis(self.directions, 2, 0)
         ]
         return np.stack(derivatives, axis=1)

@@ -139,7 +139,7 @@ class KinematicStructure:
             values = closed
             if values is None:
                 values = _find_closed_configuration(mechanism, input_pairs)
-            closure = Closure.of(mechanism, make_joints(mechanism))
+            closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
             return closure.at(values[None]).vectors[0]
 
         groups = tuple(

@@ -96,7 +96,7 @@ class Transmission:
         """
         driven = [mechanism.variables_of(pair)[0] for pair in driven_pairs(mechanism)]
         return Transmission(
-            tree=LoopTree.of(mechanism),
+            tree=LoopTree.of_mechanism(mechanism),
             driven=tuple(driven),
             link=mechanism.link_number[output.link],
             relative_to=mechanism.link_number[output.relative_to],
@@ -114,7 +114,7 @@ class Transmission:
             (n, variables) closed configurations (rad).
         """
         linearisation = closure.at(values)
-        directions = self.output_directions(linearisation.placed)
+        directions = self.output_directions(linearisation.rotations)
         return self.measure(linearisation.vectors, directions)
 
     def output_directions(self, rotations: Floats) -> Floats | None:

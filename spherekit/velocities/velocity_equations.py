@@ -99,7 +99,7 @@ class VelocityEquations(ABC):
         self.pairs = pairs
         self.placed = placed
         self.variables = variables
-        self.tree = LoopTree.of(mechanism)
+        self.tree = LoopTree.of_mechanism(mechanism)
         self.carried, self.contact_lines = carried_vectors(
             mechanism, pairs, placed, variables, about_centres
         )
