@@ -606,7 +606,7 @@ class Collocation:
             return False
         values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
         # Between sets that do not cross, a path from one to the other is not closed.
-        (closure_residual,) = equation.closure.at(values[None]).gap
+        (closure_residual,) = equation.closure.at(values[None]).closure_residual
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
         return bool(
             closure_residual < MAX_CROSSING_TOLERANCE_RAD and condition < CROSSING_RATIO

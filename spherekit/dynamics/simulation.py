@@ -300,7 +300,7 @@ class Simulation:
             kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
             power=dynamics.power,
             work=states[:, equation.works],
-            residual=closed.gap,
+            residual=closed.closure_residual,
         )
 
     @checked(SolveError)
@@ -344,7 +344,7 @@ class Simulation:
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
             power=float(max_abs(np.vecdot(momenta, rate_errors))),
             momentum=float(np.max(momentum_errors) / np.nanmax(momentum_sizes)),
-            closure=max(path.max_closure_residual, float(np.max(closed.gap))),
+            closure=max(path.max_closure_residual, float(np.max(closed.closure_residual))),
             error=self.error,
         )
 
