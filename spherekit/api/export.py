@@ -16,16 +16,13 @@ from spherekit.exchange.coupling_table import CouplingTable, write_csv, write_np
 from spherekit.exchange.coupling_table_maker import coupling_table
 from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.formula_expressions import SmoothModes
-from spherekit.exchange.formula_maker import (
-    check_sizes_keep_crossings,
-    formulas,
-    reduced_formulas,
-)
+from spherekit.exchange.formula_maker import check_sizes_keep_crossings, formulas
 from spherekit.exchange.latex import latex
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.size_arguments import check_arguments
 from spherekit.exchange.source_head import OTHER_CROSSINGS
 from spherekit.exchange.source_languages import source
+from spherekit.exchange.stored_formulas import reduced_formulas
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.mechanism_writer import dump
 from spherekit.files.study import Crossings

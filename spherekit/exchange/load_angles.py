@@ -18,12 +18,17 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
 
 SWING_SAMPLES = 721
-"""Inputs over one turn at which the swing of a pair is read."""
+"""Number of inputs over one turn at which the swing of a pair is evaluated.
+
+Fewer: a swing that is widest between samples is measured too small.
+"""
 
 LEAST_GAP_RAD = 0.05
-"""Part of a turn that a pair has to leave out, so that its swing is known between samples
-too. Larger: pairs that nearly turn fully keep their argument; smaller: an angle at one end
-of a swing, between samples, could be taken for one at the other end."""
+"""Smallest part (rad) of a turn that a pair leaves out, if it cannot turn fully.
+
+Larger: pairs that nearly turn fully keep their argument; smaller: an angle at one end of a
+swing, between samples, could be taken for one at the other end.
+"""
 
 
 def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[str, float]:
@@ -52,16 +57,24 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
     middles: dict[str, float] = {}
     for pair in pairs:
-        low, high = np.nanmin(angles[pair]), np.nanmax(angles[pair])
+        low = np.nanmin(angles[pair])
+        high = np.nanmax(angles[pair])
         if high - low < TURN - LEAST_GAP_RAD:
             middles[pair] = float(0.5 * (low + high))
     return middles
 
 
-def turns_about(angle: Expr, middle: float) -> ExpressionNode:
-    """Return what is added to an angle (rad) to make it the one nearest to a middle (rad).
+def revolutions_about(angle: Expr, middle: float) -> ExpressionNode:
+    """Return the angle (rad) that moves another angle nearest to a middle.
 
-    The angle may be given less any whole turns.
+    It is a multiple of 2 pi.
+
+    Parameters
+    ----------
+    angle
+        The angle (rad), known up to whole turns.
+    middle
+        The middle (rad) of the swing.
     """
     difference = angle - middle
     nearest = function("atan2", function("sin", difference), function("cos", difference))

@@ -1,8 +1,12 @@
-"""Masses of a file as terms of its numbers: inertia that follows the sizes of links."""
+"""Masses as expressions of the numbers of a mechanism file.
+
+A file may state inertia by axes of pairs, as that of a uniform arc between two axes. Such
+inertia follows the sizes of links.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,90 +20,142 @@ from spherekit.velocities.axis_rotations import PairRotations
 from spherekit.velocities.carried_vectors import root
 
 
-def masses_in_terms(
+class ArcInertia(NamedTuple):
+    """Inertia tensor (3, 3) about the centre of the sphere, and centre of mass (3,)."""
+
+    tensor: Exprs
+    centre: Exprs
+
+
+def express_masses(
     document: Document,
     mechanism: Mechanism,
-    pairs: PairRotations,
-    numbers: Mapping[KeyPath, Expr],
+    pair_rotations: PairRotations,
+    expression_by_path: Mapping[KeyPath, Expr],
 ) -> tuple[Mass, ...]:
-    """Return masses whose entries are terms where a file states them by what varies.
+    """Return the masses of a mechanism, with expressions for what varies.
 
-    `numbers` are the terms of numbers of the document (SI) by their paths, `pairs` those
-    of the mechanism, sizes being terms.
+    Parameters
+    ----------
+    document
+        The mechanism file.
+    mechanism
+        Its mechanism.
+    pair_rotations
+        Axes of the pairs, in which sizes of links are symbols.
+    expression_by_path
+        Expressions of numbers of the document (SI), by their paths.
     """
-    of_file = document.data.get("mass", {})
+    table_by_link = document.data.get("mass", {})
     return tuple(
-        _mass(of_file[mass.link], mass, mechanism, pairs, numbers)
+        _express_mass(
+            table_by_link[mass.link], mass, mechanism, pair_rotations, expression_by_path
+        )
         for mass in mechanism.masses
     )
 
 
-def _mass(
-    item: Mapping[str, Any],
+def _express_mass(
+    table: Mapping[str, Any],
     mass: Mass,
     mechanism: Mechanism,
-    pairs: PairRotations,
-    numbers: Mapping[KeyPath, Expr],
+    pair_rotations: PairRotations,
+    expression_by_path: Mapping[KeyPath, Expr],
 ) -> Mass:
-    path = ("mass", mass.link)
+    """Return the mass of one link, unchanged if nothing in it varies.
 
-    def stated(key: str, *places: int) -> Expr:
-        value = item[key]
-        for place in places:
-            value = value[place]
-        return numbers.get((*path, key, *places), float(value))
+    Parameters
+    ----------
+    table
+        Table of the mass in the file.
+    mass
+        The mass with its numbers.
+    mechanism, pair_rotations, expression_by_path
+        As in `express_masses`.
+    """
+    link = mechanism.link(mass.link)
 
-    def axis(pair: str) -> Exprs:
-        number = mechanism.pair_number[pair]
-        ends = mechanism.ends[number]
-        return constants(pairs.axes(number)[ends.index(mechanism.link(mass.link))])
+    def read(key: str, *indices: int) -> Expr:
+        """Return an element of the table: its expression, or its number."""
+        value = table[key]
+        for index in indices:
+            value = value[index]
+        path = ("mass", mass.link, key, *indices)
+        return expression_by_path.get(path, float(value))
 
-    kilograms: Any = stated("mass") if "mass" in item else None
+    def axis_in_link(pair_name: str) -> Exprs:
+        """Return the unit axis (3,) of a pair in the axes of the link."""
+        pair = mechanism.pair_number[pair_name]
+        side = mechanism.ends[pair].index(link)
+        return constants(pair_rotations.axes(pair)[side])
+
+    kilograms: Any = read("mass") if "mass" in table else None
     tensor: Any
     centre: Any = None
-    if "arc" in item:
-        first, second = map(axis, item["arc"])
-        tensor, centre = arc_inertia(first, second, kilograms, stated("radius"))
+    if "arc" in table:
+        first_pair, second_pair = table["arc"]
+        first_axis = axis_in_link(first_pair)
+        second_axis = axis_in_link(second_pair)
+        tensor, centre = arc_inertia(first_axis, second_axis, kilograms, read("radius"))
     else:
-        key = "tensor" if "tensor" in item else "tensor_at_centre"
-        tensor = np.array([[stated(key, i, j) for j in range(3)] for i in range(3)], object)
-        if "centre" in item:
-            centre = vector([stated("centre", k) for k in range(3)])
-        if key == "tensor_at_centre":
+        tensor_key = "tensor" if "tensor" in table else "tensor_at_centre"
+        rows = [[read(tensor_key, i, j) for j in range(3)] for i in range(3)]
+        tensor = np.array(rows, object)
+        if "centre" in table:
+            centre = vector([read("centre", k) for k in range(3)])
+        if tensor_key == "tensor_at_centre":
             tensor = shift_to_sphere_centre(tensor, kilograms, centre)
-        if "frame" in item:
-            frame = _frame(*map(axis, item["frame"]))
+        if "frame" in table:
+            # The numbers of the file are in the frame of two axes.
+            first_pair, second_pair = table["frame"]
+            first_axis = axis_in_link(first_pair)
+            frame = _frame_of_axes(first_axis, axis_in_link(second_pair))
             tensor = frame @ tensor @ frame.T
             centre = None if centre is None else frame @ centre
     tensor = 0.5 * (tensor + tensor.T)
-    parts = [*tensor.ravel(), kilograms, *([] if centre is None else centre)]
-    if not any(isinstance(part, ExpressionNode) for part in parts):
+    elements = [*tensor.ravel(), kilograms, *([] if centre is None else centre)]
+    if not any(isinstance(element, ExpressionNode) for element in elements):
         return mass
-    rows: Any = tuple(map(tuple, tensor))
-    place: Any = None if centre is None else tuple(centre)
-    return replace(mass, tensor=rows, mass=kilograms, centre=place)
+    tensor_rows: Any = tuple(map(tuple, tensor))
+    centre_elements: Any = None if centre is None else tuple(centre)
+    return replace(mass, tensor=tensor_rows, mass=kilograms, centre=centre_elements)
 
 
-def arc_inertia(
-    first: Exprs, second: Exprs, mass: Expr, radius: Expr
-) -> tuple[Exprs, Exprs]:
-    """Return tensor (3, 3) about O and centre of mass (3,) of a uniform arc, as terms.
+def arc_inertia(first: Exprs, second: Exprs, mass: Expr, radius: Expr) -> ArcInertia:
+    """Return the inertia of a uniform arc between two axes as expressions.
 
-    They are those of `spherekit.mechanism.inertia.uniform_arc`, in its notation.
+    The formulas are those of `spherekit.mechanism.inertia.uniform_arc`.
+
+    Parameters
+    ----------
+    first, second
+        Unit vectors (3,) of the two axes.
+    mass
+        Mass of the arc (kg).
+    radius
+        Distance of the arc from the centre of the sphere (m).
     """
-    normal, middle, across = cross(first, second), first + second, second - first
+    normal = cross(first, second)
+    middle = first + second
+    across = second - first
     length = function("atan2", root(dot(normal, normal)), dot(first, second))
     spread = function("sin", length) / (2.0 * length)
-    along = dot(middle, middle)
-    taken = np.outer(middle, middle) * ((0.5 + spread) / along)
-    taken = taken + np.outer(across, across) * ((0.5 - spread) / dot(across, across))
-    half = 0.5 * length
-    tensor = (mass * radius * radius) * (np.eye(3).astype(object) - taken)
-    return tensor, middle * (radius * function("sin", half) / (half * root(along)))
+    middle_square = dot(middle, middle)
+    # Mean of the outer product of the unit vectors of the points with themselves.
+    mean_square = np.outer(middle, middle) * ((0.5 + spread) / middle_square)
+    mean_square = mean_square + np.outer(across, across) * (
+        (0.5 - spread) / dot(across, across)
+    )
+    half_length = 0.5 * length
+    tensor = (mass * radius * radius) * (np.eye(3).astype(object) - mean_square)
+    centre = middle * (
+        radius * function("sin", half_length) / (half_length * root(middle_square))
+    )
+    return ArcInertia(tensor, centre)
 
 
-def _frame(first: Exprs, second: Exprs) -> Exprs:
-    """Return the frame (3, 3) of two axes, see `spherekit.mechanism.inertia.axes_frame`."""
+def _frame_of_axes(first: Exprs, second: Exprs) -> Exprs:
+    """Return the frame (3, 3) of two axes, as `spherekit.mechanism.inertia.axes_frame`."""
     across = cross(second, first)
     x = across * (1.0 / root(dot(across, across)))
     return np.stack([x, cross(first, x), first], axis=1)

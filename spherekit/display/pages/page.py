@@ -22,7 +22,7 @@ from spherekit.display.pages.toml_template import text_with_places
 from spherekit.errors import EngineError, SpherekitError
 from spherekit.escaping import html_text, json_text
 from spherekit.exchange.formula_expressions import Formulas
-from spherekit.exchange.formula_maker import CLOSURE, formulas
+from spherekit.exchange.formula_maker import CLOSURE_PREFIX, formulas
 from spherekit.exchange.size_arguments import check_arguments, idle_arguments
 from spherekit.exchange.source_languages import source
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
@@ -325,7 +325,7 @@ class PageMaker:
         made = self._formulas_with_masses(needed)
         more = [x for x in self._velocities_of_signs(made.results) if x not in made.results]
         if not made.step:
-            more += [f"{CLOSURE}{k + 1}" for k in range(len(made.places))]
+            more += [f"{CLOSURE_PREFIX}{k + 1}" for k in range(len(made.places))]
         return self._formulas([*made.results, *more]) if more else made
 
     def _formulas_with_masses(self, needed: Sequence[str]) -> Formulas:

@@ -1,0 +1,149 @@
+"""Numbers of formulas that follow from the numbers of the mechanism file.
+
+Formulas contain numbers of masses and loads, and angles of links that replace contacts. If
+numbers of the file are arguments, these follow them. They are expressions if the file
+states a mass by axes of pairs. Otherwise they are linear functions, whose slopes are found
+by trial.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.designs.varied_mechanism import CONSTANT_SLOPE_TOLERANCE, VariedMechanism
+from spherekit.errors import DesignError
+from spherekit.exchange.varied_masses import express_masses
+from spherekit.symbolic.expression_graph import (
+    Expr,
+    ExpressionNode,
+    dot,
+    substitute,
+)
+from spherekit.velocities.design_expressions import DesignExpressions
+from spherekit.velocities.load_numbers import list_numbers, masses_and_loads
+from spherekit.wording import listing
+
+ZERO_SLOPE = 1e-13
+"""Slopes that are smaller belong to numbers that do not change, in their units.
+
+Larger: weak effects of a number are lost; smaller: rounding of a trial is written as an
+effect.
+"""
+
+
+def express_dependent_numbers(
+    varied_mechanism: VariedMechanism,
+    design_expressions: DesignExpressions,
+    arguments: Sequence[ExpressionNode],
+) -> dict[ExpressionNode, Expr]:
+    """Return the numbers that follow from the file as expressions of its numbers.
+
+    Parameters
+    ----------
+    varied_mechanism
+        The mechanism, and the numbers of its file that vary.
+    design_expressions
+        The expressions that contain symbols for the dependent numbers.
+    arguments
+        Symbols of the numbers that vary, in rad or the units of the file.
+
+    Returns
+    -------
+    For the symbol of each dependent number its expression.
+
+    Raises
+    ------
+    DesignError
+        If a number is no linear function of those that vary, or nothing can vary.
+    """
+    number_symbols = design_expressions.size_symbols[len(varied_mechanism.size_variables) :]
+    if not len(number_symbols):
+        return {}
+    document = varied_mechanism.document
+    variables = varied_mechanism.variables
+    if not varied_mechanism.can_vary:
+        raise DesignError(
+            f"{document.name}: the file allows no other "
+            f"{listing(variable.key for variable in variables)}: it follows from other "
+            "numbers; vary these"
+        )
+    masses = express_masses(
+        document,
+        design_expressions.mechanism,
+        design_expressions.structure.pairs,
+        {
+            variable.path: argument
+            for variable, argument in zip(variables, arguments, strict=True)
+        },
+    )
+    equivalent_linkage = varied_mechanism.equivalent_linkage
+    contact_numbers = equivalent_linkage.numbers if equivalent_linkage else []
+    mechanism = design_expressions.mechanism
+    # The masses are set past the constructor, which could not check expressions.
+    symbolic_mechanism = copy(mechanism)
+    object.__setattr__(symbolic_mechanism, "masses", masses)
+    symbolic_numbers = [
+        *contact_numbers,
+        *list_numbers(masses_and_loads(symbolic_mechanism)),
+    ]
+    file_numbers = [*contact_numbers, *list_numbers(masses_and_loads(mechanism))]
+    # (variables, trials, numbers) slopes of all numbers, measured at several steps.
+    trial_slopes = np.stack(
+        [varied_mechanism.trial_slopes(k) for k in range(len(variables))]
+    )
+    expression_by_symbol: dict[ExpressionNode, Expr] = {}
+    for symbol, number, slopes in zip(
+        number_symbols,
+        varied_mechanism.varied_numbers,
+        np.moveaxis(trial_slopes, 2, 0),
+        strict=True,
+    ):
+        if isinstance(symbolic_numbers[number], ExpressionNode):
+            # Masses along the axes of pairs are expressions of the numbers of contacts,
+            # which precede them.
+            (expression_by_symbol[symbol],) = substitute(
+                [symbolic_numbers[number]], expression_by_symbol
+            )
+            continue
+        _check_linear(varied_mechanism, slopes)
+        # `file number + slopes . (arguments - their values in the file)`.
+        first_slopes = slopes[:, 0]
+        slope_row = (
+            np.where(np.abs(first_slopes) < ZERO_SLOPE, 0.0, first_slopes)
+            / varied_mechanism.unit_scales
+        )
+        argument_values = varied_mechanism.unit_scales * varied_mechanism.nominal_values
+        constant = float(file_numbers[number] - slope_row @ argument_values)
+        expression_by_symbol[symbol] = dot(
+            [*slope_row.tolist(), 1.0], [*arguments, constant]
+        )
+    return expression_by_symbol
+
+
+def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
+    """Raise `DesignError` unless a number changes in proportion to all variables.
+
+    Parameters
+    ----------
+    varied_mechanism
+        The mechanism, and the numbers of its file that vary.
+    slopes
+        (variables, trials) slopes of the number at several steps of each variable.
+    """
+    differences = np.abs(slopes - slopes[:, :1])
+    tolerance = CONSTANT_SLOPE_TOLERANCE * np.abs(slopes) + ZERO_SLOPE
+    is_nonlinear = ~np.all(differences <= tolerance, axis=1)
+    if np.any(is_nonlinear):
+        keys = [
+            variable.key
+            for variable, is_at_fault in zip(
+                varied_mechanism.variables, is_nonlinear, strict=True
+            )
+            if is_at_fault
+        ]
+        raise DesignError(
+            f"{varied_mechanism.document.name}: {listing(keys)}: what the formulas hold "
+            "does not change in proportion; vary other numbers"
+        )
