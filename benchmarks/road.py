@@ -15,7 +15,7 @@ from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs import batch_runner, prefetch
 from spherekit.runs.batch_runner import REFERENCE_SAMPLES
-from spherekit.runs.kernel_columns import SLICE
+from spherekit.runs.kernel_columns import SLICE_ROWS
 from spherekit.symbolic.compiler import available, heyoka
 from spherekit.velocities.pole_request import request
 from spherekit.velocities.row_kernel import row_kernel
@@ -146,8 +146,8 @@ def _alone(
     terms = rows.all_columns
 
     def sliced(inputs: Floats, out: Floats) -> None:
-        for start in range(0, inputs.shape[1], SLICE):
-            rows = slice(start, start + SLICE)
+        for start in range(0, inputs.shape[1], SLICE_ROWS):
+            rows = slice(start, start + SLICE_ROWS)
             out[:, rows] = terms(inputs[:, rows])
 
     return sliced, terms.width, values

@@ -97,8 +97,8 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
 
     monkeypatch.setattr(batch_runner, "continue_signs", counted)
     monkeypatch.setattr(batch_runner, "SLICE_NUMBERS", 1)
-    for size in (batch_runner.SLICE, 1):  # within a slice, and from one to the next
-        monkeypatch.setattr(batch_runner, "SLICE", size)
+    for size in (batch_runner.SLICE_ROWS, 1):  # within a slice, and from one to the next
+        monkeypatch.setattr(batch_runner, "SLICE_ROWS", size)
         ways = both_ways(sk.load(name), samples=300)
         found = differences(ways)
         assert found.none, found
@@ -145,7 +145,7 @@ def test_tables_are_made_when_they_are_read(name, samples, monkeypatch):
     copied = pickle.loads(pickle.dumps(_joined_of(left)[-1]))  # of what was not read
 
     def made_at_once(self, key, pole, component):
-        values = getattr(self.made, key)[pole]
+        values = getattr(self.as_arrays, key)[pole]
         return values.reshape(len(values), -1)[:, component].copy()
 
     monkeypatch.setattr(LazyField, "column", made_at_once)

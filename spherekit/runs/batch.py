@@ -221,7 +221,7 @@ class Batch:
             parts: list[Array | LazyColumn] = []
             for i, j, moved in poles:
                 pole_field = self._pole_field(moved)
-                if isinstance(pole_field, LazyField) and name not in pole_field.KNOWN:
+                if isinstance(pole_field, LazyField) and name not in pole_field.IN_MEMORY:
                     self._check_pole(i, j, quantity)
                     parts.append(pole_field.column(name, pole_of(i, j), component or 0))
                 else:

@@ -24,8 +24,14 @@ from spherekit.positions.mode_predictor import ModeCurve
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.sample_prediction import make_sample_predictor
-from spherekit.runs.kernel_columns import SLICE, ComputedColumns, LazyField, Part, slices_of
-from spherekit.runs.prefetch import each_at_once, in_turn
+from spherekit.runs.kernel_columns import (
+    SLICE_ROWS,
+    KernelColumns,
+    LazyField,
+    RowSlice,
+    split_rows,
+)
+from spherekit.runs.prefetch import prefetch, thread_map
 from spherekit.runs.resource_checks import evaluation_memory
 from spherekit.runs.sampling import Sampling
 from spherekit.status import Status
@@ -135,8 +141,10 @@ class BlockRows:
         self._deciding = (
             kernel.closed_form_quality if kernel.has_closed_form else kernel.row_quality
         )
-        slice_size = max(1, round(SLICE_NUMBERS / (self._deciding.width * SLICE))) * SLICE
-        self.slices = slices_of(mode_count, n // mode_count, slice_size)
+        slice_size = (
+            max(1, round(SLICE_NUMBERS / (self._deciding.width * SLICE_ROWS))) * SLICE_ROWS
+        )
+        self.slices = split_rows(mode_count, n // mode_count, slice_size)
 
     def fill(self, samples: Indices) -> "list[tuple[int, SliceReversals]]":
         """Compute all rows, of samples given by their numbers.
@@ -145,7 +153,7 @@ class BlockRows:
         -------
         For each slice with certified rows: the index of its mode, and possible reversals.
         """
-        reversals_by_slice = each_at_once(
+        reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
         uncertified = np.flatnonzero(~self.is_certified & (self.status == Status.OK))
@@ -164,12 +172,12 @@ class BlockRows:
                 result.append((mode, reversals))
         return result
 
-    def _fill_slice(self, part: Part) -> "SliceReversals | None":
+    def _fill_slice(self, row_slice: RowSlice) -> "SliceReversals | None":
         """Compute the rows of a slice.
 
         Returns its possible reversals if all of its rows are certified or out of reach.
         """
-        mode, rows = part
+        mode, rows = row_slice
         deciding = self._deciding
         row_numbers = np.arange(rows.start, rows.stop)
         q = self._q[:, rows]
@@ -472,7 +480,7 @@ class BatchRunner:
     needs_timing: bool
     reads_frames: bool = False
     unread: dict[int, PendingPoles] = field(default_factory=dict, repr=False)
-    _last_columns: ComputedColumns | None = None
+    _last_columns: KernelColumns | None = None
 
     @classmethod
     def prepare(
@@ -546,7 +554,7 @@ class BatchRunner:
                     was_read = self._last_columns.was_read
                     count = size if was_read else min(2 * count, largest_size)
 
-        return in_turn(self.motion_at, block_samples(), self.looks_ahead)
+        return prefetch(self.motion_at, block_samples(), self.looks_ahead)
 
     def fields(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
@@ -556,14 +564,14 @@ class BatchRunner:
         Their columns are computed when they are read. Each motion can be asked once.
         """
         pending = self.unread.pop(id(motion))
-        columns = ComputedColumns(self.kernel, motion, self.requests, pending.uncertified)
+        columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
         self._last_columns = columns
         turnings: list[SignFunction] = []
         for input_index, (moving, memory) in enumerate(
             zip(self.kernel.input_columns, sign_continuations, strict=False)
         ):
             if motion.is_path:
-                velocities_at = partial(columns.relative_at, input_index)
+                velocities_at = partial(columns.unsigned_poles, input_index)
                 stops = pending.stops[input_index]
                 turnings.append(
                     continue_signs(
@@ -572,7 +580,7 @@ class BatchRunner:
                 )
             else:
                 turnings.append(signs_by_start_sides(motion, pending.is_assembled, memory))
-        columns.turn(turnings, motion.samples)
+        columns.set_signs(turnings, motion.samples)
         return tuple(
             LazyField(columns, input_index, motion, pending.is_certified, errors)
             for input_index, errors in enumerate(pending.error_maxima)

@@ -1,9 +1,13 @@
-"""Poles of a block by a kernel, of which nothing is made until it is read."""
+"""Poles of a block that a kernel computes only when their columns are read.
+
+A `RowKernel` evaluates all columns of a row at once. It certifies most rows. The others are
+evaluated by the ordinary functions, and their numbers replace those of the kernel.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +15,7 @@ from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
 from spherekit.numerics.lazy_columns import LazyColumn, Reader, put
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
-from spherekit.runs.prefetch import each_at_once
+from spherekit.runs.prefetch import thread_map
 from spherekit.status import Status
 from spherekit.velocities.direction_signs import SignFunction, apply_signs
 from spherekit.velocities.pole_evaluation import add_locked_pole, evaluate_unsigned
@@ -20,29 +24,90 @@ from spherekit.velocities.pole_request import Request
 from spherekit.velocities.pole_sequence import PlannedPoles
 from spherekit.velocities.row_kernel import RowKernel
 
-SLICE = 8184
-"""Rows of a slice: no power of two, for columns would then share the lines of the cache."""
-Part = tuple[int, slice]
-"""A slice of successive rows, and the number of their assembly mode."""
-ColumnKey = tuple[int, str, Any, int]
-"""An input, a part of its field, a pole or link, and a component."""
+SLICE_ROWS = 8184
+"""Number of rows that a kernel evaluates at once.
+
+It is no power of two, since columns would then share lines of the processor's cache.
+Larger: the columns of a slice exceed the cache. Smaller: the overhead of calls grows.
+"""
+
+RowSlice = tuple[int, slice]
+"""The index of an assembly mode, and a slice of its successive rows."""
 
 
-def slices_of(modes: int, count: int, size: int) -> list[Part]:
-    """Return the rows of modes with `count` samples each in slices of a size."""
+class ColumnKey(NamedTuple):
+    """Identifies a column of the poles of a block.
+
+    Attributes
+    ----------
+    input_index
+        Index of the input that moves.
+    quantity
+        Name of a quantity of `PoleField`, such as ``"direction"``.
+    subject
+        The pole or link.
+    component
+        Index of the component of a vector, 0 for a number.
+    """
+
+    input_index: int
+    quantity: str
+    subject: Any
+    component: int
+
+
+class UnsignedPoles(NamedTuple):
+    """Poles in some rows, with directions whose sense is not chosen yet.
+
+    Attributes
+    ----------
+    directions
+        (3, poles, k) unit vectors of the pole axes.
+    velocities
+        (3, poles, k) relative angular velocities per unit rate of the input.
+    velocity_rates
+        (3, poles, k) their derivatives by the input.
+    """
+
+    directions: Floats
+    velocities: Floats
+    velocity_rates: Floats
+
+
+def split_rows(mode_count: int, sample_count: int, size: int) -> list[RowSlice]:
+    """Return the rows of all modes in slices of at most `size` rows.
+
+    The rows of a mode follow each other, `sample_count` for each mode.
+    """
     return [
-        (mode, slice(start, min(start + size, (mode + 1) * count)))
-        for mode in range(modes)
-        for start in range(mode * count, (mode + 1) * count, size)
+        (mode, slice(start, min(start + size, (mode + 1) * sample_count)))
+        for mode in range(mode_count)
+        for start in range(mode * sample_count, (mode + 1) * sample_count, size)
     ]
 
 
-class ComputedColumns:
-    """The columns of a block's rows by a kernel, from the values of its motion.
+class KernelColumns:
+    """The columns of a block that a kernel computes from the values of its motion.
 
-    Those at the rows `doubtful` (k,), which the kernel does not vouch for, are of `careful`
-    fields, one for each input. Directions that have no sense follow their angular velocity
-    until `turned` says, by input, which of them are turned round.
+    Directions follow their angular velocity until `set_signs` is called.
+
+    Parameters
+    ----------
+    kernel
+        Evaluates the rows.
+    motion
+        The configurations of the block.
+    requests
+        The poles to evaluate, for each input that moves.
+    uncertified
+        (k,) numbers of the rows that the kernel does not certify.
+
+    Attributes
+    ----------
+    uncertified_fields
+        The poles in these rows for each input; empty without such rows.
+    was_read
+        Whether a column was read.
     """
 
     def __init__(
@@ -50,110 +115,164 @@ class ComputedColumns:
         kernel: RowKernel,
         motion: Motion,
         requests: Sequence[Request],
-        doubtful: Indices,
+        uncertified: Indices,
     ) -> None:
-        self.kernel, self.doubtful, self.requests = kernel, doubtful, requests
-        self.careful: list[PoleField] = []
+        self.kernel = kernel
+        self.uncertified = uncertified
+        self.requests = requests
+        self.uncertified_fields: list[PoleField] = []
         self.was_read = False
         self._values = motion.values.T
         self._failed = motion.failed
-        self._odd = motion.failed.copy()
-        self._odd[doubtful] = True
-        self._parts = slices_of(len(motion.assembly_modes), motion.samples, SLICE)
-        self._turned: Sequence[SignFunction] = ()
-        if len(doubtful):
-            rows = motion.rows(doubtful)
-            for wanted, at in zip(requests, kernel.input_columns, strict=True):
-                late = evaluate_unsigned(rows, replace(wanted, planes=frozenset()))
-                for pole in at.signed_poles:
-                    turned = np.where(late.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
-                    apply_signs(late, pole, turned)
-                self.careful.append(late)
+        # Rows whose numbers are not those of the kernel.
+        self._is_replaced = motion.failed.copy()
+        self._is_replaced[uncertified] = True
+        mode_count = len(motion.assembly_modes)
+        self._slices = split_rows(mode_count, motion.samples, SLICE_ROWS)
+        self._sign_functions: Sequence[SignFunction] = ()
+        if len(uncertified):
+            rows = motion.rows(uncertified)
+            for request, columns in zip(requests, kernel.input_columns, strict=True):
+                field = evaluate_unsigned(rows, replace(request, planes=frozenset()))
+                for pole in columns.signed_poles:
+                    signs = np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
+                    apply_signs(field, pole, signs)
+                self.uncertified_fields.append(field)
 
-    def relative_at(self, number: int, rows: Indices) -> tuple[Floats, Floats, Floats]:
-        """Return of an input the directions without a sense, not turned round, at rows.
+    def unsigned_poles(self, input_index: int, rows: Indices) -> UnsignedPoles:
+        """Return the poles whose sense is to be chosen, in some rows.
 
-        With relative angular velocities and their derivatives, each (3, poles, k).
+        Parameters
+        ----------
+        input_index
+            Index of the input that moves.
+        rows
+            (k,) numbers of the rows.
         """
-        parts = self.kernel.input_columns[number].signed_part(
-            self.kernel.all_columns(self._values[:, rows])
-        )
-        unit, turn, (rate, change) = np.split(parts, [3, 6])
-        with np.errstate(invalid="ignore", over="ignore"):  # of rows found with care
-            v = rate * unit
-            dv = change * unit + rate * turn
-        here = np.flatnonzero(np.isin(rows, self.doubtful))
-        at = np.searchsorted(self.doubtful, rows[here])
-        for k, (i, j) in enumerate(
-            self.kernel.input_columns[number].signed_poles if len(here) else ()
-        ):
-            field = self.careful[number]
-            unit[:, k, here] = field.direction[i, j][at].T
-            v[:, k, here] = (field.w[j] - field.w[i])[at].T
-            dv[:, k, here] = (field.dw[j] - field.dw[i])[at].T
-        return unit, v, dv
+        input_columns = self.kernel.input_columns[input_index]
+        part = input_columns.signed_part(self.kernel.all_columns(self._values[:, rows]))
+        # Rows of the part: direction, its derivative, velocity and acceleration
+        # coefficient.
+        unit, unit_rate, (coefficient, coefficient_rate) = np.split(part, [3, 6])
+        with np.errstate(invalid="ignore", over="ignore"):  # of uncertified rows
+            velocity = coefficient * unit
+            velocity_rate = coefficient_rate * unit + coefficient * unit_rate
+        replaced = np.flatnonzero(np.isin(rows, self.uncertified))
+        if len(replaced):
+            field = self.uncertified_fields[input_index]
+            field_rows = np.searchsorted(self.uncertified, rows[replaced])
+            for k, (i, j) in enumerate(input_columns.signed_poles):
+                unit[:, k, replaced] = field.direction[i, j][field_rows].T
+                velocity[:, k, replaced] = (field.w[j] - field.w[i])[field_rows].T
+                velocity_rate[:, k, replaced] = (field.dw[j] - field.dw[i])[field_rows].T
+        return UnsignedPoles(unit, velocity, velocity_rate)
 
-    def turn(self, turned: Sequence[SignFunction], samples: int) -> None:
-        """Turn directions round, of modes with so many samples each."""
-        self._turned = turned
-        rows = self.doubtful
-        for number, field in enumerate(self.careful):
-            poles = self.kernel.input_columns[number].signed_poles
+    def set_signs(self, sign_functions: Sequence[SignFunction], samples: int) -> None:
+        """Choose the senses of all directions.
+
+        Parameters
+        ----------
+        sign_functions
+            For each input, the function that returns the signs.
+        samples
+            Number of samples of each mode.
+        """
+        self._sign_functions = sign_functions
+        rows = self.uncertified
+        for input_index, field in enumerate(self.uncertified_fields):
+            poles = self.kernel.input_columns[input_index].signed_poles
             unit = np.array([field.direction[pole].T for pole in poles])
             unit = unit.reshape(-1, 3, len(rows)).swapaxes(0, 1)
-            for pole, of_pole in zip(
-                poles, turned[number](unit, rows, rows // samples), strict=True
-            ):
-                apply_signs(field, pole, of_pole)
+            signs = sign_functions[input_index](unit, rows, rows // samples)
+            for pole, signs_of_pole in zip(poles, signs, strict=True):
+                apply_signs(field, pole, signs_of_pole)
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
-        """Have columns read, rows after rows."""
+        """Compute some columns slice by slice, and pass them to a reader."""
         self.was_read = True
-        places = [
-            self.kernel.input_columns[k].column_indices[name][of][c]
-            for k, name, of, c in keys
+        kernel_rows = [
+            self.kernel.input_columns[key.input_index].column_indices[key.quantity][
+                key.subject
+            ][key.component]
+            for key in keys
         ]
 
-        def fill(part: Part) -> None:
-            mode, rows = part
-            given = np.ascontiguousarray(self._values[:, rows])
-            whole = np.empty((self.kernel.all_columns.width, given.shape[1]))
-            self.kernel.all_columns(given, whole)
-            for turned, at in zip(self._turned, self.kernel.input_columns, strict=False):
-                signed = at.signed_part(whole)
-                signs = turned(signed[:3], rows, mode)
+        def read_slice(row_slice: RowSlice) -> None:
+            """Compute the columns of one slice."""
+            mode, rows = row_slice
+            values = np.ascontiguousarray(self._values[:, rows])
+            computed = np.empty((self.kernel.all_columns.width, values.shape[1]))
+            self.kernel.all_columns(values, computed)
+            for find_signs, input_columns in zip(
+                self._sign_functions, self.kernel.input_columns, strict=False
+            ):
+                signed = input_columns.signed_part(computed)
+                signs = find_signs(signed[:3], rows, mode)
+                # Most directions keep their sense in all rows of a slice.
                 for k in np.flatnonzero(np.any(signs < 0, axis=1)):
                     signed[:, k] *= signs[k]
-            made = [whole[place] for place in places]
-            if np.any(self._odd[rows]):
-                made = [
-                    self._mended(key, column, rows)
-                    for key, column in zip(keys, made, strict=True)
+            columns = [computed[row] for row in kernel_rows]
+            if np.any(self._is_replaced[rows]):
+                columns = [
+                    self._replace_uncertified(key, column, rows)
+                    for key, column in zip(keys, columns, strict=True)
                 ]
-            reader(rows, made)
+            reader(rows, columns)
 
-        each_at_once(fill, self._parts, self.kernel.is_compiled)
+        thread_map(read_slice, self._slices, self.kernel.is_compiled)
 
-    def _mended(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
-        """Return what the kernel gives of some rows, with those it does not know."""
-        number, name, of, k = key
-        made = np.where(self._failed[rows], np.nan, column)
-        low, high = np.searchsorted(self.doubtful, [rows.start, rows.stop])
+    def _replace_uncertified(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
+        """Return a column of some rows with the numbers of rows that are not certified.
+
+        Failed rows become NaN.
+
+        Parameters
+        ----------
+        key
+            The column.
+        column
+            Its numbers of the kernel.
+        rows
+            The rows of the block to which the numbers belong.
+        """
+        result = np.where(self._failed[rows], np.nan, column)
+        low, high = np.searchsorted(self.uncertified, [rows.start, rows.stop])
         if low < high:
-            late = getattr(self.careful[number], name)[of].reshape(len(self.doubtful), -1)
-            made[self.doubtful[low:high] - rows.start] = late[low:high, k]
-        return made
+            field = self.uncertified_fields[key.input_index]
+            values = getattr(field, key.quantity)[key.subject]
+            values = values.reshape(len(self.uncertified), -1)
+            replaced = self.uncertified[low:high] - rows.start
+            result[replaced] = values[low:high, key.component]
+        return result
 
 
 class LazyField:
-    """The poles of a motion in which one input moves, as `PoleField` has them.
+    """The poles of a motion in which one input moves, with the attributes of `PoleField`.
 
-    Columns are made when they are read: one by one by `column`, or all as arrays where any
-    is asked for by its name. A kernel vouches for rows (n,); `errors` are its largest of
-    directions, rates and changes, NaN where there are none, `largest` those of all rows.
+    A column is computed when it is read: one by one by `column`, or all as arrays when a
+    quantity is read by its name.
+
+    Parameters
+    ----------
+    source
+        The columns of the block.
+    input_index
+        Index of the input that moves.
+    motion
+        The configurations of the block.
+    is_certified
+        (n,) whether the kernel certifies the row.
+    errors
+        Largest errors of directions, rates and their derivatives in rows of the kernel, NaN
+        if there are none.
+
+    Attributes
+    ----------
+    error_maxima
+        The largest errors of all rows by their names in `REPORTED_ERRORS`.
     """
 
-    KNOWN = (
+    IN_MEMORY = (
         "status",
         "pole_status",
         "is_quad_precision",
@@ -161,94 +280,114 @@ class LazyField:
         "is_decimal",
         "relative_error_bound",
     )
+    """Attributes of `PoleField` that are known without evaluating the kernel."""
 
     def __init__(
         self,
-        source: ComputedColumns,
-        number: int,
+        source: KernelColumns,
+        input_index: int,
         motion: Motion,
-        vouched: Bools,
+        is_certified: Bools,
         errors: Sequence[float],
     ) -> None:
-        self._source, self._number, self._motion = source, number, motion
-        self._places = source.kernel.input_columns[number].column_indices
-        wanted = source.requests[number]
-        rows = source.doubtful
+        self._source = source
+        self._input_index = input_index
+        self._motion = motion
+        # Rows of the kernel's result by quantity, then by pole or link.
+        self._column_indices = source.kernel.input_columns[input_index].column_indices
+        request = source.requests[input_index]
+        uncertified = source.uncertified
         n = len(motion)
-        self.largest = dict(zip(REPORTED_ERRORS, errors, strict=True))
+        self.error_maxima = dict(zip(REPORTED_ERRORS, errors, strict=True))
         status = motion.status
         is_quad_precision, is_decimal = np.zeros((2, n), dtype=bool)
         relative_error_bound = np.where(motion.failed, np.nan, 0.0)
-        pole_status = dict.fromkeys(self._places["direction"], status)
-        for late in source.careful[number : number + 1]:
-            status = _with(status, rows, late.status)
-            relative_error_bound[rows] = late.relative_error_bound
-            is_quad_precision[rows] = late.is_quad_precision
-            is_decimal[rows] = late.is_decimal
+        pole_status = dict.fromkeys(self._column_indices["direction"], status)
+        if source.uncertified_fields:
+            field = source.uncertified_fields[input_index]
+            status = _replace_rows(status, uncertified, field.status)
+            relative_error_bound[uncertified] = field.relative_error_bound
+            is_quad_precision[uncertified] = field.is_quad_precision
+            is_decimal[uncertified] = field.is_decimal
             for pole in pole_status:
-                pole_status[pole] = _with(status, rows, late.pole_status[pole])
-            for name, error in largest_errors(late).items():
-                self.largest[name] = np.fmax(self.largest[name], error)
+                pole_status[pole] = _replace_rows(
+                    status, uncertified, field.pole_status[pole]
+                )
+            for name, error in largest_errors(field).items():
+                self.error_maxima[name] = np.fmax(self.error_maxima[name], error)
         self._field = PoleField(
-            **{name: {} for name in self._places},
+            **{name: {} for name in self._column_indices},
             status=status,
             pole_status=pole_status,
             is_quad_precision=is_quad_precision,
-            is_certified=vouched,
+            is_certified=is_certified,
             is_decimal=is_decimal,
             relative_error_bound=relative_error_bound,
         )
-        for pole in set(wanted.poles) - pole_status.keys():
+        for pole in set(request.poles) - pole_status.keys():
             add_locked_pole(self._field, motion, pole)
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._field if name in self.KNOWN else self.as_arrays, name)
+        return getattr(self._field if name in self.IN_MEMORY else self.as_arrays, name)
 
     @cached_property
     def as_arrays(self) -> PoleField:
-        """All of it, as arrays."""
+        """The field with all columns as arrays, computed when it is first asked for."""
         n = len(self._field.status)
         columns: list[tuple[LazyColumn, Floats]] = []
-        for name, places in self._places.items():
-            for of, place in places.items():
-                made = np.empty((len(place), n))
-                for k, out in enumerate(made):
-                    key = self._number, name, of, k
-                    columns.append((LazyColumn(self._source, key, n), out))
-                getattr(self._field, name)[of] = made.T if len(made) > 1 else made[0]
+        for quantity, indices_by_subject in self._column_indices.items():
+            for subject, indices in indices_by_subject.items():
+                components = np.empty((len(indices), n))
+                for k, component in enumerate(components):
+                    key = ColumnKey(self._input_index, quantity, subject, k)
+                    columns.append((LazyColumn(self._source, key, n), component))
+                values = components.T if len(components) > 1 else components[0]
+                getattr(self._field, quantity)[subject] = values
         put(columns, [(slice(0, n), 0)])
-        wanted = self._source.requests[self._number]
-        drawn = PlannedPoles(wanted.plan, self._motion)
-        self._field.planes.update({x: drawn.great_circles(x) for x in wanted.planes})
+        request = self._source.requests[self._input_index]
+        poles = PlannedPoles(request.plan, self._motion)
+        self._field.planes.update({x: poles.great_circles(x) for x in request.planes})
         return self._field
 
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
-        """Return a component of a part (n,), which is made when it is read."""
-        if pole in self._places.get(name, {}):
-            return LazyColumn(
-                self._source, (self._number, name, pole, k), len(self._field.status)
-            )
-        part: Floats = getattr(self._field, name)[pole]
-        return part.reshape(len(part), -1)[:, k]
+        """Return one component of a quantity (n,), which is computed when it is read.
+
+        Parameters
+        ----------
+        name
+            Name of the quantity in `PoleField`.
+        pole
+            The pole.
+        k
+            Index of the component, 0 for a number.
+        """
+        if pole in self._column_indices.get(name, {}):
+            key = ColumnKey(self._input_index, name, pole, k)
+            return LazyColumn(self._source, key, len(self._field.status))
+        values: Floats = getattr(self._field, name)[pole]
+        return values.reshape(len(values), -1)[:, k]
 
 
 def largest_errors(field: PoleField) -> dict[str, float]:
-    """Return the largest finite `REPORTED_ERRORS` of rows that are well, by name."""
-    well = field.status == Status.OK
-    return {
-        name: max(
-            (
-                np.max(bound, initial=-np.inf, where=well & np.isfinite(bound))
-                for bound in getattr(field, name).values()
-            ),
-            default=-np.inf,
-        )
-        for name in REPORTED_ERRORS
-    }
+    """Return the largest finite `REPORTED_ERRORS` of rows with the status OK, by name.
+
+    They are -inf if there is no such row.
+    """
+    is_ok = field.status == Status.OK
+    maxima = {}
+    for name in REPORTED_ERRORS:
+        bounds_of_poles = [
+            np.max(bound, initial=-np.inf, where=is_ok & np.isfinite(bound))
+            for bound in getattr(field, name).values()
+        ]
+        maxima[name] = max(bounds_of_poles, default=-np.inf)
+    return maxima
 
 
-def _with(codes: SmallIntegers, rows: Indices, some: SmallIntegers) -> SmallIntegers:
-    """Return codes (n,) with those of some rows."""
-    made = codes.copy()
-    made[rows] = some
-    return made
+def _replace_rows(
+    codes: SmallIntegers, rows: Indices, row_codes: SmallIntegers
+) -> SmallIntegers:
+    """Return a copy of status codes (n,) in which those of some rows (k,) are replaced."""
+    result = codes.copy()
+    result[rows] = row_codes
+    return result

@@ -1,4 +1,4 @@
-"""Pieces of work done in turn, the next while the last is made use of."""
+"""Work in other threads: the next item ahead of its use, or all items at once."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -6,37 +6,47 @@ from typing import TypeVar
 
 from spherekit.resources import usable_cores
 
-Given = TypeVar("Given")
-Made = TypeVar("Made")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
-def in_turn(
-    make: Callable[[Given], Made], items: Iterable[Given], ahead: bool
-) -> Iterator[Made]:
-    """Yield what is made of each item; one `ahead`, in a thread, with cores to spare.
+def prefetch(
+    compute: Callable[[Item], Result], items: Iterable[Item], looks_ahead: bool
+) -> Iterator[Result]:
+    """Yield the result of each item, and compute the next one while it is used.
 
-    An item is asked for when all but the last before it were made use of.
+    Parameters
+    ----------
+    compute
+        Function of one item.
+    items
+        The items. The item after the next one is taken when the caller asks for the next
+        result, so that it can depend on the use of earlier results.
+    looks_ahead
+        Whether the next result is computed in another thread. With a single core nothing
+        is computed ahead.
     """
-    if not ahead or usable_cores() < 2:
-        yield from map(make, items)
+    if not looks_ahead or usable_cores() < 2:
+        yield from map(compute, items)
         return
     with ThreadPoolExecutor(1) as thread:
-        futures = (thread.submit(make, item) for item in items)
-        following = next(futures, None)
-        while following:
-            made = following.result()
-            following = next(futures, None)
-            yield made
+        futures = (thread.submit(compute, item) for item in items)
+        next_future = next(futures, None)
+        while next_future:
+            result = next_future.result()
+            next_future = next(futures, None)
+            yield result
 
 
-def each_at_once(
-    make: Callable[[Given], Made], items: Sequence[Given], threads: bool
-) -> list[Made]:
-    """Return what is made of each item, with `threads` on all cores.
+def thread_map(
+    compute: Callable[[Item], Result], items: Sequence[Item], uses_threads: bool
+) -> list[Result]:
+    """Return the result of each item, computed on all cores if threads are used.
 
-    They are of use where calls without the interpreter are long.
+    Threads help only if the function runs for long without the interpreter, as compiled
+    functions do.
     """
-    if not threads:
-        return list(map(make, items))
+    if not uses_threads:
+        return list(map(compute, items))
     with ThreadPoolExecutor(usable_cores()) as pool:
-        return list(pool.map(make, items))
+        return list(pool.map(compute, items))

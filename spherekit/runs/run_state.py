@@ -179,7 +179,7 @@ class RunState:
                 if len(pole_fields) == 1 or np.any(valid_codes != Status.NO_POLE):
                     self._count_statuses((POLES,), valid_codes, pole_count)
             if isinstance(poles, LazyField):
-                errors = poles.largest
+                errors = poles.error_maxima
             else:
                 errors = largest_errors(poles)
             for attribute, key in POLE_ERRORS.items():
