@@ -25,7 +25,7 @@ from spherekit.mechanism.graph import component_labels, find_spanning_tree
 from spherekit.mechanism.joint import Joint
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.planning.wheel_train import on_carrier, rolled_angles
+from spherekit.planning.gear_mesh import find_carried_contact
 from spherekit.positions.loop_closure import Closure
 from spherekit.wording import listing
 
@@ -275,9 +275,9 @@ def _find_gear_equation(
         If the ratio is not constant.
     """
     pair = mechanism.pairs[contact]
-    rolling_on_carrier = on_carrier(mechanism, joints, contact, pairs=hinges)
-    if rolling_on_carrier is not None:
-        factors = rolled_angles(rolling_on_carrier)
+    carried_contact = find_carried_contact(mechanism, joints, contact, pairs=hinges)
+    if carried_contact is not None:
+        factors = carried_contact.angle_factors()
         largest_factor = max(map(abs, factors.values()))
         return {
             mechanism.pairs[number].name: factor / largest_factor

@@ -21,8 +21,8 @@ from spherekit.outputs.mid_plane_architecture import axis_in
 from spherekit.outputs.output_kinematics import ClosedKinematics
 from spherekit.outputs.pose_constraints import LegSpan, ModeAtPoses
 from spherekit.planning.assembly_plan import driven_pairs
+from spherekit.planning.gear_train import GearTrain, find_gear_train
 from spherekit.planning.submechanism import of_pairs
-from spherekit.planning.wheel_train import GearTrain, wheel_train
 
 EQUAL_SUM_DECIMALS = 9
 """Decimals (rad) to which sums of absolute inputs are compared.
@@ -272,7 +272,7 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
     pairs whose angles follow from the inputs by the ratios of the wheels.
     """
     driven = list(driven_pairs(mechanism))
-    train = wheel_train(mechanism, driven)
+    train = find_gear_train(mechanism, driven)
     r_pairs = {mechanism.pair_number[name] for name in mechanism.angles}
     # All other pairs have to be contacts of the wheels.
     if train is None or len(r_pairs) + len(train.contacts) < len(mechanism.pairs):

@@ -15,7 +15,7 @@ from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.angles import wrap
-from spherekit.planning.gear_mesh import SAME_LENGTH
+from spherekit.planning.least_rolling import SAME_ROLLED_LENGTH_RAD
 from spherekit.positions.gear_phases import (
     GEAR_RATIO_TOLERANCE,
     MAX_INPUT_REVOLUTIONS,
@@ -74,7 +74,7 @@ def find_assembled_configuration(
         q = _find_input_revolutions(
             gear_phases, wrap(configuration[driven]), configuration[rolled]
         )
-        if q is not None and np.sum(np.abs(q)) < least_sum - SAME_LENGTH:
+        if q is not None and np.sum(np.abs(q)) < least_sum - SAME_ROLLED_LENGTH_RAD:
             best_configuration = configuration.copy()
             best_configuration[driven] = q
             least_sum = np.sum(np.abs(q))
@@ -110,7 +110,7 @@ def _list_possible_lengths(
     projection = ratios @ np.linalg.pinv(ratios)
     change = combinations - gear_phases.lengths
     misfit = max_abs(change - change @ projection.T, axis=1)
-    combinations = combinations[misfit < SAME_LENGTH]
+    combinations = combinations[misfit < SAME_ROLLED_LENGTH_RAD]
     order = np.argsort(np.sum(np.abs(combinations), axis=1), kind="stable")
     return combinations[order[:MAX_TRIED_ASSEMBLIES]]
 
@@ -139,7 +139,7 @@ def _find_input_revolutions(
     revolutions = [range(-k, k + 1) for k in limits.astype(int).tolist()]
     inputs = q + TURN * np.array(list(product(*revolutions)), dtype=float)
     misfit = max_abs(gear_phases.rolled_lengths(inputs) - lengths, axis=1)
-    possible_inputs = inputs[misfit < SAME_LENGTH]
+    possible_inputs = inputs[misfit < SAME_ROLLED_LENGTH_RAD]
     if not len(possible_inputs):
         return None
     return possible_inputs[np.argmin(np.sum(np.abs(possible_inputs), axis=1))]

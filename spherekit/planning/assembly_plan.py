@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from spherekit.errors import CountError, PlanError
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.gear_mesh import find_carried_contacts
 from spherekit.planning.mobility import (
     BODY_FREEDOMS,
     DYAD_BODIES,
@@ -23,7 +24,6 @@ from spherekit.planning.mobility import (
     merge_locked_links,
     play_on_bodies,
 )
-from spherekit.planning.wheel_train import find_carried_contacts
 from spherekit.wording import listing
 
 

@@ -1,102 +1,171 @@
-"""Wheels on carriers: how a rolling contact relates the angles of pairs."""
+"""Rolling contacts of two wheels on a carrier, and how they relate the angles of pairs.
 
-from collections.abc import Mapping
+A link is the carrier of a contact if both wheels rotate relative to it, each about the
+centre of its circle. With the angles f and g of the two rotations and the radii r and s,
+sin(r) f - sin(s) g is constant. Both centres are on the side of the normal of the contact.
+Each angle is a sum of pair variables with signs, so the contact is one linear relation of
+pair variables.
+
+The contact and the carrier both state that the wheels touch. Of the two constraints of the
+contact only one is therefore independent: that the wheels roll.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from spherekit.arrays import Floats, Integers
-from spherekit.geometry.vectors import max_abs
+from spherekit.mechanism.coaxial_links import are_same_line, find_coaxial_links
+from spherekit.mechanism.joint import Joint, revolute
+from spherekit.mechanism.joint_construction import make_joints
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.wheel_phase import Wheel
 
-SAME_LENGTH = 1e-7
-"""Lengths (rad) that differ by less are one."""
+PairPath = tuple[tuple[int, int], ...]
+"""R pairs that lead from one link to another.
 
-
-MOST_TURNS = 2
-"""Whole turns of wheels that are tried, one of many wheels."""
-
-
-MOST_ASSEMBLIES = 400_000
-"""So many assemblies of wheels at most."""
-
-
-Way = tuple[tuple[int, int], ...]
-"""Pairs, each with the side of the link that is nearer to the start of the way."""
+With the number of each pair is the side, 0 or 1, of its link that is nearer to the start.
+"""
 
 
 class GearMesh(NamedTuple):
-    """Two wheels on a carrier: by which pairs each is turned in it, and the signs.
+    """A rolling contact of two wheels on a carrier, as a relation of pair variables.
 
-    `contact` is the number of the rolling contact among the pairs of the mechanism. `ways`
-    have the pairs from each wheel to the carrier, each with the side of the link that is
-    nearer to the wheel.
+    Attributes
+    ----------
+    contact
+        Number of the rolling contact among the pairs of the mechanism.
+    angle_signs
+        For the first and the second wheel: the R pairs from the wheel to the carrier with
+        their signs. The angle of the wheel relative to the carrier is the sum of the pair
+        variables times these signs.
+    paths
+        The same pairs as paths from each wheel to the carrier.
     """
 
     contact: int
-    turned: tuple[Mapping[int, float], Mapping[int, float]]
-    ways: tuple[Way, Way]
+    angle_signs: tuple[Mapping[int, float], Mapping[int, float]]
+    paths: tuple[PairPath, PairPath]
 
     @property
     def pairs(self) -> set[int]:
-        """The pairs whose angles it relates."""
-        return {*self.turned[0], *self.turned[1]}
+        """Numbers of the pairs whose variables are related."""
+        return {*self.angle_signs[0], *self.angle_signs[1]}
 
-    def relation(self, sizes: tuple[Any, Any]) -> dict[int, Any]:
-        """Return the factors by pair of the sum of angles that stays the same.
+    def angle_factors(self, wheel_factors: tuple[Any, Any]) -> dict[int, Any]:
+        """Return the factor of each pair variable in the sum that is constant.
 
-        `sizes` are those of the angles of both wheels: sin(r) and -sin(s).
+        Parameters
+        ----------
+        wheel_factors
+            Factors of the angles of both wheels, sin(r) and -sin(s): floats or balls.
         """
         return {
-            pair: size if sign > 0.0 else -size
-            for size, turned in zip(sizes, self.turned, strict=True)
-            for pair, sign in turned.items()
+            pair: factor if sign > 0.0 else -factor
+            for factor, signs in zip(wheel_factors, self.angle_signs, strict=True)
+            for pair, sign in signs.items()
         }
 
 
-def back(way: Way) -> Way:
-    """Return a way from its end to its start."""
-    return tuple((pair, 1 - side) for pair, side in reversed(way))
+def reverse_path(path: PairPath) -> PairPath:
+    """Return the same path from its end to its start."""
+    return tuple((pair, 1 - side) for pair, side in reversed(path))
 
 
-def least_rolled(
-    lengths: Floats, laps: Floats, first: Floats, square: Floats
-) -> Integers | None:
-    """Return the whole turns (m, 2) of wheels with which they have rolled least.
+class CarriedContact(NamedTuple):
+    """A rolling contact of two wheels on a carrier, with the circles of the wheels."""
 
-    Of those that have rolled as far, the ones with the greatest first length; None where
-    there are too many to be tried. Only turns that lengths differ by are.
+    mesh: GearMesh
+    first_wheel: Wheel
+    second_wheel: Wheel
+
+    @property
+    def wheels(self) -> tuple[Wheel, Wheel]:
+        """Both wheels."""
+        return self.first_wheel, self.second_wheel
+
+    def angle_factors(self) -> dict[int, float]:
+        """Return the factor of each pair variable in the sum that is constant."""
+        return self.mesh.angle_factors(
+            (np.sin(self.first_wheel.radius), -np.sin(self.second_wheel.radius))
+        )
+
+
+def find_carried_contacts(mechanism: Mechanism) -> frozenset[int]:
+    """Return the numbers of the rolling contacts whose wheels have a carrier."""
+    joints = make_joints(mechanism)
+    return frozenset(
+        number
+        for number in rolling_contacts(joints)
+        if find_carried_contact(mechanism, joints, number)
+    )
+
+
+def rolling_contacts(joints: Sequence[Joint]) -> list[int]:
+    """Return the numbers of the rolling contacts among joints."""
+    return [number for number, joint in enumerate(joints) if joint.rolling_variables]
+
+
+def find_carried_contact(
+    mechanism: Mechanism,
+    joints: Sequence[Joint],
+    number: int,
+    cosine_tolerance: float = np.inf,
+    pairs: Iterable[int] | None = None,
+) -> CarriedContact | None:
+    """Find the carrier of a rolling contact that is reached by the fewest pairs.
 
     Parameters
     ----------
-    lengths, laps
-        (m, 2) along both circles of each contact where all angles are zero, and those of
-        a whole turn.
-    first, square
-        (m, m) by how much a length decreases with the angles that follow, along the first
-        circle, and by how much more than along the second.
+    mechanism
+        The mechanism.
+    joints
+        The joints of all its pairs.
+    number
+        Number of the contact.
+    cosine_tolerance
+        Largest deviation of the cosine of the arc between the centres, on the carrier, from
+        that of circles that touch.
+    pairs
+        Numbers of the pairs that may lead to the carrier; by default all.
+
+    Returns
+    -------
+    The contact on its carrier. None if the pair does not roll, if a profile is no circle,
+    or if the wheels have no carrier.
     """
-    to_angles = np.linalg.inv(square)
-    put = lengths[:, 0] - first @ to_angles @ (lengths[:, 0] - lengths[:, 1])
-    steps: list[Floats] = []
-    places = []
-    for k, side in np.ndindex(*laps.shape):
-        step = first @ to_angles[:, k] * (2 * side - 1)
-        step[k] += 1 - side
-        step *= laps[k, side]
-        signed = (sense * earlier for earlier in (*steps, 0.0 * step) for sense in (1, -1))
-        if all(max_abs(step - item) > SAME_LENGTH for item in signed):
-            steps.append(step)
-            places.append((k, side))
-    most = min(MOST_TURNS, int(0.5 * (MOST_ASSEMBLIES ** (1.0 / len(steps)) - 1.0)))
-    if most < 1:
+    profiles = mechanism.pairs[number].profiles or ()
+    has_other_profile = any(profile.round_axis is None for profile in profiles)
+    if has_other_profile or not joints[number].rolling_variables:
         return None
-    counts = np.indices((2 * most + 1,) * len(steps)).reshape(len(steps), -1).T - most
-    turns = np.zeros(laps.shape, dtype=np.int64)
-    turns[*np.transpose(places)] = counts[_least(put + counts @ np.array(steps))]
-    return turns
-
-
-def _least(rolled: Floats) -> Any:
-    """Return which lengths (n, m) are the least in sum, then the greatest one by one."""
-    keys = np.column_stack([np.sum(np.abs(rolled), axis=1), -rolled])
-    return np.lexsort(np.round(keys / SAME_LENGTH).T[::-1])[0]
+    first_wheel, second_wheel = (
+        Wheel.from_curve(track.curve, track.start)
+        for track in joints[number].contact_profiles
+    )
+    allowed_pairs = range(len(joints)) if pairs is None else pairs
+    hinges = {n: revolute(joints[n]) for n in allowed_pairs if joints[n].has_axis}
+    axes = {n: (hinge.first[:, 2], hinge.second[:, 2]) for n, hinge in hinges.items()}
+    first_link, second_link = mechanism.ends[number]
+    links_by_pair = dict(enumerate(mechanism.ends))
+    first_links = find_coaxial_links(links_by_pair, axes, first_link, first_wheel.centre)
+    second_links = find_coaxial_links(links_by_pair, axes, second_link, second_wheel.centre)
+    # Circles that touch have centres at the arc r - s; both are on the side of the normal.
+    touching_cosine = np.cos(first_wheel.radius - second_wheel.radius)
+    meshes = []
+    for carrier in sorted(first_links.keys() & second_links.keys()):
+        first = first_links[carrier]
+        second = second_links[carrier]
+        deviation = abs(np.vecdot(first.line, second.line) - touching_cosine)
+        # On a link with which both wheels rotate about the same line they cannot roll.
+        if deviation <= cosine_tolerance and not are_same_line(first.line, second.line):
+            meshes.append(
+                GearMesh(
+                    number,
+                    angle_signs=(first.angle_signs, second.angle_signs),
+                    paths=(first.path, second.path),
+                )
+            )
+    if not meshes:
+        return None
+    nearest = min(meshes, key=lambda mesh: len(mesh.pairs))
+    return CarriedContact(nearest, first_wheel, second_wheel)

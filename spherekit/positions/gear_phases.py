@@ -19,8 +19,8 @@ from spherekit.arrays import Floats
 from spherekit.conventions import TURN
 from spherekit.geometry.vectors import nans
 from spherekit.mechanism.joint import MAX_TEETH, Joint
-from spherekit.planning.gear_mesh import SAME_LENGTH
-from spherekit.planning.wheel_train import GearTrain
+from spherekit.planning.gear_train import GearTrain
+from spherekit.planning.least_rolling import SAME_ROLLED_LENGTH_RAD
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.pair_states import list_rolling_variables
 
@@ -158,13 +158,13 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     The smallest absolute values come first; at most `MAX_LENGTHS_PER_CONTACT`.
     """
     # Keys are rounded lengths, so that equal lengths occur once.
-    lengths = {round(length / SAME_LENGTH): length}
+    lengths = {round(length / SAME_ROLLED_LENGTH_RAD): length}
     for lap_length in joint.closed_lengths:
         least = length - lap_length * round(length / lap_length)
         max_laps = int(np.ceil(0.5 * max(joint.closed_lengths) / lap_length))
         for laps in range(-max_laps, max_laps + 1):
             candidate = least + laps * lap_length
-            lengths[round(candidate / SAME_LENGTH)] = candidate
+            lengths[round(candidate / SAME_ROLLED_LENGTH_RAD)] = candidate
     return sorted(lengths.values(), key=abs)[:MAX_LENGTHS_PER_CONTACT]
 
 

@@ -19,7 +19,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.assembly_plan import Assembly
-from spherekit.planning.wheel_train import GearTrain, wheel_train
+from spherekit.planning.gear_train import GearTrain, find_gear_train
 from spherekit.positions.assembly_mode import AssemblyMode, has_configuration
 from spherekit.positions.fold_bounds import place_at_folds
 from spherekit.positions.gear_phases import GearPhases, make_gear_phases
@@ -145,7 +145,7 @@ class PositionSolver:
     @cached_property
     def _gear_train(self) -> GearTrain | None:
         """The angles that follow from the inputs by gear ratios."""
-        return wheel_train(self.mechanism, self.assembly.inputs, whole=False)
+        return find_gear_train(self.mechanism, self.assembly.inputs, whole=False)
 
     @cached_property
     def gear_phases(self) -> GearPhases | None:

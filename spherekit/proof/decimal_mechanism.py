@@ -1,6 +1,6 @@
 """Trains of wheels as balls: angles that follow from the inputs through rolling circles.
 
-Where the relations of all rolling contacts (`planning.wheel_train`) fix the angles that
+Where the relations of all rolling contacts (`planning.gear_train`) fix the angles that
 they relate by the inputs, the pairs are known like inputs. A wheel repeats what its carrier
 says of the distance of the axes; decimal numbers can say both only nearly, so that
 circles that touch nearly are taken to touch.
@@ -31,8 +31,13 @@ from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.assembly_plan import driven_pairs
-from spherekit.planning.gear_mesh import GearMesh, Way, back
-from spherekit.planning.wheel_train import on_carrier, wheel_train
+from spherekit.planning.gear_mesh import (
+    GearMesh,
+    PairPath,
+    find_carried_contact,
+    reverse_path,
+)
+from spherekit.planning.gear_train import find_gear_train
 from spherekit.proof.ball_frames import (
     Frame,
     Frames,
@@ -198,7 +203,7 @@ class Written:
         rows = exactly(np.zeros((len(self.meshes), len(self.structure.pairs))))
         for row, mesh in zip(rows, self.meshes, strict=True):
             one, other = self._touching(mesh.contact).sines
-            for pair, factor in mesh.relation((one, -other)).items():
+            for pair, factor in mesh.angle_factors((one, -other)).items():
                 row[self._number(pair)] = factor
         return rows
 
@@ -210,7 +215,7 @@ class Written:
         """
         frames, rolled = self.frames(), list[Array]()
 
-        def along(vector: Vector, way: Way) -> Vector:
+        def along(vector: Vector, way: PairPath) -> Vector:
             """Return a vector of the first link of a way in the last, all angles zero."""
             for pair, side in way:
                 ends = frames[self._number(pair)]
@@ -220,10 +225,10 @@ class Written:
         for mesh, near in zip(self.meshes, self.lengths, strict=True):
             touch = self._touching(mesh.contact)
             sines, centres = np.array(touch.sines), [axes[2] for axes in touch.axes]
-            ahead = touch.towards(*map(along, centres, mesh.ways))
+            ahead = touch.towards(*map(along, centres, mesh.paths))
             azimuths = [
-                angle_of(*(axes[:2] @ along(direction, back(way))))
-                for axes, way, direction in zip(touch.axes, mesh.ways, ahead, strict=True)
+                angle_of(*(axes[:2] @ along(direction, reverse_path(way))))
+                for axes, way, direction in zip(touch.axes, mesh.paths, ahead, strict=True)
             ]
             scales = sines / [radius.sin() for radius in touch.radii]
             starts = scales * self._starts(mesh.contact)
@@ -281,7 +286,7 @@ class Written:
         structure, mechanism = self.structure, self.mechanism
         joints, meshes = make_joints(mechanism), list[GearMesh]()
         for contact in structure.wheels:
-            held = on_carrier(mechanism, joints, contact, SAME_AXIS_RAD)
+            held = find_carried_contact(mechanism, joints, contact, SAME_AXIS_RAD)
             if held is None:
                 pair = mechanism.pairs[contact]
                 raise PlanError(
@@ -290,10 +295,10 @@ class Written:
                     "its circle so that they touch; of rolling contacts proofs are for "
                     "wheels that a link carries so, and for sliding contacts of circles"
                 )
-            meshes.append(held[0])
+            meshes.append(held.mesh)
         every = {self._number(pair) for mesh in meshes for pair in mesh.pairs}
         followers = tuple(sorted(every - set(structure.inputs)))
-        train = wheel_train(mechanism, driven_pairs(mechanism))
+        train = find_gear_train(mechanism, driven_pairs(mechanism))
         with suppress(ZeroDivisionError):
             if train is not None and len(followers) == len(meshes):
                 made = replace(

@@ -22,7 +22,7 @@ from spherekit.mechanism.friction import ContactFriction
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.sizes_from_frames import sizes_from_frames
-from spherekit.planning.wheel_train import GearTrain, wheel_train
+from spherekit.planning.gear_train import GearTrain, find_gear_train
 from spherekit.symbolic.expression_graph import Expr
 from spherekit.symbolic.frame_expressions import about_z
 from spherekit.symbolic.vector_algebra import Exprs, cosine, sine
@@ -196,7 +196,7 @@ def find_equivalent_linkage(
     train = None
     if rolling:
         inputs = [mechanism.pair_number[name] for name in input_pairs]
-        train = wheel_train(mechanism, inputs, max_gap_rad)
+        train = find_gear_train(mechanism, inputs, max_gap_rad)
         if train is None:
             return None
     remaining = [n for n in range(len(mechanism.pairs)) if n not in rolling]

@@ -1,0 +1,310 @@
+"""Gear trains: wheels on common carriers whose angles follow from the inputs.
+
+Each rolling contact is a linear relation of pair variables
+(`spherekit.planning.gear_mesh`). If the relations of all contacts determine the variables
+that they relate from the inputs, these variables and the rolled lengths are linear
+functions of the inputs.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.conventions import TURN
+from spherekit.geometry.vectors import max_abs
+from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
+from spherekit.mechanism.joint import Joint, revolute
+from spherekit.mechanism.joint_construction import make_joints, make_joints_in_pose
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.wheel_phase import find_wheel_contact
+from spherekit.planning.gear_mesh import (
+    CarriedContact,
+    find_carried_contact,
+    rolling_contacts,
+)
+from spherekit.planning.least_rolling import (
+    SAME_ROLLED_LENGTH_RAD,
+    find_least_rolled_turns,
+    index_of_least_rolled,
+)
+
+RELATION_RANK_TOLERANCE = 1e-9
+"""Relative singular value below which relations of angles count as dependent.
+
+Larger: trains with very different radii are not recognised. Smaller: rounding errors of
+radii make dependent relations independent.
+"""
+
+MAX_REPEATED_CONTACT_TURNS = 64
+"""Whole turns, in each direction, that are tried for a contact which repeats others.
+
+Larger: more time. Smaller: wheels with many turns are not assembled.
+"""
+
+
+class GearTrain(NamedTuple):
+    """The angles of pairs, and the rolled lengths, that follow from the inputs.
+
+    Attributes
+    ----------
+    followers
+        Numbers of the R pairs whose angles follow from the inputs.
+    ratios
+        (followers, inputs) derivatives of their angles by the inputs.
+    offsets
+        (followers,) their angles (rad) at inputs of zero.
+    contacts
+        Numbers of the rolling contacts.
+    length_ratios
+        (contacts, inputs) derivatives of their rolled lengths by the inputs.
+    lengths
+        (contacts,) their rolled lengths (rad) at inputs of zero.
+    rolled
+        (contacts, 2) arc lengths (rad) of the point of contact along both circles where all
+        angles are zero. They are NaN if a reference pose states how wheels are assembled.
+    """
+
+    followers: tuple[int, ...]
+    ratios: Floats
+    offsets: Floats
+    contacts: tuple[int, ...]
+    length_ratios: Floats
+    lengths: Floats
+    rolled: Floats
+
+    @property
+    def numbers(self) -> list[float]:
+        """The ratios and the offset of each follower, one after the other."""
+        return list(np.column_stack([self.ratios, self.offsets]).ravel().tolist())
+
+
+def find_gear_train(
+    mechanism: Mechanism,
+    driven: Sequence[int],
+    max_gap: float = SAME_AXIS_RAD,
+    whole: bool = True,
+) -> GearTrain | None:
+    """Return the gear train by which wheels follow the inputs.
+
+    Wheels are assembled as in the reference pose. Without one, they are assembled so that
+    they have rolled least at inputs of zero.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    driven
+        Numbers of the driven pairs.
+    max_gap
+        Largest deviation of the cosine of the arc between the centres of two wheels from
+        that of circles that touch. Such wheels roll at their nearest points, as gears do.
+    whole
+        Whether all rolling contacts have to belong to the train. Otherwise contacts whose
+        angles do not follow from the inputs alone are left out.
+
+    Returns
+    -------
+    The train. None if the mechanism has no rolling contacts, or if the contacts do not
+    determine the angles that they relate.
+    """
+    joints = make_joints(mechanism)
+    numbers = rolling_contacts(joints)
+    carried = [
+        find_carried_contact(mechanism, joints, number, max_gap) for number in numbers
+    ]
+    contacts = [contact for contact in carried if contact]
+    if whole and len(contacts) < len(numbers):
+        return None
+    while contacts:
+        relations = _Relations.of_contacts(contacts, len(mechanism.pairs), driven)
+        square = relations.factors[:, relations.followers]
+        _, singular_values, right_vectors = np.linalg.svd(square)
+        largest = np.max(singular_values, initial=0.0)
+        rank = np.sum(singular_values > RELATION_RANK_TOLERANCE * largest)
+        # A follower is loose if it takes part in a motion that no contact prevents.
+        null_space = right_vectors[rank:]
+        is_loose = np.any(np.abs(null_space) > RELATION_RANK_TOLERANCE, axis=0)
+        is_determined = ~np.any(square[:, is_loose], axis=1)
+        has_repetitions = rank < len(contacts)
+        if np.all(is_determined) and not (has_repetitions and whole):
+            return _solve_train(mechanism, list(driven), contacts, relations)
+        if whole or np.all(is_determined):
+            return None
+        contacts = [
+            contact
+            for contact, determined in zip(contacts, is_determined, strict=True)
+            if determined
+        ]
+    return None
+
+
+class _Relations(NamedTuple):
+    """The linear relations of pair variables by several contacts.
+
+    Attributes
+    ----------
+    factors
+        (contacts, pairs) factors of the pair variables in the sums that are constant.
+    first_factors
+        (contacts, pairs) the part of these factors that belongs to the first wheels.
+    followers
+        Numbers of the related pairs that are not driven.
+    """
+
+    factors: Floats
+    first_factors: Floats
+    followers: list[int]
+
+    @staticmethod
+    def of_contacts(
+        contacts: Sequence[CarriedContact], pair_count: int, driven: Sequence[int]
+    ) -> "_Relations":
+        """Return the relations of contacts; `driven` are numbers of pairs."""
+        factors, first_factors = np.zeros((2, len(contacts), pair_count))
+        for k, contact in enumerate(contacts):
+            for pair, factor in contact.angle_factors().items():
+                factors[k, pair] = factor
+                if pair in contact.mesh.angle_signs[0]:
+                    first_factors[k, pair] = factor
+        related = np.flatnonzero(np.any(factors, axis=0))
+        followers = np.setdiff1d(related, driven).tolist()
+        return _Relations(factors, first_factors, followers)
+
+
+def _solve_train(
+    mechanism: Mechanism,
+    inputs: list[int],
+    contacts: Sequence[CarriedContact],
+    relations: _Relations,
+) -> GearTrain | None:
+    """Return the train of contacts whose relations determine the angles of all followers.
+
+    Some contacts may repeat others. They are assembled as the others require.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    inputs
+        Numbers of the driven pairs.
+    contacts
+        The contacts of the train.
+    relations
+        Their relations.
+
+    Returns
+    -------
+    The train; None if the contacts contradict each other or cannot be assembled.
+    """
+    joints, reference = make_joints_in_pose(mechanism)
+    followers = relations.followers
+    independent = _choose_independent_contacts(relations)
+    follower_factors = relations.factors[:, followers]
+    input_factors = relations.factors[:, inputs]
+    matrix = follower_factors[independent]
+    first_slopes = relations.first_factors[:, followers]
+    ratios = np.asarray(-np.linalg.solve(matrix, input_factors[independent]))
+    if max_abs(follower_factors @ ratios + input_factors) > RELATION_RANK_TOLERANCE:
+        return None
+    length_ratios = -(first_slopes @ ratios + relations.first_factors[:, inputs])
+    contact_numbers = [contact.mesh.contact for contact in contacts]
+    rolled = np.full((len(contacts), 2), np.nan)
+    if reference is not None:
+        reference_inputs, reference_angles, reference_lengths = (
+            reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
+            for pairs in (inputs, followers, contact_numbers)
+        )
+        offsets = reference_angles - ratios @ reference_inputs
+        lengths = reference_lengths - length_ratios @ reference_inputs
+    else:
+        rolled = np.array([_lengths_at_zero(contact, joints) for contact in contacts])
+        circumferences = TURN * np.abs(
+            np.sin([[wheel.radius for wheel in contact.wheels] for contact in contacts])
+        )
+        turns = find_least_rolled_turns(
+            rolled[independent],
+            circumferences[independent],
+            first_slopes[independent],
+            matrix,
+        )
+        if turns is None:
+            return None
+        rolled[independent] += turns * circumferences[independent]
+        differences = rolled[independent, 0] - rolled[independent, 1]
+        offsets = np.linalg.solve(matrix, differences)
+        for k in set(range(len(contacts))) - set(independent):
+            fitting = _find_fitting_lengths(
+                rolled[k], circumferences[k], follower_factors[k] @ offsets
+            )
+            if not len(fitting):
+                return None
+            rolled_lengths = fitting[:, :1] - first_slopes[k] @ offsets
+            rolled[k] = fitting[index_of_least_rolled(rolled_lengths)]
+        lengths = rolled[:, 0] - first_slopes @ offsets
+    return GearTrain(
+        tuple(followers),
+        ratios,
+        offsets,
+        tuple(contact_numbers),
+        length_ratios,
+        lengths,
+        rolled,
+    )
+
+
+def _choose_independent_contacts(relations: _Relations) -> list[int]:
+    """Return indices of contacts whose relations are independent, the first ones."""
+    independent: list[int] = []
+    for k in range(len(relations.factors)):
+        rows = relations.factors[[*independent, k]][:, relations.followers]
+        if np.linalg.matrix_rank(rows) > len(independent):
+            independent.append(k)
+    return independent
+
+
+def _find_fitting_lengths(
+    lengths: Floats, circumferences: Floats, difference: float
+) -> Floats:
+    """Return the lengths, up to whole turns, with a given difference.
+
+    Parameters
+    ----------
+    lengths
+        (2,) arc lengths (rad) along both circles of a contact.
+    circumferences
+        (2,) arc lengths of whole turns.
+    difference
+        Required first length minus the second.
+
+    Returns
+    -------
+    (n, 2) all lengths that fit, within the turns that are tried.
+    """
+    side_count = 2 * MAX_REPEATED_CONTACT_TURNS + 1
+    counts = np.indices((side_count, side_count)).reshape(2, -1).T
+    tried = lengths + (counts - MAX_REPEATED_CONTACT_TURNS) * circumferences
+    deviations = np.abs(tried[:, 0] - tried[:, 1] - difference)
+    return tried[deviations < SAME_ROLLED_LENGTH_RAD]
+
+
+def _lengths_at_zero(contact: CarriedContact, joints: Sequence[Joint]) -> list[float]:
+    """Return the arc lengths (2,), rad, of the point of contact where all angles are zero.
+
+    Parameters
+    ----------
+    contact
+        The contact.
+    joints
+        The joints of all pairs of the mechanism.
+    """
+    rotations = []
+    for path in contact.mesh.paths:
+        rotation = np.eye(3)
+        for pair, side in path:
+            joint = revolute(joints[pair])
+            frames = joint.first, joint.second
+            rotation = frames[1 - side] @ frames[side].T @ rotation
+        rotations.append(rotation)
+    return find_wheel_contact(contact.wheels, rotations)
