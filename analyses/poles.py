@@ -1,9 +1,6 @@
-"""Pole axes and velocity coefficients of links relative to each other.
+"""Pole axes and velocity coefficients of links relative to each other."""
 
-What the analysis `poles` shows beside its plots: the lecture's chart, axodes, steps.
-"""
-
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,11 +14,8 @@ from spherekit.plugin import (
     STATUS,
     AbstractAnalysis,
     Arrow,
-    Axis,
     Batch,
     Column,
-    Diagram,
-    Floats,
     GreatCircle,
     Mechanism,
     Needs,
@@ -32,131 +26,17 @@ from spherekit.plugin import (
     Status,
     Table,
     TableData,
-    Text,
-    Trace,
     all_poles,
-    link_bodies,
     parse_pole,
     pole_of,
 )
 from spherekit.plugin.designs import FigureOfMerit
-from spherekit.plugin.motion import BlockPoles, LinePole, PrimaryPole, describe
-from spherekit.plugin.rotations import link_axes, quaternion
 
-REACH = 2.5
-"""What of the chart is seen: tan xi and tan zeta up to this."""
-PAIR_TONE = 0
-POLE_TONE = 2
+from .pole_drawings import draw_axodes, draw_chart, draw_construction, short_name
 
-
-def chart(
-    mechanism: Mechanism,
-    poles: Sequence[Pole],
-    directions: Floats,
-    normals: Floats,
-    words: Sequence[str] = (),
-    moving: str = "",
-) -> Diagram:
-    """Return the gnomonic chart of axes (n, k, 3) of poles and great circles (n, m, 3).
-
-    It is the plane that touches the sphere at x, seen from its centre. An axis (x, y, z)
-    is the point (y/x, z/x) = (tan xi, tan zeta), a great circle a straight line (R. Di
-    Gregorio, lecture 2, Barcelona 2019). Here x is the ground axis that is nearest to the
-    middle of the ground's pairs, and y and z the two that follow. `moving` is the input
-    that moves while others are locked.
-    """
-    ground = link_axes(mechanism)[mechanism.links[0]]
-    x = int(np.argmax(np.abs(np.sum([*ground.values(), np.zeros(3)], axis=0))))
-    y = (x + 1) % 3
-    z = (x + 2) % 3
-    with np.errstate(divide="ignore", invalid="ignore"):
-        places = directions[..., [y, z]] / directions[..., [x]]
-    places = np.where(np.isfinite(places), places, np.nan)
-    primary = mechanism.pole_pairs
-    return Diagram(
-        f"plots/chart/{moving}" if moving else "plots/chart",
-        f"{moving} moves: gnomonic chart" if moving else "gnomonic chart",
-        f"tan ξ = {'xyz'[y]}/{'xyz'[x]}",
-        f"tan ζ = {'xyz'[z]}/{'xyz'[x]}",
-        (-REACH, REACH),
-        (-REACH, REACH),
-        [f"P{_short(mechanism, pole)}" for pole in poles],
-        places,
-        [PAIR_TONE if pole in primary else POLE_TONE for pole in poles],
-        normals[..., [y, z, x]],
-        words,
-        np.arctan(places),
-        ("ξ", "ζ"),
-    )
-
-
-def axode_traces(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
-    """Yield the fixed axode in the axes of the first link, the moving in the second's."""
-    label = f"P{_short(batch.mechanism, pole)}"
-    for number, kind in zip(pole, ("fixed", "moving"), strict=True):
-        turn = batch.rotation(batch.mechanism.links[number])[rows]
-        yield Trace(
-            f"axode/{label}/{kind}",
-            f"{kind} axode of {label}",
-            np.einsum("nji,nj->ni", turn, batch.direction(*pole)[rows]),
-            number,
-            quaternion(turn) if number else None,
-        )
-
-
-def construction(batch: Batch, row: int) -> Scene:
-    """Return a page on which row k is step k of the plan at one configuration.
-
-    Poles appear as they are found, with the two great circles that give each.
-    """
-    mechanism = batch.mechanism
-    plan = batch.plans[0]
-    axes = [x for x in plan.steps if isinstance(x, PrimaryPole) and not x.round]
-    primary = [step.pole for step in axes]
-    words = [f"{len(primary)} axes of pairs are known"]
-    every = list(plan.rounds)
-    made: list[tuple[Sequence[Pole], bool]] = [(primary, False)]
-    for step in plan.steps:
-        if step in axes:
-            continue
-        if isinstance(step, BlockPoles):
-            later = [passed.pole for passed in step.passes]
-            made.append(([pole for pole in step.poles if pole not in later], False))
-            made += [([pole], True) for pole in later]
-        else:
-            made.append(([step.pole], isinstance(step, LinePole)))
-        words += describe(plan, step).split("\n")
-    n = len(words)
-    directions = np.full((n, len(every), 3), np.nan)
-    circles = np.full((n, 2, 3), np.nan)
-    for number, (new, on_circles) in enumerate(made):
-        for pole in new:
-            directions[number:, every.index(pole)] = batch.direction(*pole)[row]
-            if on_circles:
-                circles[number] = batch.planes(*pole)[row]
-    turned = np.stack([batch.rotation(link)[row] for link in mechanism.links])
-    names = [f"P{_short(mechanism, pole)}" for pole in every]
-    listed = "\n".join(f"{k:3d}  {text}" for k, text in enumerate(words))
-    parts: tuple[Primitive, ...] = (
-        *link_bodies(mechanism, np.broadcast_to(turned, (n, *turned.shape))),
-        *(
-            Arrow(f"found/{name}", name, u, pole in primary, path_shown=False)
-            for name, pole, u in zip(names, every, directions.swapaxes(0, 1), strict=True)
-        ),
-        *(
-            GreatCircle(f"circle_{k}", f"great circle {k + 1}", circles[:, k])
-            for k in (0, 1)
-        ),
-        chart(mechanism, every, directions, circles, words),
-        Text("steps", "Steps", f"```\n{listed}\n```"),
-    )
-    return Scene("Construction", parts, (Axis("step", "", np.arange(float(n))),))
-
-
-COEFFICIENTS = ("velocity_coefficient", "acceleration_coefficient")
-
-MANY = 6
-"""With more poles than this, those to the ground and the shown one are seen at first."""
+MAX_POLES_SHOWN_FIRST = 6
+"""With more poles than this, only poles to the ground and the one with great circles are
+visible at first. Larger: drawings of large mechanisms are crowded."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -263,165 +143,255 @@ class Poles(AbstractAnalysis):
     axodes: tuple[str, ...] = ()
 
     def poles(self, mechanism: Mechanism) -> tuple[Pole, ...]:
-        """Return the wanted poles as pairs of link numbers."""
+        """Return the poles of interest as pairs of link numbers."""
         if self.only:
             return tuple(dict.fromkeys(parse_pole(mechanism, text) for text in self.only))
         return all_poles(len(mechanism.links))
 
-    def shown(self, mechanism: Mechanism) -> Pole | None:
-        """Return the pole whose great circles are drawn, if any is secondary."""
+    def pole_with_circles(self, mechanism: Mechanism) -> Pole | None:
+        """Return the pole whose great circles are drawn, None if all poles are of pairs."""
         if self.circles:
             return parse_pole(mechanism, self.circles)
-        primary = mechanism.pole_pairs
-        return next((p for p in self.poles(mechanism) if p not in primary), None)
+        for pole in self.poles(mechanism):
+            if pole not in mechanism.pole_pairs:
+                return pole
+        return None
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
         """Return the largest coefficients: of the poles asked for, else of the outputs."""
         names = mechanism.links
-        wanted = [(names[j], names[i]) for i, j in self.poles(mechanism)]
-        if not self.only:
-            given = [(output.link, output.relative_to) for output in mechanism.outputs]
-            wanted = given or [(link, names[0]) for link in names[1:]]
+        if self.only:
+            relative_motions = [(names[j], names[i]) for i, j in self.poles(mechanism)]
+        else:
+            relative_motions = [
+                (output.link, output.relative_to) for output in mechanism.outputs
+            ] or [(link, names[0]) for link in names[1:]]
         inputs = mechanism.input_pairs
-        moving = [f"_by_{pair}" for pair in inputs] if len(inputs) > 1 else [""]
+        suffixes = [f"_by_{pair}" for pair in inputs] if len(inputs) > 1 else [""]
         return tuple(
             FigureOfMerit(
-                f"largest_coefficient_{link}_{other}{by}",
+                f"largest_coefficient_{link}_{reference}{suffix}",
                 "max",
-                f"abs(velocity_coefficient_{link}_{other}{by})",
-                meaning=f"largest |velocity coefficient| of link {link} seen from {other}",
+                f"abs(velocity_coefficient_{link}_{reference}{suffix})",
+                meaning=(
+                    f"largest |velocity coefficient| of link {link} seen from {reference}"
+                ),
             )
-            for link, other in wanted
-            for by in moving
+            for link, reference in relative_motions
+            for suffix in suffixes
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the wanted poles with their rates, derivatives and great circles."""
-        drawn = self._drawn(mechanism)
-        wanted = frozenset(self.poles(mechanism)) | frozenset(drawn)
-        shown = self.shown(mechanism)
-        planes = frozenset() if shown is None else frozenset([shown])
-        stepwise = self._stepwise(mechanism)
-        if stepwise:
-            planes |= wanted - set(mechanism.pole_pairs)
-        turned = {mechanism.links[link] for pole in drawn for link in pole}
+        """Return the poles with their rates, derivatives and great circles."""
+        axode_poles = self._axode_poles(mechanism)
+        poles = frozenset(self.poles(mechanism)) | frozenset(axode_poles)
+        pole_with_circles = self.pole_with_circles(mechanism)
+        planes: frozenset[Pole] = frozenset()
+        if pole_with_circles is not None:
+            planes = frozenset([pole_with_circles])
+        rotations = {mechanism.links[link] for pole in axode_poles for link in pole}
+        if self._draws_construction(mechanism):
+            planes |= poles - set(mechanism.pole_pairs)
+            rotations = set(mechanism.links)
         return Needs(
-            directions=wanted,
-            rates=wanted,
+            directions=poles,
+            rates=poles,
             derivatives=True,
             planes=planes,
-            turns=wanted,
-            rotations=frozenset(mechanism.links) if stepwise else frozenset(turned),
+            turns=poles,
+            rotations=frozenset(rotations),
         )
 
-    def _drawn(self, mechanism: Mechanism) -> tuple[Pole, ...]:
+    def _axode_poles(self, mechanism: Mechanism) -> tuple[Pole, ...]:
         """Return the poles whose axodes are drawn."""
         return tuple(parse_pole(mechanism, text) for text in self.axodes)
 
-    def _stepwise(self, mechanism: Mechanism) -> bool:
-        """Return whether the construction is shown step by step: of all poles, by one."""
+    def _draws_construction(self, mechanism: Mechanism) -> bool:
+        """Return whether the construction of the poles is drawn step by step.
+
+        It is drawn for all poles of a mechanism with one input.
+        """
         return not self.only and len(mechanism.inputs) == 1
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table `poles`."""
         poles = self.poles(batch.mechanism)
-        inputs = range(len(batch.moving_inputs))
-        wanted = [(*pole, moved) for moved in inputs for pole in poles]
-        of = batch.of_poles(wanted)
-        made = dict[str, Any](batch.pole_columns(wanted))
-        made["q"] = batch.interleaved([batch.inputs[:, moved] for *_, moved in wanted])
-        made |= {f"du{axis}_dq": of("direction_dq", c) for c, axis in enumerate("xyz")}
-        numbers = (
+        # One set of rows for each moving input: (link, other link, input).
+        wanted = [
+            (*pole, input_number)
+            for input_number in range(len(batch.moving_inputs))
+            for pole in poles
+        ]
+        column_of = batch.of_poles(wanted)
+        columns = dict[str, Any](batch.pole_columns(wanted))
+        columns["q"] = batch.interleaved(
+            [batch.inputs[:, input_number] for _, _, input_number in wanted]
+        )
+        for component, axis in enumerate("xyz"):
+            columns[f"du{axis}_dq"] = column_of("direction_dq", component)
+        for name in (
             "conditioning",
             "error_bound",
-            *(f"{c}_error_bound" for c in COEFFICIENTS),
+            "velocity_coefficient_error_bound",
+            "acceleration_coefficient_error_bound",
             "direction_dq_error_bound",
-        )
-        made |= {name: of(name, None) for name in numbers}
+        ):
+            columns[name] = column_of(name, None)
         (table,) = self.tables
-        return {"poles": {column.name: made[column.name] for column in table.columns}}
+        return {"poles": {column.name: columns[column.name] for column in table.columns}}
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return arrows along the poles, great circles of one, coefficient plots."""
-        inputs = range(len(batch.moving_inputs))
-        pages = [
-            Scene(
-                number,
-                tuple(part for moved in inputs for part in self._parts(batch, rows, moved)),
-            )
-            for number, rows in batch.assembly_mode_rows().items()
-        ]
-        good = np.flatnonzero(batch.status == Status.OK)
-        if len(good) and batch.sample[0] == 0 and self._stepwise(batch.mechanism):
-            in_mode = good[batch.assembly_mode[good] == batch.assembly_mode[good[0]]]
-            pages.append(construction(batch, int(in_mode[len(in_mode) // 3])))
+        pages = []
+        for mode, rows in batch.assembly_mode_rows().items():
+            parts: list[Primitive] = []
+            for input_number in range(len(batch.moving_inputs)):
+                parts += self._draw_mode(batch, rows, input_number)
+            pages.append(Scene(mode, tuple(parts)))
+        good_rows = np.flatnonzero(batch.status == Status.OK)
+        is_first_block = batch.sample[0] == 0
+        draws_construction = self._draws_construction(batch.mechanism)
+        if len(good_rows) and is_first_block and draws_construction:
+            modes = batch.assembly_mode[good_rows]
+            rows_of_first_mode = good_rows[modes == modes[0]]
+            row = rows_of_first_mode[len(rows_of_first_mode) // 3]
+            pages.append(draw_construction(batch, int(row)))
         return tuple(pages)
 
-    def _parts(self, batch: Batch, rows: slice, moved: int) -> Iterator[Primitive]:
-        """Yield what is seen of one assembly mode while one input moves."""
+    def _draw_mode(
+        self, batch: Batch, rows: slice, input_number: int
+    ) -> Iterator[Primitive]:
+        """Yield the drawing of one assembly mode while one input moves.
+
+        Parameters
+        ----------
+        batch, rows
+            The batch, and its rows with the assembly mode.
+        input_number
+            Position of the moving input among the inputs.
+        """
         mechanism = batch.mechanism
-        pair = batch.moving_inputs[moved]
-        several = len(batch.moving_inputs) > 1
-        home, alone, title = (
-            (f"{pair}/", f" by {pair}", f"{pair} moves: ") if several else ("", "", "")
-        )
-        primary = mechanism.pole_pairs
-        shown = self.shown(mechanism)
-        driven = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
-        body = batch.plans[moved].body
-        wanted = self.poles(mechanism)
-        many = len(wanted) > MANY
-        brief = all(len(name) == 1 for name in mechanism.links)
-        for pole in wanted:
-            low, high = (mechanism.links[k] for k in pole)
-            short, is_primary = _short(mechanism, pole), pole in primary
-            to_ground, where = pole[0] == 0, f"{home}{high}_{low}"
-            if moved == 0 or not is_primary:
-                first = moved == 0 and (to_ground or pole == shown)
-                label = f"P{short}" if brief else f"{high}/{low}"
-                label += "" if is_primary else alone
-                u, seen = (
-                    batch.direction(*pole, moved)[rows],
-                    first or is_primary or not many,
-                )
-                yield Arrow(f"pole/{where}", label, u, is_primary, seen)
-            if pole == driven or body[pole[0]] == body[pole[1]]:
-                continue
-            name = f"ω{short}/ω{_short(mechanism, driven)}" if brief else f"{high}/{low}"
-            kind = (" to ground" if to_ground else " between links") if many else ""
-            velocity = batch.velocity_coefficient(*pole, moved)
-            acceleration = batch.acceleration_coefficient(*pole, moved)
-            derived = f"({name})′" if brief else name
-            if not batch.has_continuous_sign(*pole, moved):
-                # Over a grid the axis may be turned round between neighbours. The size of
-                # the coefficient is not, nor is the derivative of that size.
-                acceleration = np.where(velocity < 0.0, -acceleration, acceleration)
-                velocity = np.abs(velocity)
-                name = f"|{name}|"
-                derived = f"{name}′" if brief else name
-            for order, letter, values, unit in (
-                ("velocity", name, velocity, ""),
-                ("acceleration", derived, acceleration, "1/rad"),
-            ):
-                group = f"{title}{order} coefficients{kind}"
-                path, link = f"plots/{order}/{where}", pole[1] if to_ground else None
-                yield Series(path, letter, group, values[rows], unit, link)
-        for pole in () if moved else self._drawn(mechanism):
-            yield from axode_traces(batch, pole, rows)
-        if shown is None:
+        pair = batch.moving_inputs[input_number]
+        has_several_inputs = len(batch.moving_inputs) > 1
+        folder = f"{pair}/" if has_several_inputs else ""
+        by_input = f" by {pair}" if has_several_inputs else ""
+        poles = self.poles(mechanism)
+        pole_with_circles = self.pole_with_circles(mechanism)
+        has_many_poles = len(poles) > MAX_POLES_SHOWN_FIRST
+        for pole in poles:
+            yield from self._draw_arrow(batch, rows, input_number, pole)
+            yield from self._plot_coefficients(batch, rows, input_number, pole)
+        if input_number == 0:
+            for pole in self._axode_poles(mechanism):
+                yield from draw_axodes(batch, pole, rows)
+        if pole_with_circles is None:
             return
-        normals = batch.planes(*shown, moved)[rows]
-        order_seen = sorted(wanted, key=lambda pole: (pole in primary, pole[0] != 0))
-        u = np.stack([batch.direction(*p, moved)[rows] for p in order_seen], axis=1)
-        yield chart(mechanism, order_seen, u, normals, moving=pair if several else "")
-        for k in () if many and moved else (0, 1):
+        normals = batch.planes(*pole_with_circles, input_number)[rows]
+        # Poles of pairs are drawn last, on top of the others; poles to the ground first.
+        charted_poles = sorted(
+            poles, key=lambda pole: (pole in mechanism.pole_pairs, pole[0] != 0)
+        )
+        directions = np.stack(
+            [batch.direction(*pole, input_number)[rows] for pole in charted_poles], axis=1
+        )
+        yield draw_chart(
+            mechanism,
+            charted_poles,
+            directions,
+            normals,
+            moving_input=pair if has_several_inputs else "",
+        )
+        if has_many_poles and input_number > 0:
+            return
+        for number in (0, 1):
             yield GreatCircle(
-                f"construction/{home}circle_{k}",
-                f"great circle {k + 1} of P{_short(mechanism, shown)}{alone}",
-                normals[:, k],
+                f"construction/{folder}circle_{number}",
+                f"great circle {number + 1} of "
+                f"P{short_name(mechanism, pole_with_circles)}{by_input}",
+                normals[:, number],
             )
 
+    def _draw_arrow(
+        self, batch: Batch, rows: slice, input_number: int, pole: Pole
+    ) -> Iterator[Arrow]:
+        """Yield the arrow along a pole axis; axes of pairs have one for all inputs.
 
-def _short(mechanism: Mechanism, pole: Pole) -> str:
-    low, high = (mechanism.links[k] for k in pole)
-    return f"{high}{low}" if len(low) == len(high) == 1 else f"({high},{low})"
+        Parameters are those of `_draw_mode`, and the pole.
+        """
+        mechanism = batch.mechanism
+        is_of_pair = pole in mechanism.pole_pairs
+        if input_number > 0 and is_of_pair:
+            return
+        first_link, second_link = pole
+        low, high = mechanism.links[first_link], mechanism.links[second_link]
+        pair = batch.moving_inputs[input_number]
+        has_several_inputs = len(batch.moving_inputs) > 1
+        has_many_poles = len(self.poles(mechanism)) > MAX_POLES_SHOWN_FIRST
+        is_of_interest = first_link == 0 or pole == self.pole_with_circles(mechanism)
+        is_visible = (
+            (input_number == 0 and is_of_interest) or is_of_pair or not has_many_poles
+        )
+        has_short_names = all(len(name) == 1 for name in mechanism.links)
+        label = f"P{short_name(mechanism, pole)}" if has_short_names else f"{high}/{low}"
+        if has_several_inputs and not is_of_pair:
+            label += f" by {pair}"
+        folder = f"{pair}/" if has_several_inputs else ""
+        directions = batch.direction(*pole, input_number)[rows]
+        path = f"pole/{folder}{high}_{low}"
+        yield Arrow(path, label, directions, is_of_pair, is_visible)
+
+    def _plot_coefficients(
+        self, batch: Batch, rows: slice, input_number: int, pole: Pole
+    ) -> Iterator[Series]:
+        """Yield plots of the velocity and acceleration coefficients of a pole.
+
+        Nothing is yielded for the input itself, and for links that the locked inputs join.
+        Parameters are those of `_draw_mode`, and the pole.
+        """
+        mechanism = batch.mechanism
+        pair = batch.moving_inputs[input_number]
+        has_several_inputs = len(batch.moving_inputs) > 1
+        first_link, second_link = pole
+        low, high = mechanism.links[first_link], mechanism.links[second_link]
+        input_pole = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
+        body = batch.plans[input_number].body
+        if pole == input_pole or body[first_link] == body[second_link]:
+            return
+        has_short_names = all(len(name) == 1 for name in mechanism.links)
+        velocity = batch.velocity_coefficient(*pole, input_number)
+        acceleration = batch.acceleration_coefficient(*pole, input_number)
+        velocity_label = f"{high}/{low}"
+        if has_short_names:
+            output_name = short_name(mechanism, pole)
+            velocity_label = f"ω{output_name}/ω{short_name(mechanism, input_pole)}"
+        acceleration_label = f"({velocity_label})′" if has_short_names else velocity_label
+        if not batch.has_continuous_sign(*pole, input_number):
+            # Over a grid the axis may be reversed between neighbours. The size of the
+            # coefficient is continuous, and so is the derivative of that size.
+            acceleration = np.where(velocity < 0.0, -acceleration, acceleration)
+            velocity = np.abs(velocity)
+            velocity_label = f"|{velocity_label}|"
+            acceleration_label = f"{velocity_label}′" if has_short_names else velocity_label
+        is_to_ground = first_link == 0
+        kind = ""
+        if len(self.poles(mechanism)) > MAX_POLES_SHOWN_FIRST:
+            kind = " to ground" if is_to_ground else " between links"
+        title = f"{pair} moves: " if has_several_inputs else ""
+        name = f"{pair}/{high}_{low}" if has_several_inputs else f"{high}_{low}"
+        link = second_link if is_to_ground else None
+        yield Series(
+            f"plots/velocity/{name}",
+            velocity_label,
+            f"{title}velocity coefficients{kind}",
+            velocity[rows],
+            "",
+            link,
+        )
+        yield Series(
+            f"plots/acceleration/{name}",
+            acceleration_label,
+            f"{title}acceleration coefficients{kind}",
+            acceleration[rows],
+            "1/rad",
+            link,
+        )

@@ -1,0 +1,209 @@
+"""Drawings of the analysis `poles`: gnomonic chart, axodes and construction steps."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.plugin import (
+    Arrow,
+    Axis,
+    Batch,
+    Diagram,
+    Floats,
+    GreatCircle,
+    Mechanism,
+    Pole,
+    Primitive,
+    Scene,
+    Text,
+    Trace,
+    link_bodies,
+)
+from spherekit.plugin.motion import BlockPoles, LinePole, PrimaryPole, describe
+from spherekit.plugin.rotations import link_axes, quaternion
+
+CHART_RANGE = 2.5
+"""The chart shows tan xi and tan zeta up to this size. Larger: axes far from the centre are
+visible, and those near it are crowded."""
+PAIR_COLOUR = 0
+"""Number of the colour of axes of pairs in the chart."""
+POLE_COLOUR = 2
+"""Number of the colour of other pole axes in the chart."""
+
+
+def short_name(mechanism: Mechanism, pole: Pole) -> str:
+    """Return the names of a pole's links, such as ``31``, or ``(crank,frame)``."""
+    first_link, second_link = pole
+    low, high = mechanism.links[first_link], mechanism.links[second_link]
+    return f"{high}{low}" if len(low) == len(high) == 1 else f"({high},{low})"
+
+
+def draw_chart(
+    mechanism: Mechanism,
+    poles: Sequence[Pole],
+    directions: Floats,
+    normals: Floats,
+    step_texts: Sequence[str] = (),
+    moving_input: str = "",
+) -> Diagram:
+    """Return the gnomonic chart of pole axes and great circles.
+
+    The chart is a plane that touches the sphere at x, seen from its centre. An axis
+    (x, y, z) is the point (y/x, z/x) = (tan xi, tan zeta), a great circle is a straight
+    line (R. Di Gregorio, lecture 2, Barcelona 2019). Here x is the ground axis that is
+    nearest to the middle of the ground's pairs, and y and z are the two that follow.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    poles
+        The k poles.
+    directions
+        (n, k, 3) unit vectors along the poles in ground axes.
+    normals
+        (n, m, 3) normals of great circles.
+    step_texts
+        A text for each of the n samples, if they are steps of a construction.
+    moving_input
+        Name of the input that moves while others are locked; empty for a single input.
+    """
+    ground_axes = link_axes(mechanism)[mechanism.links[0]]
+    middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
+    x = int(np.argmax(np.abs(middle)))
+    y = (x + 1) % 3
+    z = (x + 2) % 3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points = directions[..., [y, z]] / directions[..., [x]]
+    points = np.where(np.isfinite(points), points, np.nan)
+    poles_of_pairs = mechanism.pole_pairs
+    return Diagram(
+        f"plots/chart/{moving_input}" if moving_input else "plots/chart",
+        f"{moving_input} moves: gnomonic chart" if moving_input else "gnomonic chart",
+        f"tan ξ = {'xyz'[y]}/{'xyz'[x]}",
+        f"tan ζ = {'xyz'[z]}/{'xyz'[x]}",
+        (-CHART_RANGE, CHART_RANGE),
+        (-CHART_RANGE, CHART_RANGE),
+        [f"P{short_name(mechanism, pole)}" for pole in poles],
+        points,
+        [PAIR_COLOUR if pole in poles_of_pairs else POLE_COLOUR for pole in poles],
+        normals[..., [y, z, x]],
+        step_texts,
+        np.arctan(points),
+        ("ξ", "ζ"),
+    )
+
+
+def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
+    """Yield the fixed and the moving axode of a pole.
+
+    They are the paths of the pole axis in the axes of the first and of the second link,
+    two cones that roll on each other.
+    """
+    label = f"P{short_name(batch.mechanism, pole)}"
+    for link, kind in zip(pole, ("fixed", "moving"), strict=True):
+        rotations = batch.rotation(batch.mechanism.links[link])[rows]
+        # From ground axes to the axes of the link, by the transposed rotation.
+        directions = np.einsum("nji,nj->ni", rotations, batch.direction(*pole)[rows])
+        yield Trace(
+            f"axode/{label}/{kind}",
+            f"{kind} axode of {label}",
+            directions,
+            link,
+            quaternion(rotations) if link else None,
+        )
+
+
+@dataclass(frozen=True)
+class ConstructionStep:
+    """A step of the construction of pole axes.
+
+    Attributes
+    ----------
+    text
+        The step in words.
+    poles
+        The poles that become known.
+    uses_circles
+        Whether they are intersections of two great circles, which are then drawn.
+    """
+
+    text: str
+    poles: Sequence[Pole]
+    uses_circles: bool
+
+
+def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
+    """Return the steps in which the plan of a batch determines the poles.
+
+    The first step has the axes of all pairs. A block of poles, which are determined
+    together, has further steps for the poles that great circles then pass.
+    """
+    plan = batch.plans[0]
+    pair_steps = [
+        step for step in plan.steps if isinstance(step, PrimaryPole) and not step.round
+    ]
+    pair_poles = [step.pole for step in pair_steps]
+    text = f"{len(pair_poles)} axes of pairs are known"
+    construction = [ConstructionStep(text, pair_poles, uses_circles=False)]
+    for step in plan.steps:
+        if step in pair_steps:
+            continue
+        # One line of the description for each of the steps below.
+        texts = describe(plan, step).split("\n")
+        if isinstance(step, BlockPoles):
+            later_poles = [passed.pole for passed in step.passes]
+            block_poles = [pole for pole in step.poles if pole not in later_poles]
+            pole_sets = [block_poles, *([pole] for pole in later_poles)]
+            uses_circles = [False] + [True] * len(later_poles)
+        else:
+            pole_sets = [[step.pole]]
+            uses_circles = [isinstance(step, LinePole)]
+        construction += [
+            ConstructionStep(*arguments)
+            for arguments in zip(texts, pole_sets, uses_circles, strict=True)
+        ]
+    return construction
+
+
+def draw_construction(batch: Batch, row: int) -> Scene:
+    """Return a page on which row k is step k of the plan at one configuration.
+
+    Poles appear as they become known, with the two great circles that determine each.
+
+    Parameters
+    ----------
+    batch
+        The batch, with directions and great circles of all poles.
+    row
+        Its row with the configuration.
+    """
+    mechanism = batch.mechanism
+    steps = _list_construction_steps(batch)
+    poles = list(batch.plans[0].rounds)
+    directions = np.full((len(steps), len(poles), 3), np.nan)
+    normals = np.full((len(steps), 2, 3), np.nan)
+    for number, step in enumerate(steps):
+        for pole in step.poles:
+            directions[number:, poles.index(pole)] = batch.direction(*pole)[row]
+            if step.uses_circles:
+                normals[number] = batch.planes(*pole)[row]
+    rotations = np.stack([batch.rotation(link)[row] for link in mechanism.links])
+    rotations = np.broadcast_to(rotations, (len(steps), *rotations.shape))
+    texts = [step.text for step in steps]
+    parts: list[Primitive] = [*link_bodies(mechanism, rotations)]
+    pair_poles = steps[0].poles
+    for number, pole in enumerate(poles):
+        name = f"P{short_name(mechanism, pole)}"
+        is_of_pair = pole in pair_poles
+        axis = directions[:, number]
+        parts.append(Arrow(f"found/{name}", name, axis, is_of_pair, path_shown=False))
+    for number in (0, 1):
+        label = f"great circle {number + 1}"
+        parts.append(GreatCircle(f"circle_{number}", label, normals[:, number]))
+    parts.append(draw_chart(mechanism, poles, directions, normals, texts))
+    listed_steps = "\n".join(f"{k:3d}  {text}" for k, text in enumerate(texts))
+    parts.append(Text("steps", "Steps", f"```\n{listed_steps}\n```"))
+    step_axis = Axis("step", "", np.arange(float(len(steps))))
+    return Scene("Construction", tuple(parts), (step_axis,))
