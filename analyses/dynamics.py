@@ -46,6 +46,8 @@ from .common import (
     row_columns,
 )
 
+TORQUE_KEY = "largest_torque_Nm"
+"""Key of the largest torque at an input in the summary."""
 RATES = Column("dq", "rad/s", "rate of the variable of", per_input=True)
 ACCELERATIONS = Column("ddq", "rad/s2", "acceleration of the variable of", per_input=True)
 TORQUES = Column("tau", "N m", "driving torque at", per_input=True)
@@ -60,7 +62,7 @@ class Dynamics(AbstractAnalysis):
 
     Without laws the inputs go along the straight path through their ranges, the fastest at
     1 rad/s. For a motion that follows from its loads they are the torques that act at the
-    inputs beside these.
+    inputs in addition to the loads.
     """
 
     name = "dynamics"
@@ -117,7 +119,7 @@ class Dynamics(AbstractAnalysis):
     )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the motion in time, with the variables that loads see."""
+        """Return the motion in time, with the variables on which loads depend."""
         need_terms(mechanism)
         return Needs(
             time=True,
@@ -128,19 +130,22 @@ class Dynamics(AbstractAnalysis):
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques, of the inertia matrix and of the loads."""
-        solution = self._found(batch)
+        solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
         inputs = batch.moving_inputs
-        loads = [load.name for load in mechanism.loads]
-        m = len(inputs)
-        timed = row_columns(batch, with_time=True)
-        rows, columns = np.triu_indices(m)
+        input_count = len(inputs)
+        load_names = [load.name for load in mechanism.loads]
+        row_identity = row_columns(batch, with_time=True)
+        # The upper triangle of the symmetric inertia matrix, one row of the table per
+        # entry.
+        rows, columns = np.triu_indices(input_count)
         entries = solution.M[:, rows, columns]
-        slopes = solution.dM[:, rows, columns]
-        forces = np.swapaxes(solution.Q_parts, 1, 2)
+        entry_derivatives = solution.dM[:, rows, columns]
+        # From (n, inputs, loads) to (n, loads, inputs).
+        load_forces = np.swapaxes(solution.Q_parts, 1, 2)
         return {
             "dynamics": {
-                **timed,
+                **row_identity,
                 **input_columns(mechanism, batch.input_rates, "dq"),
                 **input_columns(mechanism, batch.input_accelerations, "ddq"),
                 **input_columns(mechanism, solution.torques, "tau"),
@@ -154,80 +159,81 @@ class Dynamics(AbstractAnalysis):
                 **repeat_rows(row_columns(batch), [inputs[row] for row in rows], "row"),
                 "column": np.tile(np.array(inputs)[columns], len(batch)),
                 "M": entries.ravel(),
-                **input_columns(mechanism, slopes.reshape(-1, m), "dM"),
+                **input_columns(
+                    mechanism, entry_derivatives.reshape(-1, input_count), "dM"
+                ),
                 "status": of_parts(entries, solution.status).ravel(),
             },
             "loads": {
-                **repeat_rows(timed, loads, "load"),
-                **input_columns(mechanism, forces.reshape(-1, m), "Q"),
+                **repeat_rows(row_identity, load_names, "load"),
+                **input_columns(mechanism, load_forces.reshape(-1, input_count), "Q"),
                 "power": solution.power.ravel(),
                 "status": of_parts(solution.power, solution.status).ravel(),
             },
         }
 
-    def _found(self, batch: Batch) -> InverseSolution:
+    def _inverse_solution(self, batch: Batch) -> InverseSolution:
+        """Return inertia, loads and torques of a batch, which are computed once."""
         return batch.once("torques", lambda: needed_torques(continue_load_angles(batch)))
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the largest torque at each input, and where that is."""
-        solution = self._found(batch)
+        """Return the largest torque at each input, and where it occurs."""
+        solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
-        lost = solution.status == Status.AT_SINGULARITY
-        figures = {
-            "inputs": find_largest_torques(
-                batch, solution.sure_torques, "largest_torque_Nm"
-            ),
-            "rows_at_singularities": int(np.count_nonzero(lost)),
+        is_lost = solution.status == Status.AT_SINGULARITY
+        summary = {
+            "inputs": find_largest_torques(batch, solution.sure_torques, TORQUE_KEY),
+            "rows_at_singularities": int(np.count_nonzero(is_lost)),
             "masses": bool(mechanism.masses),
             "loads": bool(mechanism.loads),
         }
-        return _said(figures)
+        return _make_findings(summary)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the larger torques of both."""
-        lost = sum(item.figures["rows_at_singularities"] for item in (before, now))
-        largest = merge_largest(
-            before.figures["inputs"], now.figures["inputs"], "largest_torque_Nm"
+        """Return the larger torques of two blocks of rows."""
+        lost_rows = sum(item.figures["rows_at_singularities"] for item in (before, now))
+        largest = merge_largest(before.figures["inputs"], now.figures["inputs"], TORQUE_KEY)
+        return _make_findings(
+            {**now.figures, "inputs": largest, "rows_at_singularities": lost_rows}
         )
-        return _said({**now.figures, "inputs": largest, "rows_at_singularities": lost})
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of torques, of the entries of the inertia matrix and of power."""
-        solution = self._found(batch)
+        solution = self._inverse_solution(batch)
         inputs = batch.moving_inputs
-        curves = [
-            plot_series(
-                "torque", f"at {name}", "driving torques", solution.torques[:, k], "N m"
+        plots = []
+        for number, name in enumerate(inputs):
+            torque = solution.torques[:, number]
+            plots.append(
+                plot_series("torque", f"at {name}", "driving torques", torque, "N m")
             )
-            for k, name in enumerate(inputs)
-        ]
-        for i, one in enumerate(inputs):
-            for k, other in enumerate(inputs[i:], i):
-                label = f"M {one} {other}"
-                entry = solution.M[:, i, k]
-                curves.append(
+        for row, first in enumerate(inputs):
+            for column, second in enumerate(inputs[row:], row):
+                label = f"M {first} {second}"
+                entry = solution.M[:, row, column]
+                plots.append(
                     plot_series("inertia", label, "inertia matrix", entry, "kg m2")
                 )
         power = np.vecdot(solution.torques, batch.input_rates)
-        curves.append(plot_series("power", "driving torques", "power", power, "W"))
-        for k, load in enumerate(batch.mechanism.loads):
-            curves.append(
-                plot_series("power", load.name, "power", solution.power[:, k], "W")
+        plots.append(plot_series("power", "driving torques", "power", power, "W"))
+        for number, load in enumerate(batch.mechanism.loads):
+            load_power = solution.power[:, number]
+            plots.append(plot_series("power", load.name, "power", load_power, "W"))
+        return plots_by_mode(batch, plots)
+
+
+def _make_findings(summary: Mapping[str, Any]) -> Findings:
+    """Return the findings with the sentences and warnings that the summary leads to."""
+    remarks = describe_largest_torques(summary["inputs"], TORQUE_KEY, "driving torque")
+    for missing, remaining in (("masses", "loads"), ("loads", "inertia")):
+        if not summary[missing]:
+            remarks += (
+                f"the file has no {missing}: the torques are against {remaining} alone",
             )
-        return plots_by_mode(batch, curves)
-
-
-def _said(figures: Mapping[str, Any]) -> Findings:
-    remarks = describe_largest_torques(
-        figures["inputs"], "largest_torque_Nm", "driving torque"
-    )
-    for given, other in (("masses", "loads"), ("loads", "inertia")):
-        if not figures[given]:
-            remarks += (f"the file has no {given}: the torques are against {other} alone",)
     warnings: tuple[str, ...] = ()
-    if figures["rows_at_singularities"]:
+    if summary["rows_at_singularities"]:
         warnings = (
-            f"in {counted(figures['rows_at_singularities'], 'row')} the inputs do not hold "
+            f"in {counted(summary['rows_at_singularities'], 'row')} the inputs do not hold "
             "the mechanism, so that no torques at them do it (AT_SINGULARITY)",
         )
-    return Findings(figures, warnings, remarks)
+    return Findings(summary, warnings, remarks)

@@ -23,6 +23,7 @@ from spherekit.plugin import (
     Needs,
     Portrait,
     Scene,
+    Series,
     Status,
     Table,
     TableData,
@@ -53,18 +54,19 @@ from .common import (
     row_columns,
 )
 
-LARGEST = "largest_torque_Nm"
-
-USABLE_RATES = 1e-6
-"""Inertia and torque are not given where more than this part of the rates is in doubt."""
+LARGEST_DRIVING_TORQUE = "largest_torque_Nm"
+"""Key of the largest torque in the summary."""
+MAX_RATES_LOSS = 1e-6
+"""Rows in which a larger part of the rates is lost by cancellation are ILL_CONDITIONED and
+have no inertia and torque. Larger: less accurate torques are given."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Eksergian(AbstractAnalysis):
     """Torque that drives the input as it moves: by its law, or else at 1 rad/s.
 
-    For a motion that follows from its loads, the torque that acts at the input beside
-    them. `at` is the pair where the torque acts; by default the input.
+    For a motion that follows from its loads, it is the torque that acts at the input in
+    addition to them. `at` is the pair where the torque acts; by default the input.
     """
 
     name = "eksergian"
@@ -134,7 +136,13 @@ class Eksergian(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return rates of the links with mass, and what the loads depend on."""
+        """Return rates of the links with mass, and the variables on which loads depend.
+
+        Raises
+        ------
+        AnalysisError
+            If the mechanism has several inputs, or `at` is no R pair.
+        """
         need_terms(mechanism)
         if len(mechanism.inputs) > 1:
             raise AnalysisError(
@@ -143,7 +151,8 @@ class Eksergian(AbstractAnalysis):
                 "that of a single one; the analysis dynamics has those of several"
             )
         links = used_links(mechanism) | {mass.link for mass in mechanism.masses}
-        pairs = used_pairs(mechanism)
+        load_pairs = used_pairs(mechanism)
+        torque_pairs = frozenset([self.at] if self.at else [])
         if self.at and not mechanism.pair(self.at).kind.has_axis:
             raise AnalysisError(
                 f"eksergian: at: pair {self.at} is a contact, not an R pair"
@@ -155,117 +164,100 @@ class Eksergian(AbstractAnalysis):
             derivatives=True,
             link_rates=links,
             rotations=links,
-            continued_values=pairs,
-            pair_rates=(pairs | {self.at}) - {""},
+            continued_values=load_pairs,
+            pair_rates=load_pairs | torque_pairs,
         )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torque, of the links' inertia and of the loads."""
-        solution = self._found(batch)
+        solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
-        timed = row_columns(batch, with_time=True)
-        inertia = solution.B_parts
-        forces = solution.Q_parts[:, 0]
+        row_identity = row_columns(batch, with_time=True)
+        mass_links = [mass.link for mass in mechanism.masses]
+        load_names = [load.name for load in mechanism.loads]
+        inertia_parts = solution.B_parts
+        force_parts = solution.Q_parts[:, 0]
         return {
             "eksergian": {
-                **timed,
+                **row_identity,
                 "dq": batch.dq,
                 "ddq": batch.ddq,
                 "B": solution.B,
                 "dB_dq": solution.dB_dq,
                 "Q": solution.Q,
-                "tau": self._at(batch, solution.tau),
+                "tau": self._torque_at_pair(batch, solution.tau),
                 "residual": batch.residual,
                 "status": solution.status,
             },
             "inertia": {
-                **repeat_rows(
-                    row_columns(batch), [x.link for x in mechanism.masses], "link"
-                ),
-                "B": inertia.ravel(),
+                **repeat_rows(row_columns(batch), mass_links, "link"),
+                "B": inertia_parts.ravel(),
                 "dB_dq": solution.dB_parts.ravel(),
-                "status": of_parts(inertia, solution.status).ravel(),
+                "status": of_parts(inertia_parts, solution.status).ravel(),
             },
             "loads": {
-                **repeat_rows(timed, [load.name for load in mechanism.loads], "load"),
-                "Q": forces.ravel(),
+                **repeat_rows(row_identity, load_names, "load"),
+                "Q": force_parts.ravel(),
                 "power": solution.power.ravel(),
-                "status": of_parts(forces, solution.status).ravel(),
+                "status": of_parts(force_parts, solution.status).ravel(),
             },
         }
 
-    def _at(self, batch: Batch, torque: Floats) -> Floats:
-        """Return what does the same as a torque (n,) at the input where it acts."""
+    def _torque_at_pair(self, batch: Batch, torque: Floats) -> Floats:
+        """Return the torque (n,) at the pair `at` with the power of a torque at the input.
+
+        `torque` (n,) is at the input (N m). The rate of the pair is per unit input rate.
+        """
         if not self.at:
             return torque
         with np.errstate(divide="ignore", invalid="ignore"):
             return torque / batch.pair_rate(self.at)
 
-    def _found(self, batch: Batch) -> InverseSolution:
-        return batch.once("torque", lambda: _solution(batch))
+    def _inverse_solution(self, batch: Batch) -> InverseSolution:
+        """Return inertia, loads and torque of a batch, which are computed once."""
+        return batch.once("torque", lambda: _solve_torque(batch))
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the largest torque and the worst conditioning, and where they are."""
+        """Return the largest torque and the worst conditioning, and where they occur."""
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
-        torque = np.abs(self._at(batch, self._found(batch).sure_torques[:, 0]))
-        worst = int(np.nanargmax(batch.closure_conditioning))
-        figures: dict[str, Any] = {
-            "largest_conditioning": float(batch.closure_conditioning[worst]),
-            "at_q_rad": float(batch.q[worst]),
-            "at_assembly_mode": int(batch.assembly_mode[worst]),
+        sure_torque = self._inverse_solution(batch).sure_torques[:, 0]
+        torque = np.abs(self._torque_at_pair(batch, sure_torque))
+        worst_row = int(np.nanargmax(batch.closure_conditioning))
+        summary: dict[str, Any] = {
+            "largest_conditioning": float(batch.closure_conditioning[worst_row]),
+            "at_q_rad": float(batch.q[worst_row]),
+            "at_assembly_mode": int(batch.assembly_mode[worst_row]),
         }
-        for name, largest in find_largest_torques(batch, torque[:, None], LARGEST).items():
-            figures["torque"] = {"pair": self.at or name, **largest}
-        return _said(figures)
+        largest_by_input = find_largest_torques(
+            batch, torque[:, None], LARGEST_DRIVING_TORQUE
+        )
+        for name, largest in largest_by_input.items():
+            summary["torque"] = {"pair": self.at or name, **largest}
+        return _make_findings(summary)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the worse of both."""
-        both = [item.figures for item in (before, now) if item.figures]
-        figures = max(both, key=lambda item: item["largest_conditioning"], default={})
-        torques = [item["torque"] for item in both if "torque" in item]
+        """Return the worse conditioning and the larger torque of two blocks of rows."""
+        summaries = [item.figures for item in (before, now) if item.figures]
+        worst = max(summaries, key=lambda item: item["largest_conditioning"], default={})
+        torques = [item["torque"] for item in summaries if "torque" in item]
         if torques:
-            figures = {**figures, "torque": max(torques, key=lambda item: item[LARGEST])}
-        return _said(figures)
+            largest = max(torques, key=lambda item: item[LARGEST_DRIVING_TORQUE])
+            worst = {**worst, "torque": largest}
+        return _make_findings(worst)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of inertia, its derivative and torque, each with its parts.
 
-        With the phase portrait, where the samples are times.
+        If the samples are times, the phase portrait is included.
         """
-        solution = self._found(batch)
-        mechanism = batch.mechanism
-        torques = {"tau": self._at(batch, solution.tau)}
-        if batch.timed:
-            torques["B ddq"] = solution.B * batch.ddq
-        torques["dB/dq dq²/2"] = 0.5 * solution.dB_dq * batch.dq**2
-        for k, load in enumerate(mechanism.loads):
-            torques[f"against {load.name}"] = -solution.Q_parts[:, 0, k]
-        curves = [
-            plot_series("torque", label, "driving torque", values, "N m")
-            for label, values in torques.items()
-        ]
-        for group, label, title, unit, whole, parts in (
-            ("inertia", "B", "equivalent inertia", "kg m2", solution.B, solution.B_parts),
-            (
-                "derivative",
-                "dB/dq",
-                "derivative of the inertia",
-                "kg m2/rad",
-                solution.dB_dq,
-                solution.dB_parts,
-            ),
-        ):
-            curves.append(plot_series(group, label, title, whole, unit, 0))
-            for mass, part in zip(mechanism.masses, parts.T, strict=True):
-                number = mechanism.link_number[mass.link]
-                curves.append(
-                    plot_series(group, f"link {mass.link}", title, part, unit, number)
-                )
-        scenes = plots_by_mode(batch, curves)
+        solution = self._inverse_solution(batch)
+        scenes = plots_by_mode(
+            batch, [*self._torque_plots(batch), *_inertia_plots(batch, solution)]
+        )
         if not batch.timed:
             return scenes
-        portraits = (
+        portraits = [
             Portrait(
                 "plots/phase_portrait",
                 "phase portrait",
@@ -279,56 +271,103 @@ class Eksergian(AbstractAnalysis):
                 "rad/s",
             )
             for rows in batch.assembly_mode_rows().values()
-        )
+        ]
         return tuple(
             replace(scene, primitives=(*scene.primitives, portrait))
             for scene, portrait in zip(scenes, portraits, strict=True)
         )
 
+    def _torque_plots(self, batch: Batch) -> list[Series]:
+        """Return plots of the driving torque and of its parts: inertia and loads."""
+        solution = self._inverse_solution(batch)
+        torques = {"tau": self._torque_at_pair(batch, solution.tau)}
+        if batch.timed:
+            torques["B ddq"] = solution.B * batch.ddq
+        torques["dB/dq dq²/2"] = 0.5 * solution.dB_dq * batch.dq**2
+        for number, load in enumerate(batch.mechanism.loads):
+            torques[f"against {load.name}"] = -solution.Q_parts[:, 0, number]
+        return [
+            plot_series("torque", label, "driving torque", values, "N m")
+            for label, values in torques.items()
+        ]
 
-def _said(figures: Mapping[str, Any]) -> Findings:
-    """Return the figures, and the largest torque in words."""
-    torques = [figures["torque"]] if "torque" in figures else []
-    by_pair = {torque["pair"]: torque for torque in torques}
-    return Findings(
-        figures, (), describe_largest_torques(by_pair, LARGEST, "driving torque")
-    )
+
+def _inertia_plots(batch: Batch, solution: InverseSolution) -> list[Series]:
+    """Return plots of the equivalent inertia and its derivative, and of their parts."""
+    mechanism = batch.mechanism
+    title = "equivalent inertia"
+    plots = [plot_series("inertia", "B", title, solution.B, "kg m2", 0)]
+    for mass, part in zip(mechanism.masses, solution.B_parts.T, strict=True):
+        link = mechanism.link_number[mass.link]
+        label = f"link {mass.link}"
+        plots.append(plot_series("inertia", label, title, part, "kg m2", link))
+    title = "derivative of the inertia"
+    unit = "kg m2/rad"
+    plots.append(plot_series("derivative", "dB/dq", title, solution.dB_dq, unit, 0))
+    for mass, part in zip(mechanism.masses, solution.dB_parts.T, strict=True):
+        link = mechanism.link_number[mass.link]
+        label = f"link {mass.link}"
+        plots.append(plot_series("derivative", label, title, part, unit, link))
+    return plots
 
 
-def _solution(batch: Batch) -> InverseSolution:
-    """Return the torque of a batch, from what it has of a motion by the input.
+def _make_findings(summary: Mapping[str, Any]) -> Findings:
+    """Return the findings with a sentence about the largest torque."""
+    records = {}
+    if "torque" in summary:
+        records[summary["torque"]["pair"]] = summary["torque"]
+    remarks = describe_largest_torques(records, LARGEST_DRIVING_TORQUE, "driving torque")
+    return Findings(summary, (), remarks)
 
-    The motion's status, with ILL_CONDITIONED where the rates of links are not known well
-    enough.
+
+def _solve_torque(batch: Batch) -> InverseSolution:
+    """Return inertia, loads and torque of a batch, from its rates by the input.
+
+    Friction needs the whole motion. Without it, rows whose rates of links are not accurate
+    enough get the status ILL_CONDITIONED.
     """
     if Loads(batch.mechanism).friction_components:
         return needed_torques(continue_load_angles(batch))
     status = batch.status.copy()
-    lost = ~(batch.rates_loss() < USABLE_RATES)
-    status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
+    is_inaccurate = ~(batch.rates_loss() < MAX_RATES_LOSS)
+    status[(status == Status.OK) & is_inaccurate] = Status.ILL_CONDITIONED
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
-    rows = batch.sample, batch.assembly_mode, batch.inputs, batch.residual
-    return balancing(batch.mechanism, rows, timing, _motion(batch), status)
+    rows = (batch.sample, batch.assembly_mode, batch.inputs, batch.residual)
+    return balancing(batch.mechanism, rows, timing, _coordinate_motion(batch), status)
 
 
-def _motion(batch: Batch) -> CoordinateMotion:
-    """Return what a batch has of a motion by the input; the rest is NaN."""
+def _coordinate_motion(batch: Batch) -> CoordinateMotion:
+    """Return the motion of a batch by its input, as far as the batch has it.
+
+    Variables and links that are not among the needs of this analysis are NaN. The loads and
+    masses do not depend on them.
+    """
     mechanism = batch.mechanism
     needs = batch.needs
-    n = len(batch)
-    variables = len(mechanism.variable_names)
-    links = len(mechanism.links)
-    values, rates, second = np.full((3, n, variables), np.nan)
+    row_count = len(batch)
+    variable_count = len(mechanism.variable_names)
+    link_count = len(mechanism.links)
+    values, rates, second_derivatives = np.full((3, row_count, variable_count), np.nan)
     for pair in needs.continued_values:
-        number = mechanism.angles[pair]
-        values[:, number] = batch.continued_value(pair)
-        rates[:, number] = batch.pair_rate(pair)
-    turns = np.full((n, links, 3, 3), np.nan)
-    w, dw = np.full((2, n, links, 3), np.nan)
-    for link in needs.link_rates:
-        number = mechanism.link_number[link]
-        turns[:, number] = batch.rotation(link)
-        w[:, number] = batch.angular_velocity(link)
-        dw[:, number] = batch.angular_velocity_dq(link)
-    by_two = second[:, None, None], turns, w[:, None], dw[:, None, None]
-    return CoordinateMotion(values, rates[:, None], *by_two, batch.status, turns[:, :0])
+        variable = mechanism.angles[pair]
+        values[:, variable] = batch.continued_value(pair)
+        rates[:, variable] = batch.pair_rate(pair)
+    rotations = np.full((row_count, link_count, 3, 3), np.nan)
+    w, dw = np.full((2, row_count, link_count, 3), np.nan)
+    for name in needs.link_rates:
+        link = mechanism.link_number[name]
+        rotations[:, link] = batch.rotation(name)
+        w[:, link] = batch.angular_velocity(name)
+        dw[:, link] = batch.angular_velocity_dq(name)
+    no_frames = rotations[:, :0]
+    # First and second derivatives have one and two axes of inputs, each of length 1.
+    return CoordinateMotion(
+        values=values,
+        rates=rates[:, None],
+        second=second_derivatives[:, None, None],
+        rotations=rotations,
+        w=w[:, None],
+        dw=dw[:, None, None],
+        status=batch.status,
+        frames=no_frames,
+    )

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -44,18 +43,21 @@ from .common import (
     row_columns,
 )
 
-ROUNDING = 1e-13
-"""Loads of bearings that are a smaller part of the couples beside them are zero."""
-SAME = 1e-9
-"""Figures less apart than this part are the same: the first is named."""
+ZERO_LOAD_RATIO = 1e-13
+"""Radial and axial loads of bearings that are a smaller part of the forces of couples are
+zero. Larger: small loads are reported as zero; smaller: rounding is reported as a load."""
+EQUAL_MAXIMUM_RATIO = 1e-9
+"""Values that differ from the maximum by a smaller part are maxima too; the first of them
+is reported. Smaller: rounding decides which of equal maxima is reported."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReactionAnalysis(AbstractAnalysis):
     """The moment about the centre that every pair transmits while the inputs move.
 
-    By their laws, or from the motion itself, as in the analysis `dynamics`. Forces through
-    the centre, and what bearings carry, as far as the file determines them.
+    The inputs move by their laws, or as the motion says, as in the analysis `dynamics`.
+    Forces through the centre and loads of bearings are included as far as the file
+    determines them.
     """
 
     name = "reactions"
@@ -142,244 +144,365 @@ class ReactionAnalysis(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the motion in time, with the variables that loads see."""
+        """Return the motion in time, with the variables on which loads depend."""
         need_terms(mechanism)
         return Needs(time=True, tracer=True, continued_values=used_pairs(mechanism))
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the table of reactions."""
-        result = self._found(batch)
-        names = [pair.name for pair in batch.mechanism.pairs]
-        both = result.moments, result.forces
-        moments, forces = (x.reshape(-1, 3) for x in both)
-        first, held = (result.in_first(x).reshape(-1, 2) for x in both)
-        return {
-            "reactions": {
-                **repeat_rows(row_columns(batch, with_time=True), names, "pair"),
-                **{f"moment_{axis}": moments[:, k] for k, axis in enumerate("xyz")},
-                **{f"moment_{axis}_first": first[:, k] for k, axis in enumerate("xy")},
-                "transverse_moment": result.across.ravel(),
-                "contact_torque": result.push.ravel(),
-                "traction": result.traction.ravel(),
-                **{f"force_{axis}": forces[:, k] for k, axis in enumerate("xyz")},
-                **{f"force_{axis}_first": held[:, k] for k, axis in enumerate("xy")},
-                "status": result.status.ravel(),
-            },
-            "bearings": _bearing_rows(batch, result),
-        }
+        """Return the tables of reactions and of bearings."""
+        result = self._reactions(batch)
+        pair_names = [pair.name for pair in batch.mechanism.pairs]
+        moments = result.moments.reshape(-1, 3)
+        forces = result.forces.reshape(-1, 3)
+        # The x and y components in the first link of an R pair, which differ by its angle.
+        moments_in_first = result.in_first(result.moments).reshape(-1, 2)
+        forces_in_first = result.in_first(result.forces).reshape(-1, 2)
+        columns = repeat_rows(row_columns(batch, with_time=True), pair_names, "pair")
+        for component, axis in enumerate("xyz"):
+            columns[f"moment_{axis}"] = moments[:, component]
+        for component, axis in enumerate("xy"):
+            columns[f"moment_{axis}_first"] = moments_in_first[:, component]
+        columns["transverse_moment"] = result.across.ravel()
+        columns["contact_torque"] = result.push.ravel()
+        columns["traction"] = result.traction.ravel()
+        for component, axis in enumerate("xyz"):
+            columns[f"force_{axis}"] = forces[:, component]
+        for component, axis in enumerate("xy"):
+            columns[f"force_{axis}_first"] = forces_in_first[:, component]
+        columns["status"] = result.status.ravel()
+        return {"reactions": columns, "bearings": _bearing_columns(batch, result)}
 
-    def _found(self, batch: Batch) -> Reactions:
+    def _reactions(self, batch: Batch) -> Reactions:
+        """Return the reactions of a batch, which are computed once."""
         return batch.once("reactions", lambda: reactions(continue_load_angles(batch)))
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the largest moments and loads, contacts that pull, and what is open."""
-        result = self._found(batch)
+        """Return the largest moments and loads, contacts that lift off, and open reactions.
+
+        A reaction is open if redundant constraints leave it undetermined.
+        """
+        mechanism = batch.mechanism
+        result = self._reactions(batch)
         pairs: dict[str, Any] = {}
-        for k, pair in enumerate(batch.mechanism.pairs):
-            lifted = result.status[:, k] == Status.LIFT_OFF
+        for number, pair in enumerate(mechanism.pairs):
+            is_lifted = result.status[:, number] == Status.LIFT_OFF
+            moment = result.across[:, number]
             pairs[pair.name] = {
-                **_peaks(batch, largest_transverse_moment_Nm=result.across[:, k]),
-                "rows_that_lift_off": int(np.count_nonzero(lifted)),
-                "is_open": bool(np.any(result.is_open[:, k])),
-                "force_is_open": bool(np.any(result.open_forces[:, k])),
+                **_find_maxima(batch, {"largest_transverse_moment_Nm": moment}),
+                "rows_that_lift_off": int(np.count_nonzero(is_lifted)),
+                "is_open": bool(np.any(result.is_open[:, number])),
+                "force_is_open": bool(np.any(result.open_forces[:, number])),
             }
-        more = result.lacking
+        bearings: dict[str, Any] = {}
+        for bearing in _bearing_loads(mechanism, result):
+            bearings[bearing.name] = _find_maxima(
+                batch,
+                {
+                    "largest_couple_force_N": bearing.couple_force,
+                    "largest_radial_N": bearing.radial,
+                    "largest_axial_N": np.abs(bearing.axial),
+                },
+            )
+        lacking = result.lacking
         slides = np.any(result.slides, axis=0)
-        figures = {
+        summary = {
             "pairs": pairs,
-            "bearings": {
-                _named(load, at): _peaks(
-                    batch,
-                    largest_couple_force_N=couple,
-                    largest_radial_N=radial,
-                    largest_axial_N=np.abs(axial),
-                )
-                for load, at, couple, radial, axial in _bearing_loads(
-                    batch.mechanism, result
-                )
-            },
+            "bearings": bearings,
             "forces_need": {
-                "centres_of_mass": list(more.centres),
-                "distances_of_contacts": list(more.distances),
-                "floating_pairs": list(more.floating),
-                "repeated_constraints": not more.enough,
-                "wanted": more.wanted,
+                "centres_of_mass": list(lacking.centres),
+                "distances_of_contacts": list(lacking.distances),
+                "floating_pairs": list(lacking.floating),
+                "repeated_constraints": not lacking.enough,
+                "wanted": lacking.wanted,
                 "pressure_angles": [
                     pair.name
-                    for pair in batch.mechanism.pairs
+                    for pair in mechanism.pairs
                     if pair.rolls and pair.pressure_angle is None
                 ],
             },
-            "links_that_slide": [*compress(batch.mechanism.links, slides)],
-            "asks_for_forces": any(x.axial is not None for x in _placed(batch.mechanism)),
-            "largest_unbalanced_Nm": _largest(result.unbalanced),
+            "links_that_slide": [
+                link
+                for link, is_sliding in zip(mechanism.links, slides, strict=True)
+                if is_sliding
+            ],
+            "asks_for_forces": any(
+                load.axial is not None for load in _loads_with_bearings(mechanism)
+            ),
+            "largest_unbalanced_Nm": _largest_or_none(result.unbalanced),
         }
-        return _said(figures)
+        return _make_findings(summary)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the larger figures of both."""
-        return _said(_joined(before.figures, now.figures))
+        """Return the larger values of two blocks of rows."""
+        return _make_findings(_merge_summaries(before.figures, now.figures))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of the moments across all axes, and of what contacts press with."""
-        result = self._found(batch)
-        curves = []
-        for k, pair in enumerate(batch.mechanism.pairs):
+        """Return plots of the moments across all axes, of contacts and of bearings."""
+        result = self._reactions(batch)
+        plots = []
+        for number, pair in enumerate(batch.mechanism.pairs):
             title = "moment across the axis"
-            moment = result.across[:, k]
-            curves.append(plot_series("transverse_moment", pair.name, title, moment, "N m"))
+            moment = result.across[:, number]
+            plots.append(plot_series("transverse_moment", pair.name, title, moment, "N m"))
             if not pair.kind.has_axis:
                 title = "push of contacts, times the radius"
-                moment = result.push[:, k]
-                curves.append(
-                    plot_series("contact_torque", pair.name, title, moment, "N m")
-                )
-        for load, at, couple, radial, axial in _bearing_loads(batch.mechanism, result):
-            label = _named(load, at)
-            whole = np.any(np.isfinite(radial))
-            title = "radial load of bearings" if whole else "load of bearings by the couple"
-            curves.append(
-                plot_series("radial", label, title, radial if whole else couple, "N")
-            )
-            if np.any(np.isfinite(axial)):
-                curves.append(
-                    plot_series("axial", label, "axial load of bearings", axial, "N")
-                )
-        return plots_by_mode(batch, curves)
+                torque = result.push[:, number]
+                plots.append(plot_series("contact_torque", pair.name, title, torque, "N m"))
+        for bearing in _bearing_loads(batch.mechanism, result):
+            # Without the force through the centre only the force of the couple is known.
+            if np.any(np.isfinite(bearing.radial)):
+                title = "radial load of bearings"
+                force = bearing.radial
+            else:
+                title = "load of bearings by the couple"
+                force = bearing.couple_force
+            plots.append(plot_series("radial", bearing.name, title, force, "N"))
+            if np.any(np.isfinite(bearing.axial)):
+                title = "axial load of bearings"
+                plots.append(plot_series("axial", bearing.name, title, bearing.axial, "N"))
+        return plots_by_mode(batch, plots)
 
 
-def _placed(mechanism: Mechanism) -> list[Bearings]:
+def _loads_with_bearings(mechanism: Mechanism) -> list[Bearings]:
+    """Return the loads of a mechanism that place bearings on the axes of pairs."""
     return [load for load in mechanism.loads if isinstance(load, Bearings)]
 
 
-def _bearing_loads(
-    mechanism: Mechanism, result: Reactions
-) -> list[tuple[Bearings, float, Floats, Floats, Floats]]:
-    """Return what places each bearing, where (m), and its load (n,) N.
+@dataclass(frozen=True)
+class BearingLoad:
+    """The load of one bearing in n rows.
 
-    That of the couple, with the force through the centre, and along the axis.
+    Attributes
+    ----------
+    load
+        The load of the mechanism that places the bearing.
+    position
+        Its distance from the centre along the axis of the pair (m).
+    couple_force
+        (n,) force across the axis by the couple alone (N).
+    radial
+        (n,) force across the axis, with the force through the centre (N).
+    axial
+        (n,) force along the axis on the second link (N).
     """
-    return [
-        (load, at, couple, np.hypot(force[0], force[1]), force[2])
-        for load in _placed(mechanism)
-        for at, couple, force in zip(
-            load.positions,
-            result.couples[load.name].T,
-            np.moveaxis(result.on_bearings[load.name], 0, 2),
-            strict=True,
-        )
-    ]
+
+    load: Bearings
+    position: float
+    couple_force: Floats
+    radial: Floats
+    axial: Floats
+
+    @property
+    def name(self) -> str:
+        """The load and the position, in words."""
+        return f"{self.load.name} at {self.position:g} m"
 
 
-def _named(load: Bearings, at: float) -> str:
-    return f"{load.name} at {at:g} m"
+def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]:
+    """Return the loads of all bearings that the file places."""
+    bearings = []
+    for load in _loads_with_bearings(mechanism):
+        couple_forces = result.couples[load.name]
+        # From (n, bearings, 3) to (bearings, 3, n).
+        forces = np.moveaxis(result.on_bearings[load.name], 0, 2)
+        for number, position in enumerate(load.positions):
+            x, y, z = forces[number]
+            bearings.append(
+                BearingLoad(
+                    load=load,
+                    position=position,
+                    couple_force=couple_forces[:, number],
+                    radial=np.hypot(x, y),
+                    axial=z,
+                )
+            )
+    return bearings
 
 
-def _bearing_rows(batch: Batch, result: Reactions) -> TableData:
+def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
+    """Return the columns of the table of bearings, one row per sample, mode and bearing."""
     bearings = _bearing_loads(batch.mechanism, result)
-    n = len(batch)
-    pairs = [load.pair for load, *_ in bearings]
-    numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
-    timed = row_columns(batch, with_time=True)
+    row_count = len(batch)
+    pairs = [bearing.load.pair for bearing in bearings]
+    pair_numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
+    load_names = [bearing.load.name for bearing in bearings]
+    positions = [float(bearing.position) for bearing in bearings]
+
+    def interleave(forces: list[Floats]) -> Floats:
+        """Return forces (n,) of each bearing as one column, row after row."""
+        return np.reshape(forces, (-1, row_count)).T.ravel()
+
     return {
-        **repeat_rows(timed, [load.name for load, *_ in bearings], "load"),
-        "pair": np.tile(np.array(pairs, dtype=str), n),
-        "position": np.tile([float(at) for _, at, *_ in bearings], n),
-        **{
-            name: np.reshape([bearing[k] for bearing in bearings], (-1, n)).T.ravel()
-            for k, name in enumerate(("couple_force", "radial", "axial"), 2)
-        },
-        "status": result.status[:, numbers].ravel(),
+        **repeat_rows(row_columns(batch, with_time=True), load_names, "load"),
+        "pair": np.tile(np.array(pairs, dtype=str), row_count),
+        "position": np.tile(positions, row_count),
+        "couple_force": interleave([bearing.couple_force for bearing in bearings]),
+        "radial": interleave([bearing.radial for bearing in bearings]),
+        "axial": interleave([bearing.axial for bearing in bearings]),
+        "status": result.status[:, pair_numbers].ravel(),
     }
 
 
-def _largest(values: Floats) -> float | None:
+def _largest_or_none(values: Floats) -> float | None:
+    """Return the largest finite value, None if there is none."""
     finite = values[np.isfinite(values)]
     return float(np.max(finite)) if len(finite) else None
 
 
-def _peaks(batch: Batch, **values: Floats) -> dict[str, Any]:
-    """Return the largest of each, and at which sample and assembly mode it is."""
-    made: dict[str, Any] = {"at": {}}
-    for name, column in values.items():
-        made[name] = largest = _largest(column)
+def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
+    """Return the maximum of each column, and where it first occurs.
+
+    Parameters
+    ----------
+    batch
+        The rows.
+    columns
+        (n,) values by name, NaN if unknown.
+
+    Returns
+    -------
+    The maxima by name, None if no value is known, and under ``at`` the sample and assembly
+    mode of each.
+    """
+    positions: dict[str, list[int]] = {}
+    record: dict[str, Any] = {"at": positions}
+    for name, column in columns.items():
+        largest = _largest_or_none(column)
+        record[name] = largest
         if largest is not None:
-            row = np.argmax(column >= largest * (1.0 - SAME))
-            made["at"][name] = [int(batch.sample[row]), int(batch.assembly_mode[row])]
-    return made
+            row = np.argmax(column >= largest * (1.0 - EQUAL_MAXIMUM_RATIO))
+            positions[name] = [int(batch.sample[row]), int(batch.assembly_mode[row])]
+    return record
 
 
-def _joined(one: Any, other: Any, key: str = "") -> Any:
-    """Return the figures of two blocks of rows as those of both."""
-    if isinstance(one, Mapping):
-        made = {
-            name: _joined(x, other[name], name) for name, x in one.items() if name != "at"
+def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
+    """Return the summary of two blocks of rows from the summaries of both.
+
+    Numbers of rows are added, and maxima compared. Truth values and lists are those of the
+    first block, unless that is false or empty.
+
+    Parameters
+    ----------
+    first, second
+        Values of the two summaries with the same key, of one structure.
+    key
+        Their key.
+    """
+    if isinstance(first, Mapping):
+        merged = {
+            name: _merge_summaries(value, second[name], name)
+            for name, value in first.items()
+            if name != "at"
         }
-        if "at" in one:
-            more = {name: at for name, at in one["at"].items() if made[name] == one[name]}
-            made["at"] = other["at"] | more
-        return made
-    if isinstance(one, bool | list):
-        return one or other
+        if "at" in first:
+            # Positions of maxima that the first block has, others from the second one.
+            positions_of_first = {
+                name: position
+                for name, position in first["at"].items()
+                if merged[name] == first[name]
+            }
+            merged["at"] = second["at"] | positions_of_first
+        return merged
+    if isinstance(first, bool | list):
+        return first or second
     if key.startswith("rows_"):
-        return one + other
-    return max((x for x in (one, other) if x is not None), default=None)
+        return first + second
+    return max((value for value in (first, second) if value is not None), default=None)
 
 
-def _said(figures: Mapping[str, Any]) -> Findings:
-    pairs = figures["pairs"]
+def _make_findings(summary: Mapping[str, Any]) -> Findings:
+    """Return the findings with the sentences and warnings that the summary leads to."""
+    pairs = summary["pairs"]
     warnings = [
         f"contact {name} would have to pull in "
-        f"{counted(facts['rows_that_lift_off'], 'row')}: it "
+        f"{counted(record['rows_that_lift_off'], 'row')}: it "
         "lifts off there (LIFT_OFF)"
-        for name, facts in pairs.items()
-        if facts["rows_that_lift_off"]
+        for name, record in pairs.items()
+        if record["rows_that_lift_off"]
     ]
     remarks = []
-    loose = [name for name, facts in pairs.items() if facts["is_open"]]
-    if loose:
-        meshes = [x for x in figures["forces_need"]["pressure_angles"] if x in loose]
+    open_pairs = [name for name, record in pairs.items() if record["is_open"]]
+    if open_pairs:
+        pressure_angles = summary["forces_need"]["pressure_angles"]
+        meshes = [name for name in pressure_angles if name in open_pairs]
         hint = f"; teeth at {listing(meshes)} would have a pressure_angle" if meshes else ""
         remarks.append(
             "redundant constraints leave open how reactions are shared among the pairs "
-            f"{listing(loose)}; what is open is left empty{hint}"
+            f"{listing(open_pairs)}; what is open is left empty{hint}"
         )
-    for key, unit, what in (
-        ("largest_transverse_moment_Nm", "N m", "moment across an axis or a contact"),
-        ("largest_radial_N", "N", "radial load of a bearing"),
-        ("largest_axial_N", "N", "axial load of a bearing"),
+    remarks += _describe_maximum(
+        pairs, "largest_transverse_moment_Nm", "N m", "moment across an axis or a contact"
+    )
+    bearings = summary["bearings"]
+    for key, quantity in (
+        ("largest_radial_N", "radial load of a bearing"),
+        ("largest_axial_N", "axial load of a bearing"),
     ):
-        facts = pairs if key in next(iter(pairs.values())) else figures["bearings"]
-        given = {name: x[key] for name, x in facts.items() if x[key] is not None}
-        if given and (facts is pairs or len(given) == len(facts)):
-            name = max(given, key=lambda one: given[one])
-            where = f"in pair {name}" if facts is pairs else f"({name})"
-            beside = max(x.get("largest_couple_force_N") or 0.0 for x in facts.values())
-            if given[name] <= ROUNDING * beside:
-                remarks.append(f"{what}: zero in every row, to rounding")
-                continue
-            sample, mode = facts[name]["at"][key]
-            remarks.append(
-                f"largest {what}: {given[name]:.6g} {unit} {where} at sample {sample} of "
-                f"assembly mode {mode}"
-            )
-    (warnings if figures["asks_for_forces"] else remarks).extend(_on_forces(figures))
-    return Findings(figures, tuple(warnings), tuple(remarks))
+        # The largest load is known only if the loads of all bearings are.
+        if all(record[key] is not None for record in bearings.values()):
+            remarks += _describe_maximum(bearings, key, "N", quantity, are_bearings=True)
+    sentences_on_forces = _describe_open_forces(summary)
+    if summary["asks_for_forces"]:
+        warnings += sentences_on_forces
+    else:
+        remarks += sentences_on_forces
+    return Findings(summary, tuple(warnings), tuple(remarks))
 
 
-def _on_forces(figures: Mapping[str, Any]) -> list[str]:
-    """Return what is to be said of forces through the centre that are not determined."""
-    if figures["links_that_slide"]:
+def _describe_maximum(
+    records: Mapping[str, Any],
+    key: str,
+    unit: str,
+    quantity: str,
+    are_bearings: bool = False,
+) -> list[str]:
+    """Return a sentence about the largest value among pairs or bearings, if one is known.
+
+    Parameters
+    ----------
+    records
+        Records of the summary by the name of the pair or bearing.
+    key
+        Key of the value in each record.
+    unit, quantity
+        Its unit, and the quantity in words.
+    are_bearings
+        Whether the records are those of bearings.
+    """
+    values = {
+        name: record[key] for name, record in records.items() if record[key] is not None
+    }
+    if not values:
+        return []
+    name = max(values, key=lambda candidate: values[candidate])
+    largest_couple = max(
+        record.get("largest_couple_force_N") or 0.0 for record in records.values()
+    )
+    if values[name] <= ZERO_LOAD_RATIO * largest_couple:
+        return [f"{quantity}: zero in every row, to rounding"]
+    location = f"({name})" if are_bearings else f"in pair {name}"
+    sample, mode = records[name]["at"][key]
+    return [
+        f"largest {quantity}: {values[name]:.6g} {unit} {location} at sample {sample} of "
+        f"assembly mode {mode}"
+    ]
+
+
+def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
+    """Return why forces through the centre are not determined, nothing if they are."""
+    sliding_links = summary["links_that_slide"]
+    if sliding_links:
         return [
             "so many pairs float that none holds the links "
-            f"{listing(figures['links_that_slide'])} in the centre of the sphere: no "
+            f"{listing(sliding_links)} in the centre of the sphere: no "
             "force is determined; let a pair take axial force there (axial)"
         ]
-    pairs = figures["pairs"]
-    loose = [name for name, facts in pairs.items() if facts["force_is_open"]]
-    if not loose:
+    open_pairs = [
+        name for name, record in summary["pairs"].items() if record["force_is_open"]
+    ]
+    if not open_pairs:
         return []
     return [
-        f"forces through the centre are open in the pairs {listing(loose)}; a file that "
-        f"says {listing(figures['forces_need']['wanted'])} determines them"
+        f"forces through the centre are open in the pairs {listing(open_pairs)}; a file "
+        f"that says {listing(summary['forces_need']['wanted'])} determines them"
     ]

@@ -47,7 +47,10 @@ from .common import (
     row_columns,
 )
 
-LARGEST = "largest_holding_torque_Nm"
+LARGEST_HOLDING_TORQUE = "largest_holding_torque_Nm"
+"""Key of the largest torque at an input in the summary."""
+PRINCIPAL_STIFFNESSES = ("least", "middle", "largest")
+"""Names of the principal stiffnesses of an output, in their order."""
 
 TORQUES = Column("tau", "N m", "torque that holds against all loads at", per_input=True)
 ADVANTAGES = Column(
@@ -63,7 +66,7 @@ class Statics(AbstractAnalysis):
     """Torques that hold the mechanism at rest, and how stiffly the inputs hold outputs.
 
     `stiffness` is that of the drives in N m/rad: one for all inputs, or one for each.
-    `time` (s) is when loads that depend on it are taken.
+    Loads that depend on time are evaluated at `time` (s).
     """
 
     name = "statics"
@@ -87,7 +90,7 @@ class Statics(AbstractAnalysis):
                 ADVANTAGES,
                 *(
                     column
-                    for number, words in enumerate(("least", "middle", "largest"), 1)
+                    for number, words in enumerate(PRINCIPAL_STIFFNESSES, 1)
                     for column in (
                         Column(
                             f"stiffness_{number}",
@@ -116,74 +119,87 @@ class Statics(AbstractAnalysis):
     time: float = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the configurations, with the variables that loads see."""
-        self._each(mechanism)
-        outputs = {name for o in mechanism.outputs for name in (o.link, o.relative_to)}
+        """Return the configurations, with the variables on which loads depend."""
+        self._drive_stiffness(mechanism)
+        output_links: set[int] = set()
+        for output in mechanism.outputs:
+            output_links.add(mechanism.link_number[output.link])
+            output_links.add(mechanism.link_number[output.relative_to])
         return Needs(
             tracer=True,
-            links=acting_links(mechanism) | {mechanism.link_number[o] for o in outputs},
+            links=acting_links(mechanism) | output_links,
             continued_values=used_pairs(mechanism),
         )
 
-    def _each(self, mechanism: Mechanism) -> Floats:
-        """Return the stiffness (inputs,) of each input."""
+    def _drive_stiffness(self, mechanism: Mechanism) -> Floats:
+        """Return the stiffness (inputs,) of the drive of each input (N m/rad).
+
+        Raises
+        ------
+        AnalysisError
+            If the parameters `stiffness` or `time` are not valid for the mechanism.
+        """
         inputs = mechanism.input_pairs
-        given = np.array(self.stiffness, dtype=float)
-        if len(given) not in (1, len(inputs)) or not np.all(
-            (given > 0.0) & (given < np.inf)
-        ):
+        stiffness = np.array(self.stiffness, dtype=float)
+        has_valid_count = len(stiffness) in (1, len(inputs))
+        if not has_valid_count or not np.all((stiffness > 0.0) & (stiffness < np.inf)):
             raise AnalysisError(
-                f"statics: stiffness: found {'+'.join(f'{x:g}' for x in given)}, needs one "
-                f"number above 0 N m/rad, or one for each input ({listing(inputs)})"
+                f"statics: stiffness: found {'+'.join(f'{x:g}' for x in stiffness)}, needs "
+                f"one number above 0 N m/rad, or one for each input ({listing(inputs)})"
             )
         if not np.isfinite(self.time):
             raise AnalysisError(f"statics: time: found {self.time}, needs a finite time, s")
-        return np.broadcast_to(given, (len(inputs),))
+        return np.broadcast_to(stiffness, (len(inputs),))
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques and of the outputs."""
-        solution = self._found(batch)
+        solution = self._holding_solution(batch)
         mechanism = batch.mechanism
-        common = row_columns(batch)
-        outputs = self._outputs(batch)
-        held = list(outputs.values())
-        n = len(batch)
-        advantages = _beside([x.advantage for x in held], solution.torques.shape)
-        sizes = _beside([x.stiffness for x in held], (n, 3))
-        axes = _beside([x.axes for x in held], (n, 3, 3))
-        principal: dict[str, NDArray[Any]] = {}
+        row_identity = row_columns(batch)
+        stiffness_of_output = self._output_stiffness(batch)
+        results = list(stiffness_of_output.values())
+        row_count = len(batch)
+        advantages = _interleave(
+            [result.advantage for result in results], solution.torques.shape
+        )
+        stiffness = _interleave([result.stiffness for result in results], (row_count, 3))
+        axes = _interleave([result.axes for result in results], (row_count, 3, 3))
+        principal_columns: dict[str, NDArray[Any]] = {}
         for number in range(3):
-            principal[f"stiffness_{number + 1}"] = sizes[:, number]
-            for k, axis in enumerate("xyz"):
-                principal[f"axis_{number + 1}_{axis}"] = axes[:, number, k]
+            principal_columns[f"stiffness_{number + 1}"] = stiffness[:, number]
+            for component, axis in enumerate("xyz"):
+                column = axes[:, number, component]
+                principal_columns[f"axis_{number + 1}_{axis}"] = column
         return {
             "statics": {
-                **common,
+                **row_identity,
                 **input_columns(mechanism, solution.torques, "tau"),
                 "residual": batch.residual,
                 "status": solution.status,
             },
             "outputs": {
-                **repeat_rows(common, list(outputs), "output"),
+                **repeat_rows(row_identity, list(stiffness_of_output), "output"),
                 **input_columns(mechanism, advantages, "advantage"),
-                **principal,
-                "status": np.repeat(solution.rate_status, len(outputs)),
+                **principal_columns,
+                "status": np.repeat(solution.rate_status, len(results)),
             },
         }
 
-    def _found(self, batch: Batch) -> InverseSolution:
+    def _holding_solution(self, batch: Batch) -> InverseSolution:
+        """Return the holding torques of a batch, which are computed once."""
         return batch.once(
             "torques", lambda: holding_torques(continue_load_angles(batch), self.time)
         )
 
-    def _outputs(self, batch: Batch) -> Mapping[str, Stiffness]:
-        solution = self._found(batch)
-        drives = self._each(batch.mechanism)
+    def _output_stiffness(self, batch: Batch) -> Mapping[str, Stiffness]:
+        """Return the stiffness of each output by its name, which is computed once."""
+        solution = self._holding_solution(batch)
+        drive_stiffness = self._drive_stiffness(batch.mechanism)
         return batch.once(
             "outputs",
             lambda: {
                 output.name: output_stiffness(
-                    solution, output.link, output.relative_to, drives
+                    solution, output.link, output.relative_to, drive_stiffness
                 )
                 for output in batch.mechanism.outputs
             },
@@ -191,48 +207,76 @@ class Statics(AbstractAnalysis):
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest holding torque at each input."""
-        torques = self._found(batch).sure_torques
-        loads = bool(batch.mechanism.loads)
-        return _said(find_largest_torques(batch, torques, LARGEST) if loads else {}, loads)
+        torques = self._holding_solution(batch).sure_torques
+        has_loads = bool(batch.mechanism.loads)
+        largest: dict[str, Any] = {}
+        if has_loads:
+            largest = find_largest_torques(batch, torques, LARGEST_HOLDING_TORQUE)
+        return _make_findings(largest, has_loads)
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the larger torques of both."""
-        largest = merge_largest(before.figures["inputs"], now.figures["inputs"], LARGEST)
-        return _said(largest, now.figures["loads"])
+        """Return the larger torques of two blocks of rows."""
+        largest = merge_largest(
+            before.figures["inputs"], now.figures["inputs"], LARGEST_HOLDING_TORQUE
+        )
+        return _make_findings(largest, now.figures["loads"])
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return plots of holding torques, mechanical advantage and stiffness."""
-        solution = self._found(batch)
-        curves = [
-            plot_series(
-                "torque", f"at {name}", "holding torques", solution.torques[:, k], "N m"
+        solution = self._holding_solution(batch)
+        plots = []
+        for number, name in enumerate(batch.moving_inputs):
+            torque = solution.torques[:, number]
+            plots.append(
+                plot_series("torque", f"at {name}", "holding torques", torque, "N m")
             )
-            for k, name in enumerate(batch.moving_inputs)
-        ]
-        for output, held in self._outputs(batch).items():
-            for k, name in enumerate(batch.moving_inputs):
+        for output, result in self._output_stiffness(batch).items():
+            for number, name in enumerate(batch.moving_inputs):
                 label = f"{output} by {name}"
-                values = held.advantage[:, k]
-                curves.append(
-                    plot_series("advantage", label, "mechanical advantage", values)
+                advantage = result.advantage[:, number]
+                plots.append(
+                    plot_series("advantage", label, "mechanical advantage", advantage)
                 )
-            for k, word in enumerate(("least", "middle", "largest")):
-                values = held.stiffness[:, k]
-                if np.any(np.isfinite(values)):
-                    label = f"{output}, {word}"
+            for number, rank in enumerate(PRINCIPAL_STIFFNESSES):
+                stiffness = result.stiffness[:, number]
+                if np.any(np.isfinite(stiffness)):
+                    label = f"{output}, {rank}"
                     title = "principal stiffness"
-                    curves.append(plot_series("stiffness", label, title, values, "N m/rad"))
-        return plots_by_mode(batch, curves)
+                    plots.append(
+                        plot_series("stiffness", label, title, stiffness, "N m/rad")
+                    )
+        return plots_by_mode(batch, plots)
 
 
-def _said(largest: Mapping[str, Any], loads: bool) -> Findings:
-    remarks = describe_largest_torques(largest, LARGEST, "holding torque")
-    if not loads:
+def _make_findings(largest: Mapping[str, Any], has_loads: bool) -> Findings:
+    """Return the findings with their sentences.
+
+    Parameters
+    ----------
+    largest
+        The largest holding torque by input, from `find_largest_torques`.
+    has_loads
+        Whether the mechanism has loads.
+    """
+    remarks = describe_largest_torques(largest, LARGEST_HOLDING_TORQUE, "holding torque")
+    if not has_loads:
         remarks = ("the file has no loads, so there is nothing to hold; see [loads.NAME]",)
-    return Findings({"inputs": largest, "loads": loads}, (), remarks)
+    return Findings({"inputs": largest, "loads": has_loads}, (), remarks)
 
 
-def _beside(parts: Sequence[Floats], shape: tuple[int, ...]) -> Floats:
-    """Return k arrays of one shape (n, ...) as rows (n k, ...), one of each in turn."""
-    whole = np.reshape(parts, (len(parts), *shape))
-    return whole.swapaxes(0, 1).reshape(-1, *shape[1:])
+def _interleave(arrays: Sequence[Floats], shape: tuple[int, ...]) -> Floats:
+    """Return the rows of k arrays in turn: row 0 of each array, then row 1 of each, ...
+
+    Parameters
+    ----------
+    arrays
+        The arrays, possibly none.
+    shape
+        Their common shape (n, ...).
+
+    Returns
+    -------
+    (n k, ...) rows.
+    """
+    stacked = np.reshape(arrays, (len(arrays), *shape))
+    return stacked.swapaxes(0, 1).reshape(-1, *shape[1:])
