@@ -13,7 +13,7 @@ import pytest
 
 import spherekit as sk
 from spherekit.api.sweep import sweep_of
-from spherekit.designs.design_space import DesignSpace, variation
+from spherekit.designs.design_space import DesignSpace, parse_variation
 from spherekit.designs.sweep_parts import run_sweep
 from spherekit.dynamics.reduced_model import load_reduced
 from spherekit.errors import SpherekitError
@@ -211,7 +211,7 @@ def test_coupling_tables(count, tmp_path):
 
 @pytest.fixture(scope="module")
 def sweep():
-    space = DesignSpace.of([variation("links.2.arc", [20.0, 30.0])])
+    space = DesignSpace.from_variations([parse_variation("links.2.arc", [20.0, 30.0])])
     return sweep_of("four_bar", space, [], [create("poles")], 3, tables=True)
 
 

@@ -398,10 +398,10 @@ def test_a_part_that_is_not_there_is_no_part(undisturbed, tmp_path, monkeypatch)
     with pytest.raises(OutputError, match="computed part 2, and it does not appear here"):
         dask_cluster._take_part(None, str(tmp_path), sweep, 2)
     with pytest.raises(OutputError, match="part 2 was computed, and is not in"):
-        sweep.settle(str(tmp_path), tmp_path / "designs", 2)
+        sweep.move_part(str(tmp_path), tmp_path / "designs", 2)
 
     def elsewhere(sweep, folder, numbers):
-        yield sweep.write(folder, numbers[0])
+        yield sweep.write_part(folder, numbers[0])
 
     from spherekit.designs.sweep_parts import run_sweep
 

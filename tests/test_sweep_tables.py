@@ -14,7 +14,7 @@ from spherekit.api.sweep import sweep_of
 from spherekit.cli.main import main
 from spherekit.designs import sweep_identity
 from spherekit.designs.dask_cluster import PartComputer
-from spherekit.designs.design_space import DesignSpace, variation
+from spherekit.designs.design_space import DesignSpace, parse_variation
 from spherekit.designs.sweep_parts import run_sweep
 from spherekit.errors import DesignError, OutputError
 from spherekit.files.mechanism_reader import read
@@ -132,7 +132,7 @@ class Doubled(Asking):
 
 
 def swept(vary, folder=None, **options):
-    space = DesignSpace.of([variation(*item) for item in vary.items()])
+    space = DesignSpace.from_variations([parse_variation(*item) for item in vary.items()])
     made = sweep_of("four_bar", space, (), [Doubled()], samples=5, tables=True)
     return run_sweep(made, folder, **options)
 
@@ -173,7 +173,7 @@ def test_conditions_hold_for_tables_too(monkeypatch):
 
 def test_parts_by_other_code_are_refused(tmp_path):
     swept({"links.2.arc": [20.0]}, tmp_path)
-    path = tmp_path / sweep_identity.DEFINITION
+    path = tmp_path / sweep_identity.DEFINITION_FILE
     definition = json.loads(path.read_text())
     path.write_text(json.dumps({**definition, "spherekit": "0.0.9", "numpy": "1.0"}))
     words = r"other code \(spherekit: 0\.0\.9 there, .* now, numpy: 1\.0 there"

@@ -21,11 +21,11 @@ from refusals import text_of
 import spherekit as sk
 from spherekit.api.sweep import sweep_of
 from spherekit.cli.main import main
-from spherekit.designs.design_space import DesignSpace, variation
+from spherekit.designs.design_space import DesignSpace, parse_variation
 from spherekit.designs.design_variables import design_variable
 from spherekit.designs.figure_gradients import FigureGradients
 from spherekit.designs.figures_of_merit import DesignSamples
-from spherekit.designs.sweep_identity import DEFINITION
+from spherekit.designs.sweep_identity import DEFINITION_FILE
 from spherekit.designs.sweep_parts import run_sweep
 from spherekit.designs.synthesis_modes import SynthesisMode
 from spherekit.errors import ModelError, OutputError
@@ -206,7 +206,11 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
         "links.4.arc": [42.0],
     }
     reduce = ["peak=max(abs(torque))", "mean=mean(torque)", "most=max(B)"]
-    sweep = sweep_of(path, DesignSpace.of([variation(*v) for v in vary.items()]), reduce)
+    sweep = sweep_of(
+        path,
+        DesignSpace.from_variations([parse_variation(*v) for v in vary.items()]),
+        reduce,
+    )
     sweep = replace(
         sweep, samples=DesignSamples.from_study(Study("", sweep.mechanism, samples=19))
     )
@@ -238,13 +242,17 @@ def test_masses_stated_by_sizes_follow_them(tmp_path):
 
 @pytest.mark.parametrize("scheme", ["grid", "sobol", "latin", "random"])
 def test_a_design_is_the_same_in_whatever_part_it_is_asked_for(scheme):
-    variations = [variation("a", "1:2:5"), variation("b", "3,7,9"), variation("c", "0:1:4")]
+    variations = [
+        parse_variation("a", "1:2:5"),
+        parse_variation("b", "3,7,9"),
+        parse_variation("c", "0:1:4"),
+    ]
     count, seed = (None, 0) if scheme == "grid" else (60, 5)
-    space = DesignSpace.of(variations, count, scheme, seed=seed)
-    whole = space.designs(0, 60)
+    space = DesignSpace.from_variations(variations, count, scheme, seed=seed)
+    whole = space.compute_designs(0, 60)
     assert whole.shape == (3, 60)
     cuts = [0, 1, 17, 18, 60]
-    parts = [space.designs(*ends) for ends in pairwise(cuts)]
+    parts = [space.compute_designs(*ends) for ends in pairwise(cuts)]
     assert np.array_equal(np.concatenate(parts, axis=1), whole)
     assert set(whole[1]) <= {3.0, 7.0, 9.0}
     if scheme == "grid":
@@ -362,7 +370,7 @@ def test_a_folder_holds_one_sweep_that_is_known(tmp_path):
     assert again.computed == 0 and len(again.frame()) == 4
     with pytest.raises(OutputError, match="of another sweep.*samples: "):
         sweep(samples=6, folder=tmp_path)
-    (tmp_path / DEFINITION).unlink()
+    (tmp_path / DEFINITION_FILE).unlink()
     with pytest.raises(OutputError, match="does not say of what"):
         sweep(samples=5, folder=tmp_path)
 
@@ -375,7 +383,7 @@ def test_a_folder_is_one_data_set(where, tmp_path, monkeypatch):
     vary = {"links.2.arc": [10.0, 20.0, 30.0, 200.0, 40.0]}
     how = {"where": where, "folder": tmp_path, "workers": 1}
     found = sk.sweep("four_bar", vary, "max(rate_41)", samples=5, **how)
-    assert found.sweep.parts == 3
+    assert found.sweep.part_count == 3
     read, wanted = pd.read_parquet(tmp_path), found.frame()
     assert len(read) == len(wanted) > 3
     for name in ("design", "links_2_arc", "closes", "max_rate_41"):

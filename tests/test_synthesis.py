@@ -24,8 +24,8 @@ def random_best(path, count):
     """Return the least objective of so many random designs that meet the conditions."""
     synthesis = specification_of(path, designs=count, seed=7)
     best = np.inf
-    for number in range(synthesis.sweep.parts):
-        _, wanted = synthesis.select_rows(synthesis.sweep.part(number))
+    for number in range(synthesis.sweep.part_count):
+        _, wanted = synthesis.select_rows(synthesis.sweep.compute_part(number))
         best = np.min(wanted[:, 0], initial=best)
     return best
 
@@ -83,8 +83,8 @@ def check_front(name, designs, count, starts, seed=0):
     assert np.all(found.tolerance <= 1e-5 * np.max(np.abs(found.objectives), axis=0))
     assert np.all(np.diff(found.objectives[:, 0]) >= 0.0)
     synthesis = specification_of(EXAMPLES / name, designs=count, seed=7)
-    for number in range(synthesis.sweep.parts):
-        rows, wanted = synthesis.select_rows(synthesis.sweep.part(number))
+    for number in range(synthesis.sweep.part_count):
+        rows, wanted = synthesis.select_rows(synthesis.sweep.compute_part(number))
         for mode in set(found.modes):
             own = wanted[rows["mode"] == mode]
             front = found.objectives[np.array(found.modes) == mode]

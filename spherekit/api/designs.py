@@ -10,7 +10,7 @@ import numpy as np
 from spherekit.api.sweep import sweep_of
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath
-from spherekit.designs.design_space import DesignSpace, between
+from spherekit.designs.design_space import DesignSpace, range_variation
 from spherekit.designs.synthesis import Synthesis, synthesize_dimensions
 from spherekit.designs.synthesis_requirements import Specification
 from spherekit.errors import DesignError
@@ -78,13 +78,15 @@ def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sp
     document = parse(read_text(Path(path)), str(path))
     check(document, "synthesis")
     data = document.data
-    variations = [between(key, *map(float, ends)) for key, ends in data["vary"].items()]
+    variations = [
+        range_variation(key, *map(float, ends)) for key, ends in data["vary"].items()
+    ]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
     subject = named_in(data["mechanism"], Path(path).parent)
     missed, points = _missed(document, to_radians(1.0, angle_unit_of(subject)))
     sweep = sweep_of(
         subject,
-        DesignSpace.of(variations, designs, "sobol", seed),
+        DesignSpace.from_variations(variations, designs, "sobol", seed),
         [*figures, *missed.values()],
         samples=data.get("samples", SAMPLES),
     )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, Names
 from spherekit.designs.design_runs import RUN_MODE_PREFIX
-from spherekit.designs.design_space import DesignSpace, Scheme, variation
+from spherekit.designs.design_space import DesignSpace, Scheme, parse_variation
 from spherekit.designs.figures_of_merit import DesignSamples
 from spherekit.designs.sweep import Sweep
 from spherekit.designs.sweep_parts import SweepResult, run_sweep
@@ -121,7 +121,9 @@ def sweep(
     """
     made = sweep_of(
         subject,
-        DesignSpace.of([variation(*item) for item in vary.items()], designs, scheme, seed),
+        DesignSpace.from_variations(
+            [parse_variation(*item) for item in vary.items()], designs, scheme, seed
+        ),
         [reduce] if isinstance(reduce, str) else reduce,
         [create(name) for name in analyses],
         samples,

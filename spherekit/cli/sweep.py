@@ -137,7 +137,7 @@ def execute(options: Namespace) -> int:
     from dataclasses import replace
 
     from spherekit.api.sweep import perform, sweep_of
-    from spherekit.designs.design_space import DesignSpace, variation
+    from spherekit.designs.design_space import DesignSpace, parse_variation
     from spherekit.errors import DesignError
     from spherekit.runs.registry import create
 
@@ -150,10 +150,12 @@ def execute(options: Namespace) -> int:
             raise DesignError(
                 f"--vary {text}: write KEY=VALUES, such as links.2.arc=10:40:31"
             )
-        variations.append(variation(key.strip(), values))
+        variations.append(parse_variation(key.strip(), values))
     sweep = sweep_of(
         study_from(options),
-        DesignSpace.of(variations, options.designs, options.scheme, options.seed),
+        DesignSpace.from_variations(
+            variations, options.designs, options.scheme, options.seed
+        ),
         options.reduce or (),
         [create(text) for text in options.analysis or ()],
         source=options.file,
@@ -197,7 +199,7 @@ def _print_result(result: "SweepResult") -> None:
     if result.folder:
         folder_text = terminal_text(str(result.folder))
         print(
-            f"{counted(result.sweep.parts, 'part')} in {folder_text}, "
+            f"{counted(result.sweep.part_count, 'part')} in {folder_text}, "
             f"{result.computed} computed now; read with pandas.read_parquet",
             file=sys.stderr,
         )

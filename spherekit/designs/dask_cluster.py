@@ -440,10 +440,10 @@ class PartComputer:
             )
         with _part_lock:
             if os.access(self.folder, os.W_OK | os.X_OK):
-                self.sweep.write(self.folder, part_number)
+                self.sweep.write_part(self.folder, part_number)
                 return None
             with TemporaryDirectory(prefix="spherekit-part-") as scratch_folder:
-                self.sweep.write(scratch_folder, part_number)
+                self.sweep.write_part(scratch_folder, part_number)
                 return {
                     path.relative_to(scratch_folder).as_posix(): path.read_bytes()
                     for path in self.sweep.files_of(scratch_folder, part_number)

@@ -10,8 +10,8 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.designs.cutting_planes import LinearisedFunctions, minimize_largest
+from spherekit.designs.design_conditions import Columns
 from spherekit.designs.design_evaluation import DesignEvaluator
-from spherekit.designs.design_space import Columns
 from spherekit.designs.figure_gradients import FigureGradients, with_derivatives
 from spherekit.designs.synthesis_modes import SynthesisMode
 from spherekit.designs.synthesis_requirements import MATCH, Specification

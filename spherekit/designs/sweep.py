@@ -1,13 +1,15 @@
-"""Sweeps: figures of merit and tables of many designs of one mechanism.
+"""The task of a sweep: figures of merit and tables of many designs of one mechanism.
 
-A *design* is the mechanism file with other numbers. A `DesignSpace` says which designs
-there are (a grid, or a set that fills a space evenly) and numbers them from 0. A `Sweep`
-computes the figures of merit of every design in each of its assembly modes.
+A *design* is the mechanism of a file in which some numbers have other values. The designs
+of a sweep form a *design space*: all combinations of listed values, or points that a random
+or quasi-random sequence places in ranges. They are numbered from 0.
 
-A sweep is divided into *parts*: groups of successive designs, numbered from 0. The files of
-a part are a Parquet file with the table of designs, and one Parquet file for each table of
-their runs. A part counts as present only if all its files are there.
-`spherekit.designs.sweep_parts` runs the parts.
+Designs are computed in *parts*. A part is a group of designs with successive numbers, and
+parts are numbered from 0, too. Each part is written to files of its own: one with its rows
+of the table of designs, and one for each table of the runs of its designs. A part is
+complete when all its files are there.
+
+`sweep_parts` computes the parts of a sweep, and `design_space` the values of the designs.
 """
 
 import hashlib
@@ -22,9 +24,10 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.conventions import AnyPath, Facts, Names
+from spherekit.designs.design_conditions import Columns, Condition, parse_condition
 from spherekit.designs.design_evaluation import DesignEvaluator
 from spherekit.designs.design_runs import ASSEMBLY, DesignRuns
-from spherekit.designs.design_space import Columns, Condition, DesignSpace, condition
+from spherekit.designs.design_space import DesignSpace
 from spherekit.designs.design_variables import (
     OK,
     DesignVariable,
@@ -76,23 +79,26 @@ SAMPLING_FIELDS = (
 )
 """Fields of a study on which the numbers in the tables of its runs depend."""
 
-DESIGNS = "designs"
-TABLES = "tables"
-"""Folders of the files of parts.
+DESIGNS_FOLDER = "designs"
+"""Folder of the table of designs if there are also tables of runs.
 
-`DESIGNS` has the table of designs if there are also tables of runs; otherwise that table is
-in the folder of the sweep. `TABLES` has a folder for each table of runs, and is also the
-key of a note: the number of rows by table.
+Otherwise this table is in the folder of the sweep itself.
 """
 
-SWEEP = "sweep"
-PART = "part"
-PROCESSOR = "processor"
-"""Keys of the notes (metadata) in the files of a part.
+TABLES_FOLDER = "tables"
+"""Folder that has a folder for each table of runs."""
 
-They are the `Sweep.identity`, the number of the part, and in the table of designs the
-`processor_identity` of the process that computed it.
-"""
+SWEEP_NOTE = "sweep"
+"""Note (metadata) in the files of parts: the `Sweep.identity`."""
+
+PART_NOTE = "part"
+"""Note in the files of parts: the number of the part."""
+
+ROW_COUNTS_NOTE = "tables"
+"""Note in the table of designs: the number of rows of each table of runs, by its name."""
+
+PROCESSOR_NOTE = "processor"
+"""Note in the table of designs: the `processor_identity` of the computing process."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +190,7 @@ class Sweep:
             If a condition is no comparison, or uses an unknown name.
         """
         names = ["closes", *self.names]
-        return tuple(condition(text, names) for text in self.where)
+        return tuple(parse_condition(text, names) for text in self.where)
 
     @cached_property
     def evaluator(self) -> DesignEvaluator | DesignRuns:
@@ -222,7 +228,7 @@ class Sweep:
         return self.evaluator.part_size(self.space.count)
 
     @property
-    def parts(self) -> int:
+    def part_count(self) -> int:
         """Number of parts."""
         # -(-a // b) is a / b rounded up.
         return -(-self.space.count // self.part_size)
@@ -265,7 +271,7 @@ class Sweep:
 
     def part_notes(self, number: int) -> Facts:
         """Return the notes that identify a file as part `number` of this sweep."""
-        return {SWEEP: self.identity, PART: number}
+        return {SWEEP_NOTE: self.identity, PART_NOTE: number}
 
     @property
     def degrees(self) -> bool:
@@ -297,16 +303,17 @@ class Sweep:
 
     def units(self) -> Units:
         """Return the unit of each column that has one; angles are in the file's unit."""
-        made = {
+        units = {
             variable.name: self.angle for variable in self.variables if variable.is_angle
         }
-        made |= {merit.name: self._unit(merit) for merit in self.merits}
-        return {name: self.angle if unit == "rad" else unit for name, unit in made.items()}
+        units |= {merit.name: self._unit(merit) for merit in self.merits}
+        # Figures in rad are converted to the unit of the file.
+        return {name: self.angle if unit == "rad" else unit for name, unit in units.items()}
 
-    def part(
+    def compute_part(
         self,
         number: int,
-        take: Callable[[int, str, Table, TableArrays], None] | None = None,
+        store_table: Callable[[int, str, Table, TableArrays], None] | None = None,
     ) -> Columns:
         """Compute the table of designs of one part.
 
@@ -314,8 +321,8 @@ class Sweep:
         ----------
         number
             Number of the part, counted from 0.
-        take
-            Function that stores the tables of a run; `open_part_tables` returns one. It is
+        store_table
+            Function that stores a table of a run; `open_part_tables` returns one. It is
             called with the number of the design, the name of the table, its description and
             its columns, for each design that has a row in the table of designs. By default
             the tables are not stored.
@@ -326,28 +333,29 @@ class Sweep:
         Designs and rows that do not meet the conditions are left out.
         """
         start = number * self.part_size
-        designs = self.space.designs(start, start + self.part_size)
+        designs = self.space.compute_designs(start, start + self.part_size)
         # Conditions on variables alone are checked before anything is computed.
-        rows = np.flatnonzero(
-            self._meet_conditions(self._variable_columns(designs), designs.shape[1])
+        meets_conditions = self._meet_conditions(
+            self._variable_columns(designs), designs.shape[1]
         )
-        designs = designs[:, rows]
-        rows = start + rows
+        numbers = start + np.flatnonzero(meets_conditions)
+        designs = designs[:, meets_conditions]
         evaluator = self.evaluator
         if not isinstance(evaluator, DesignRuns):
-            return self._select_rows(self.rows(designs, rows))
+            return self._select_rows(self.tabulate_designs(designs, numbers))
         # The first entry has no rows. It gives the columns if no design has a row.
-        columns_by_design = [
-            self._as_columns(designs, rows, DesignTable.from_columns([], evaluator.names))
-        ]
-        for evaluated, run_tables in evaluator.run_designs(designs, self._worth_running):
-            made = self._select_rows(self._as_columns(designs, rows, evaluated))
-            columns_by_design.append(made)
-            if take is not None and len(made["design"]):
+        no_rows = DesignTable.from_columns([], evaluator.names)
+        columns_by_design = [self._as_columns(designs, numbers, no_rows)]
+        for design_table, run_tables in evaluator.run_designs(designs, self._worth_running):
+            columns = self._as_columns(designs, numbers, design_table)
+            columns = self._select_rows(columns)
+            columns_by_design.append(columns)
+            if store_table is not None and len(columns["design"]):
+                design_number = int(columns["design"][0])
                 for stem, table, data in run_tables:
-                    take(int(made["design"][0]), stem, table, data)
+                    store_table(design_number, stem, table, data)
         return {
-            name: np.concatenate([p[name] for p in columns_by_design])
+            name: np.concatenate([columns[name] for columns in columns_by_design])
             for name in columns_by_design[0]
         }
 
@@ -355,12 +363,12 @@ class Sweep:
         """Return the variables of designs (variables, n) as columns (n,) by name."""
         return dict(zip([v.name for v in self.variables], designs, strict=True))
 
-    def _select_rows(self, made: Columns) -> Columns:
+    def _select_rows(self, columns: Columns) -> Columns:
         """Return the rows of a table, given as columns, that meet all conditions."""
-        holds = self._meet_conditions(made, len(made["design"]))
-        return {name: values[holds] for name, values in made.items()}
+        is_met = self._meet_conditions(columns, len(columns["design"]))
+        return {name: values[is_met] for name, values in columns.items()}
 
-    def rows(self, designs: Floats, numbers: Indices) -> Columns:
+    def tabulate_designs(self, designs: Floats, numbers: Indices) -> Columns:
         """Compute the table of some designs, in all wanted modes, regardless of `where`.
 
         Parameters
@@ -377,7 +385,7 @@ class Sweep:
         return self._as_columns(designs, numbers, self.evaluator.evaluate(designs))
 
     def _as_columns(
-        self, designs: Floats, numbers: Indices, evaluated: DesignTable
+        self, designs: Floats, numbers: Indices, design_table: DesignTable
     ) -> Columns:
         """Return computed figures as the columns of the table of designs.
 
@@ -387,8 +395,8 @@ class Sweep:
             (variables, n) values of the variables, in the units of the file.
         numbers
             (n,) number of each design in the design space.
-        evaluated
-            Rows of these designs; ``evaluated.design`` is an index from 0 to n - 1.
+        design_table
+            Rows of these designs; `DesignTable.design` is an index from 0 to n - 1.
 
         Returns
         -------
@@ -396,53 +404,56 @@ class Sweep:
         only rows of that mode are included.
         """
         if self.mode_labels:
-            evaluated = self._rows_of_wanted_mode(evaluated)
-        design = evaluated.design
-        classes = self.evaluator.grashof_classes(designs[:, design])
-        made = {"design": numbers[design], **self._variable_columns(designs[:, design])}
-        made["mode"] = evaluated.mode
+            design_table = self._rows_of_wanted_mode(design_table)
+        design = design_table.design
+        row_designs = designs[:, design]
+        grashof_classes = self.evaluator.grashof_classes(row_designs)
+        columns = {"design": numbers[design], **self._variable_columns(row_designs)}
+        columns["mode"] = design_table.mode
         if self.tables:
-            made[ASSEMBLY] = evaluated.merits[ASSEMBLY]
-        made |= {
-            "status": evaluated.status,
-            "closes": evaluated.closes,
-            "claim": evaluated.claim,
-        }
-        if classes is not None:
-            has_class = np.isin(evaluated.status, [OK, NEVER_CLOSES])
-            made["grashof"] = np.where(has_class, classes, "").astype(object)
-        return made | self._in_file_units(evaluated) | {"reason": evaluated.reason}
+            columns[ASSEMBLY] = design_table.merits[ASSEMBLY]
+        columns["status"] = design_table.status
+        columns["closes"] = design_table.closes
+        columns["claim"] = design_table.claim
+        if grashof_classes is not None:
+            has_class = np.isin(design_table.status, [OK, NEVER_CLOSES])
+            columns["grashof"] = np.where(has_class, grashof_classes, "").astype(object)
+        columns |= self._in_file_units(design_table)
+        columns["reason"] = design_table.reason
+        return columns
 
-    def _rows_of_wanted_mode(self, evaluated: DesignTable) -> DesignTable:
+    def _rows_of_wanted_mode(self, design_table: DesignTable) -> DesignTable:
         """Return the rows of the only assembly mode that is wanted.
 
         A design that closes, but not in this mode, gets one row with the status
         `NEVER_CLOSES`, the reason, and NaN for all figures of merit.
         """
         # A row with an empty mode belongs to a design that fails in all modes.
-        remaining = evaluated.rows(np.isin(evaluated.mode, ["", *self.mode_labels]))
+        is_wanted = np.isin(design_table.mode, ["", *self.mode_labels])
+        remaining = design_table.rows(is_wanted)
+        figure_names = list(design_table.merits)
         missing = DesignTable.from_columns(
-            np.setdiff1d(evaluated.design, remaining.design),
-            list(evaluated.merits),
+            np.setdiff1d(design_table.design, remaining.design),
+            figure_names,
             self.mode_labels[0],
             status=NEVER_CLOSES,
             reason="does not close in this assembly mode at any sample",
         )
-        return DesignTable.join_by_design([remaining, missing], list(evaluated.merits))
+        return DesignTable.join_by_design([remaining, missing], figure_names)
 
-    def _in_file_units(self, evaluated: DesignTable) -> Columns:
+    def _in_file_units(self, design_table: DesignTable) -> Columns:
         """Return the figures of merit that were computed, as columns (rows,) by name.
 
         A figure whose unit is rad is converted to the unit of the file. Compound units such
         as rad/s are not converted.
         """
-        made: Columns = {}
+        columns: Columns = {}
         for merit in self.merits:
-            if merit.name in evaluated.merits:
-                values = evaluated.merits[merit.name]
+            if merit.name in design_table.merits:
+                values = design_table.merits[merit.name]
                 is_angle = self.angle == "deg" and self._unit(merit) == "rad"
-                made[merit.name] = np.degrees(values) if is_angle else values
-        return made
+                columns[merit.name] = np.degrees(values) if is_angle else values
+        return columns
 
     def _meet_conditions(self, columns: Columns, n: int) -> Bools:
         """Return which of n rows meet the conditions, as an array (n,).
@@ -450,14 +461,15 @@ class Sweep:
         Conditions that use a column that is not among `columns` are not checked.
         """
         applicable = [item for item in self.conditions if item.names <= columns.keys()]
-        results = [np.broadcast_to(item.holds(columns), n) for item in applicable]
+        results = [np.broadcast_to(item.find_met(columns), n) for item in applicable]
         return np.all([np.ones(n, bool), *results], axis=0)
 
     def path_of(self, folder: AnyPath, number: int) -> Path:
         """Return the path of the file with the table of designs of a part."""
-        return (
-            Path(folder) / (DESIGNS if self.tables else "") / f"part-{number:06d}.parquet"
-        )
+        designs_folder = Path(folder)
+        if self.tables:
+            designs_folder = designs_folder / DESIGNS_FOLDER
+        return designs_folder / f"part-{number:06d}.parquet"
 
     def files_of(self, folder: AnyPath, number: int) -> list[Path]:
         """Return the paths of all files of a part, or an empty list if one is missing.
@@ -484,9 +496,10 @@ class Sweep:
         path = self.path_of(folder, number)
         if not path.exists():
             return []
-        stems = self.notes_of_part(folder, number)[TABLES]
-        paths = [path, *(Path(folder) / TABLES / stem / path.name for stem in stems)]
-        return paths if all(made.exists() for made in paths) else []
+        row_counts = self.notes_of_part(folder, number)[ROW_COUNTS_NOTE]
+        tables_folder = Path(folder) / TABLES_FOLDER
+        paths = [path, *(tables_folder / stem / path.name for stem in row_counts)]
+        return paths if all(part_file.exists() for part_file in paths) else []
 
     def notes_of_part(self, folder: AnyPath, number: int) -> Facts:
         """Read the notes (metadata) in the file with the table of designs of a part.
@@ -500,9 +513,8 @@ class Sweep:
 
         Returns
         -------
-        The notes by key: ``"units"`` of the columns; `TABLES`, the number of rows by table
-        of runs; `PROCESSOR`, the `processor_identity` of the process that computed the
-        part; `SWEEP` and `PART`, which identify the part (see `part_notes`).
+        The notes by key: ``"units"`` of the columns, `ROW_COUNTS_NOTE`, `PROCESSOR_NOTE`,
+        and `SWEEP_NOTE` and `PART_NOTE`, which identify the part (see `part_notes`).
 
         Raises
         ------
@@ -539,7 +551,7 @@ class Sweep:
         columns = self._variable_columns(design) | self._in_file_units(rows)
         return bool(np.any(self._meet_conditions(columns, len(rows.design))))
 
-    def write(self, folder: str, number: int) -> int:
+    def write_part(self, folder: str, number: int) -> int:
         """Compute a part, write its files to a folder, and return its number.
 
         Parameters
@@ -556,23 +568,29 @@ class Sweep:
         """
         path = self.path_of(folder, number)
         make_folder(path.parent)
-        rows = Counter[str]()
-        place = Path(folder) / TABLES
+        row_counts = Counter[str]()
+        tables_folder = Path(folder) / TABLES_FOLDER
         identification = self.part_notes(number)
-        with open_part_tables(place, path.name, self.degrees, rows, identification) as take:
-            columns = self.part(number, take)
-        # The table of designs is written last: if it exists, the part is complete. `rows`
-        # now has the number of rows of each table of runs.
-        notes = {"units": self.units(), TABLES: rows, PROCESSOR: processor_identity()}
+        with open_part_tables(
+            tables_folder, path.name, self.degrees, row_counts, identification
+        ) as store_table:
+            columns = self.compute_part(number, store_table)
+        # The table of designs is written last: if it exists, the part is complete. The rows
+        # of each table of runs have been counted in `row_counts`.
+        notes = {
+            "units": self.units(),
+            ROW_COUNTS_NOTE: row_counts,
+            PROCESSOR_NOTE: processor_identity(),
+        }
         write_columns(path, columns, notes | identification)
         return number
 
-    def settle(self, made: str, folder: Path, number: int) -> int:
+    def move_part(self, work_folder: str, folder: Path, number: int) -> int:
         """Move the files of a part from the working folder to the folder of the sweep.
 
         Parameters
         ----------
-        made
+        work_folder
             Path of the working folder, in which the part was written.
         folder
             Folder of the sweep, to which the files are moved.
@@ -588,16 +606,16 @@ class Sweep:
         OutputError
             If a file of the part is not in the working folder, or cannot be moved.
         """
-        paths = self.files_of(made, number)
+        paths = self.files_of(work_folder, number)
         if not paths:
             raise OutputError(
-                f"{folder}: part {number} was computed, and is not in {made}: something "
-                "has removed it; the same command makes it again"
+                f"{folder}: part {number} was computed, and is not in {work_folder}: "
+                "something has removed it; the same command makes it again"
             )
         # The table of designs is moved last, because its presence shows that the part is
         # complete.
         for path in reversed(paths):
-            target = folder / path.relative_to(made)
+            target = folder / path.relative_to(work_folder)
             make_folder(target.parent)
             try:
                 path.replace(target)

@@ -1,4 +1,4 @@
-"""Which sweep a folder holds."""
+"""Checks which sweep a folder contains, and provides a working folder in it."""
 
 import json
 import os
@@ -15,66 +15,106 @@ from spherekit.runs.run_identity import differences
 from spherekit.storage.atomic_write import make_folder, write_text
 from spherekit.wording import listing
 
-DEFINITION = "_sweep.json"
-"""What readers of a folder of Parquet pass over begins with _ or a point."""
+DEFINITION_FILE = "_sweep.json"
+"""Name of the file with the definition of the sweep in its folder.
 
-PARTS = ("part-*.parquet", "designs/part-*.parquet", "tables/*/part-*.parquet")
+Readers of Parquet data sets ignore names that begin with an underscore or a point.
+"""
 
-WORK = ".sweep-work"
-MADE = re.compile(r"(.+/)?(part-\d{6}\.parquet|\.part-\d{6}\.parquet\.\w{8}\.part)")
-ANY = re.compile(r".+")
-"""Where parts are made, and what the files and folders there are called."""
+PART_PATTERNS = ("part-*.parquet", "designs/part-*.parquet", "tables/*/part-*.parquet")
+"""Paths of the files of parts, relative to the folder of a sweep."""
+
+WORKING_FOLDER = ".sweep-work"
+"""Name of the folder within that of a sweep in which parts are written at first."""
+
+WORKING_FILE_NAME = re.compile(
+    r"(.+/)?(part-\d{6}\.parquet|\.part-\d{6}\.parquet\.\w{8}\.part)"
+)
+"""Relative paths of files in the working folder: parts, and parts that are incomplete."""
+
+WORKING_SUBFOLDER_NAME = re.compile(r".+")
+"""Names of folders in the working folder; each command uses one with a random name."""
 
 
 @contextmanager
-def working_folder(place: Path, definition: Facts) -> Iterator[str]:
-    """Claim a folder for a sweep, and give one within it in which parts are made.
+def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
+    """Provide a working folder within the folder of a sweep, in a ``with`` block.
 
-    Who holds the lock moves them to their places, so that nobody else changes these.
+    Parts are written to it and then moved to the folder of the sweep by the command that
+    has locked this folder. No other program can therefore change finished parts. The
+    working folder is deleted at the end of the block.
+
+    Parameters
+    ----------
+    folder
+        Folder of the sweep.
+    definition
+        Definition of the sweep, see `Sweep.definition`. It is stored in the folder.
+
+    Yields
+    ------
+    Path of the working folder.
 
     Raises
     ------
     OutputError
-        If there are parts of another sweep, parts made by other code, or what no sweep
-        has made.
+        If the folder has parts of another sweep or of another version of the software, or
+        files that no sweep has written.
     """
-    path = place / DEFINITION
-    work = place / WORK
-    patterns = (DEFINITION, "designs", "tables", "tables/*", *PARTS)
-    links = (x.name for pattern in patterns for x in place.glob(pattern) if x.is_symlink())
-    others = [*links, *find_foreign_files(work, MADE, ANY)]
-    if others:
+    definition_path = folder / DEFINITION_FILE
+    work_path = folder / WORKING_FOLDER
+    # A link could lead out of the folder, and its target would be changed.
+    patterns = (DEFINITION_FILE, "designs", "tables", "tables/*", *PART_PATTERNS)
+    links = [
+        path.name
+        for pattern in patterns
+        for path in folder.glob(pattern)
+        if path.is_symlink()
+    ]
+    foreign_files = find_foreign_files(work_path, WORKING_FILE_NAME, WORKING_SUBFOLDER_NAME)
+    unexpected = [*links, *foreign_files]
+    if unexpected:
         raise OutputError(
-            f"{place}: {listing(others)} in it is a link or no file of sweeps; "
+            f"{folder}: {listing(unexpected)} in it is a link or no file of sweeps; "
             "choose another folder, or move it away"
         )
-    stored = _stored(path) if path.exists() else {}
-    if stored != definition:
-        if any(part for pattern in PARTS for part in place.glob(pattern)):
-            unsaid = f"{DEFINITION} does not say of what"
-            other = differences(stored, definition) if stored else unsaid
+    stored_definition: Facts = {}
+    if definition_path.exists():
+        stored_definition = _read_definition(definition_path)
+    if stored_definition != definition:
+        if any(path for pattern in PART_PATTERNS for path in folder.glob(pattern)):
+            difference = f"{DEFINITION_FILE} does not say of what"
+            if stored_definition:
+                difference = differences(stored_definition, definition)
             raise OutputError(
-                f"{place}: holds parts of another sweep, or made by other code ({other}), "
-                "and a data set is of one; go on with that, choose another folder, or "
-                "remove this one"
+                f"{folder}: holds parts of another sweep, or made by other code "
+                f"({difference}), and a data set is of one; go on with that, choose "
+                "another folder, or remove this one"
             )
-        write_text(path, json.dumps(definition, indent=2) + "\n")
-    shutil.rmtree(work, ignore_errors=True)
+        write_text(definition_path, json.dumps(definition, indent=2) + "\n")
+    # A command that was interrupted may have left its working folder.
+    shutil.rmtree(work_path, ignore_errors=True)
     try:
-        yield str(make_folder(work / os.urandom(4).hex()))
+        yield str(make_folder(work_path / os.urandom(4).hex()))
     finally:
-        shutil.rmtree(work, ignore_errors=True)
+        shutil.rmtree(work_path, ignore_errors=True)
 
 
-def _stored(path: Path) -> Facts:
-    """Return a definition that a sweep has written; `OutputError` if it is none."""
+def _read_definition(path: Path) -> Facts:
+    """Read the definition of a sweep from its file.
+
+    Raises
+    ------
+    OutputError
+        If the file is not the definition of a sweep, or cannot be read.
+    """
     try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
+        definition = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
-        stored = None
-    if not isinstance(stored, dict) or "spherekit" not in stored:
+        definition = None
+    if not isinstance(definition, dict) or "spherekit" not in definition:
         raise OutputError(
             f"{path}: is not, or no longer, the definition of a sweep; choose another "
             "folder, or move it away"
         )
-    return stored
+    return definition

@@ -19,7 +19,7 @@ from weakref import finalize
 
 from spherekit.argument_validation import checked
 from spherekit.conventions import AnyPath, Names
-from spherekit.designs.sweep import DESIGNS, PROCESSOR, TABLES, Sweep
+from spherekit.designs.sweep import DESIGNS_FOLDER, PROCESSOR_NOTE, TABLES_FOLDER, Sweep
 from spherekit.designs.sweep_identity import working_folder
 from spherekit.designs.worker_processes import compute_in_processes
 from spherekit.errors import DesignError, OutputError
@@ -134,7 +134,7 @@ class SweepResult:
         FileError
             If the file of a part is damaged, or does not belong to this sweep.
         """
-        numbers = range(self.sweep.parts)
+        numbers = range(self.sweep.part_count)
         frame = read_frame(
             [self.sweep.path_of(self._store, number) for number in numbers],
             [self.sweep.part_notes(number) for number in numbers],
@@ -161,8 +161,8 @@ class SweepResult:
             return ()
         if not self.sweep.tables:
             return (self.folder,)
-        tables = (self.folder / TABLES / name for name in self.table_names)
-        return (self.folder / DESIGNS, *tables)
+        tables = (self.folder / TABLES_FOLDER / name for name in self.table_names)
+        return (self.folder / DESIGNS_FOLDER, *tables)
 
     @checked(DesignError)
     def table(self, name: str) -> "pd.DataFrame":
@@ -204,7 +204,7 @@ class SweepResult:
         A part has no file of a table in which none of its designs has a row.
         """
         tables: dict[str, dict[int, Path]] = {}
-        for number in range(self.sweep.parts):
+        for number in range(self.sweep.part_count):
             # The first file is that of the table of designs.
             for path in self.sweep.files_of(self._store, number)[1:]:
                 tables.setdefault(path.parent.name, {})[number] = path
@@ -247,7 +247,7 @@ def run_sweep(
         is missing, no other process is started.
     elsewhere
         A function that computes parts on other machines, such as
-        `cluster.compute_on_cluster` with its address. If given, `workers` is not used.
+        `dask_cluster.compute_on_cluster` with its address. If given, `workers` is not used.
 
     Returns
     -------
@@ -256,8 +256,8 @@ def run_sweep(
     Raises
     ------
     DesignError
-        If worker processes or the cluster fail; see `part_processes.compute_in_processes`
-        and `cluster.compute_on_cluster`.
+        If worker processes or the cluster fail; see `worker_processes.compute_in_processes`
+        and `dask_cluster.compute_on_cluster`.
     OutputError
         If the folder has parts of another sweep, is used by another program, or cannot be
         written, if the disk is too small, or if a part is missing at the end.
@@ -360,19 +360,19 @@ class _Progress:
             _lock_folder(self.parts_folder),
             working_folder(self.parts_folder, definition) as work_folder,
         ):
-            for number in range(sweep.parts):
+            for number in range(sweep.part_count):
                 paths = sweep.files_of(self.parts_folder, number)
                 if paths:
                     self._count(number, sum(path.stat().st_size for path in paths))
             missing = [
                 part_number
-                for part_number in range(sweep.parts)
+                for part_number in range(sweep.part_count)
                 if part_number not in self._done_parts
             ]
             # The generator `parts` yields the number of each part when it has been written
-            # to `work_folder`. (`sweep.parts` is the number of all parts.)
+            # to `work_folder`. (`sweep.part_count` is the number of all parts.)
             parts: Generator[int, None, None] = (
-                sweep.write(work_folder, part_number) for part_number in missing
+                sweep.write_part(work_folder, part_number) for part_number in missing
             )
             if elsewhere is not None and missing:
                 parts = elsewhere(sweep, work_folder, missing)
@@ -381,15 +381,16 @@ class _Progress:
             try:
                 for number in parts:
                     self._count(
-                        number, sweep.settle(work_folder, self.parts_folder, number)
+                        number, sweep.move_part(work_folder, self.parts_folder, number)
                     )
                     self.computed += 1
                     self._need_disk()
                     reporter.tell(self._describe_progress)
             except KeyboardInterrupt as interrupt:
+                all_parts = counted(sweep.part_count, "part")
                 interrupt.add_note(
-                    f"{len(self._done_parts)} of {counted(sweep.parts, 'part')} are in "
-                    f"{self.parts_folder}, and the same command goes on from there"
+                    f"{len(self._done_parts)} of {all_parts} are in {self.parts_folder}, "
+                    "and the same command goes on from there"
                 )
                 raise
             finally:
@@ -398,9 +399,9 @@ class _Progress:
         absent = [number for number in missing if number not in self._done_parts]
         if absent:
             raise OutputError(
-                f"{self.parts_folder}: {counted(len(absent), 'part')} of {sweep.parts} are "
-                f"missing in the end ({listing(map(str, absent), 8)}); the same command "
-                "makes them"
+                f"{self.parts_folder}: {counted(len(absent), 'part')} of "
+                f"{sweep.part_count} are missing in the end "
+                f"({listing(map(str, absent), 8)}); the same command makes them"
             )
 
     def _count(self, number: int, size: int) -> None:
@@ -420,7 +421,9 @@ class _Progress:
         """
         self._stored_bytes += size
         self._done_parts.add(number)
-        processor = self.sweep.notes_of_part(self.parts_folder, number).get(PROCESSOR, {})
+        processor = self.sweep.notes_of_part(self.parts_folder, number).get(
+            PROCESSOR_NOTE, {}
+        )
         processor_text = ", ".join(f"{key} {value}" for key, value in processor.items())
         bisect.insort(
             self.processors.setdefault(processor_text or "an unknown one", []), number
@@ -433,7 +436,9 @@ class _Progress:
         by the mean size of the finished ones.
         """
         if self.sweep.tables:
-            expected_bytes = self._stored_bytes * self.sweep.parts / len(self._done_parts)
+            expected_bytes = (
+                self._stored_bytes * self.sweep.part_count / len(self._done_parts)
+            )
             stored_data = f"the tables of {counted(self.sweep.space.count, 'design')}"
             need_disk(
                 self.parts_folder,

@@ -14,8 +14,8 @@ from spherekit.designs.descent import (
     LocalOptimum,
     select_unbeaten,
 )
+from spherekit.designs.design_conditions import Columns
 from spherekit.designs.design_evaluation import DesignEvaluator
-from spherekit.designs.design_space import Columns
 from spherekit.designs.design_variables import ACTIONS, make_design
 from spherekit.designs.linkage_comparison import SAME_LINKAGE, is_same_linkage
 from spherekit.designs.synthesis_modes import (
@@ -286,8 +286,8 @@ def _explore_designs(
     rows_of_parts = []
     objectives_of_parts = []
     feasible_count = 0
-    for number in range(sweep.parts):
-        rows, objectives = specification.select_rows(sweep.part(number))
+    for number in range(sweep.part_count):
+        rows, objectives = specification.select_rows(sweep.compute_part(number))
         feasible_count += len(objectives)
         if objectives.shape[1] == 1:
             best = np.argsort(objectives[:, 0], kind="stable")[:rows_per_part]

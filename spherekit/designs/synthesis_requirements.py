@@ -8,7 +8,7 @@ import numpy as np
 
 from spherekit.arrays import Array, Floats, Indices
 from spherekit.conventions import Names
-from spherekit.designs.design_space import Columns
+from spherekit.designs.design_conditions import Columns
 from spherekit.designs.design_variables import OK
 from spherekit.designs.figures_of_merit import NEVER_CLOSES
 from spherekit.designs.sweep import Sweep
@@ -137,7 +137,7 @@ class Specification:
         has_mode = rows["mode"] == mode
         violations = np.zeros(len(objectives))
         for condition in self.sweep.conditions:
-            less, more = condition.sides(rows)
+            less, more = condition.evaluate_sides(rows)
             # A condition on NaN is not met.
             excess = np.nan_to_num(less - more, nan=np.inf)
             violations += np.maximum(excess, 0.0)
@@ -147,7 +147,7 @@ class Specification:
 
     def explain_failure(self) -> str:
         """Return, as text, how many of the first designs fail and why."""
-        designs = self.sweep.space.designs(0, MAX_EXPLAINED_DESIGNS)
+        designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
         rows = self.add_match(self._tabulate(designs))
         status = rows["status"]
         reasons = []
@@ -160,7 +160,7 @@ class Specification:
         closing = {name: values[status == OK] for name, values in rows.items()}
         if row_count := len(closing["status"]):
             reasons += [
-                f"{condition.text} holds in {np.sum(condition.holds(closing))} of "
+                f"{condition.text} holds in {np.sum(condition.find_met(closing))} of "
                 f"{counted(row_count, 'row')}"
                 for condition in self.sweep.conditions
             ]
@@ -170,7 +170,7 @@ class Specification:
 
     def _tabulate(self, designs: Floats) -> Columns:
         """Return the table of designs (variables, n), numbered from 0."""
-        return self.sweep.rows(designs, np.arange(designs.shape[1]))
+        return self.sweep.tabulate_designs(designs, np.arange(designs.shape[1]))
 
     def _evaluate_objectives(self, rows: Columns) -> Floats:
         """Return the objectives (rows, k) of rows of the table of designs."""

@@ -3,7 +3,7 @@
 A sweep computes many designs of one mechanism. It is divided into parts: a part is a group
 of successive designs, which are computed together and written to a few Parquet files.
 
-Each worker is a separate Python interpreter that runs `part_worker.work`. It does not
+Each worker is a separate Python interpreter that runs `worker_program.work`. It does not
 import the script that called the sweep, so the script needs no ``if __name__ ==
 "__main__"``. Functions and classes that the script itself defines (analyses, torques) are
 sent by value. Messages are pickled: this process writes them to the standard input of the

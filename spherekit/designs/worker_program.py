@@ -75,7 +75,7 @@ def work() -> None:
         while True:
             number = waiting_numbers.get()
             try:
-                sweep.write(folder, number)
+                sweep.write_part(folder, number)
             except Exception as fault:
                 _send(answers, Computed(number, _picklable_error(fault)))
             else:
