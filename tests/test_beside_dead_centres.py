@@ -13,8 +13,9 @@ from stated_errors import judge_bounds
 import spherekit as sk
 from spherekit.errors import SpherekitError
 from spherekit.mechanism.elements import Input
+from spherekit.positions.decimal_frames import decimal_frames
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD, decimal_frames
+from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD
 from spherekit.proof.balls import Digits
 from spherekit.proof.decimal_mechanism import Written
 from spherekit.status import Status

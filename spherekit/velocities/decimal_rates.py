@@ -22,7 +22,8 @@ from spherekit.planning.pole_plan import Pole
 from spherekit.positions.assembly_mode import AssemblyMode
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.motion import Motion
-from spherekit.positions.quad_positions import QuadAssembly, rotated
+from spherekit.positions.quad_positions import QuadAssembly
+from spherekit.positions.quad_rotations import rotate_vectors
 from spherekit.status import Status
 from spherekit.tolerances import EPS
 from spherekit.velocities.pole_field import POLE_ERRORS
@@ -107,7 +108,7 @@ class DecimalRates:
         # The axis of a pair is the last column of its frame in its first link.
         axes = np.stack(
             [
-                rotated(values[:, first], quad_assembly.frames[pair][0][:, 2])
+                rotate_vectors(values[:, first], quad_assembly.frames[pair][0][:, 2])
                 for pair, (first, _) in enumerate(tree.ends)
             ],
             axis=1,

@@ -1,0 +1,181 @@
+"""Pair frames in quad precision, from the decimal numbers of a mechanism file.
+
+The links have the decimal sizes of the file, 64.02 degrees for example, and not the nearest
+float64 numbers. The mechanism is written as a file in degrees and read again, which
+restores the decimals.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Array, Floats
+from spherekit.files.mechanism_writer import canonical_text
+from spherekit.files.toml_document import Document, LiteralNumber, parse
+from spherekit.geometry.vectors import dot
+from spherekit.mechanism.elements import LinkSizes, PoseGeometry, SizeGeometry
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import COLLINEAR_SINE, axes_from_sizes
+from spherekit.numerics.quad_precision import quad, quad_pi
+from spherekit.positions.quad_rotations import (
+    make_frame,
+    multiply_matrices,
+    normalize,
+    rotate_about_z,
+)
+
+Frames = tuple[Array, Array]
+"""Frames (3, 3) of a pair in its first and its second link, in quad precision.
+
+The columns of a frame are unit vectors in the axes of the link. The last one is the pair
+axis. ``R_first @ first @ Z(angle) == R_second @ second`` for orientations R of the links,
+where Z is a rotation about z by the pair variable.
+"""
+
+
+def decimal_frames(mechanism: Mechanism) -> dict[int, Frames]:
+    """Return the frames of all pairs of a mechanism of R pairs, from its decimal numbers.
+
+    Returns
+    -------
+    The two frames of each pair, by the number of the pair.
+    """
+    document = parse(canonical_text(mechanism, "deg"), mechanism.name)
+    geometry = mechanism.geometry
+    if isinstance(geometry, PoseGeometry):
+        return _frames_from_pose(mechanism, geometry, document)
+    return _frames_from_sizes(mechanism, geometry, document)
+
+
+def _frames_from_pose(
+    mechanism: Mechanism, geometry: PoseGeometry, document: Document
+) -> dict[int, Frames]:
+    """Return the frames of pairs whose axes are given in a reference pose.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    geometry
+        The axes in the reference pose. Their components need no conversion of units, so
+        that float64 numbers print as the decimals of the file.
+    document
+        The mechanism as a file in degrees, with the values of pairs in the pose.
+    """
+    values = _angles_of_pairs(document, "value")
+    frames: dict[int, Frames] = {}
+    for name, axis in geometry.axes.items():
+        # In the reference pose both links of a pair have the same axes. The frames differ
+        # by the value of the variable there.
+        exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
+        first = _frame_without_reference(exact_axis, np.array(axis, dtype=float))
+        second = first
+        if name in values:
+            second = multiply_matrices(first, rotate_about_z(values[name]))
+        frames[mechanism.pair_number[name]] = first, second
+    return frames
+
+
+def _frames_from_sizes(
+    mechanism: Mechanism, geometry: SizeGeometry, document: Document
+) -> dict[int, Frames]:
+    """Return the frames of pairs from the arcs and angles of the links.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    geometry
+        Its links with their sizes, in rad.
+    document
+        The mechanism as a file in degrees.
+    """
+    links = geometry.links
+    float_axes = {link: axes_from_sizes(sizes) for link, sizes in links.items()}
+    exact_axes = {}
+    for link, sizes in links.items():
+        item = document.data["links"][link]
+        arcs = tuple(_degrees_to_radians(number) for number in item.get("arcs", ()))
+        angles = tuple(_degrees_to_radians(number) for number in item.get("angles", ()))
+        exact_sizes = LinkSizes(sizes.axes, arcs, angles)
+        exact_axes[link] = {
+            name: np.asarray(axis, dtype=quad())
+            for name, axis in axes_from_sizes(exact_sizes).items()
+        }
+    zeros = _angles_of_pairs(document, "zero")
+    frames: dict[int, Frames] = {}
+    for number, pair in enumerate(mechanism.pairs):
+        first_link, second_link = pair.links
+        first = _reference_frame(exact_axes[first_link], float_axes[first_link], pair.name)
+        second = _reference_frame(
+            exact_axes[second_link], float_axes[second_link], pair.name
+        )
+        if pair.name in zeros:
+            first = multiply_matrices(first, rotate_about_z(zeros[pair.name]))
+        frames[number] = first, second
+    return frames
+
+
+def _parse_decimals(texts: Sequence[str]) -> Array:
+    """Return decimal numbers (k,) in quad precision, from k texts.
+
+    Underscores between digits are removed, which quad numbers do not accept.
+    """
+    return np.array([text.replace("_", "") for text in texts]).astype(quad())
+
+
+def _degrees_to_radians(number: float) -> Any:
+    """Return an angle in rad, in quad precision, from a number of a file in degrees.
+
+    A `LiteralNumber` has the text of the file. Other numbers are taken as Python writes
+    them.
+    """
+    text = number.text if isinstance(number, LiteralNumber) else repr(number)
+    return _parse_decimals([text])[0] * (quad_pi() / 180)
+
+
+def _angles_of_pairs(document: Document, key: str) -> dict[str, Any]:
+    """Return an angle (rad, quad precision) of each pair that has this key in the file.
+
+    The key is "value" or "zero". The result maps names of pairs to angles.
+    """
+    pairs: Mapping[str, Any] = document.data["pairs"]
+    return {
+        name: _degrees_to_radians(item[key]) for name, item in pairs.items() if key in item
+    }
+
+
+def _reference_frame(
+    axes: Mapping[str, Array], float_axes: Mapping[str, Floats], name: str
+) -> Array:
+    """Return the frame (3, 3) of an axis of a link, in quad precision.
+
+    The x axis of the frame points towards the first other axis of the link that is not
+    collinear with this one.
+
+    Parameters
+    ----------
+    axes, float_axes
+        Unit vectors (3,) of the axes of the link by name of pair, in quad precision and in
+        float64. The latter decide which axes are collinear, as in the float64 computations.
+    name
+        Name of the pair whose frame is computed.
+    """
+    axis = axes[name]
+    for reference_name, reference in axes.items():
+        cross_product = np.cross(float_axes[name], float_axes[reference_name])
+        if np.linalg.norm(cross_product) > COLLINEAR_SINE:
+            # The part of the reference axis that is normal to the axis.
+            normal_part = reference - dot(axis, reference)[..., None] * axis
+            return make_frame(axis, normalize(normal_part))
+    return _frame_without_reference(axis, float_axes[name])
+
+
+def _frame_without_reference(axis: Array, float_axis: Floats) -> Array:
+    """Return the frame (3, 3) of an axis (3,) if no other axis fixes its x axis.
+
+    The x axis is perpendicular to the coordinate axis that differs most from the axis.
+    """
+    coordinate_axis = np.eye(3)[np.argmin(np.abs(float_axis))].astype(quad())
+    return make_frame(axis, normalize(np.cross(axis, coordinate_axis)))

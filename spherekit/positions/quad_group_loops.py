@@ -1,0 +1,271 @@
+"""Loop equations of groups that are not dyads, and their folds, in quad precision.
+
+At a fold two configurations of the group meet, and the Jacobian has one singular value
+zero. Near it, Newton's method converges slowly or to the wrong configuration. The quadratic
+function along the singular vector tells then whether the group closes, and where.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Array, Bools, Floats
+from spherekit.numerics.quad_precision import quad
+from spherekit.planning.assembly_plan import Group
+from spherekit.positions.linear_equations import left_inverse
+from spherekit.positions.loop_tree import LoopTree
+from spherekit.positions.quad_rotations import (
+    multiply_matrices,
+    rotate_about_z,
+    rotate_vectors,
+    transpose_matrices,
+)
+
+MAX_QUAD_NEWTON_STEPS = 40
+"""Newton steps for one group. A step gains about 16 digits at most, since the Jacobian is
+inverted in float64, and few near a dead centre."""
+MAX_FOLD_STEPS = 6
+"""Newton steps to the fold of a group. Each gains about eight digits."""
+FOLD_PROBE_RAD = 1e-4
+"""The step over which the curvature at a fold is measured."""
+FOLD_STEP_RAD = 1e-12
+"""The fold is found if the last step is smaller. Its residual is then known to the square
+of this."""
+LEAST_SECOND_SINGULAR_VALUE = 1e-4
+"""At a fold, the second smallest singular value is larger than this part of the largest.
+Smaller: a second fold nearby can be missed."""
+LEAST_CURVATURE = 1e-3
+"""Smaller curvatures (1/rad) of f are not told from those of third order."""
+LARGEST_NEWTON_STEP_RAD = 0.1
+"""Newton's method is given up if a step is larger."""
+CLOSED_STEP_RAD = 1e-27
+"""Newton's method has converged to a simple root if its last step is smaller."""
+NEAREST_START_RAD = 1e-3
+"""A solution that differs by more from the float64 values belongs to another
+configuration."""
+
+
+def largest_change(values: Array, start: Array) -> Floats:
+    """Return the largest difference (n,) of any variable, in float64, from (n, pairs)."""
+    return np.max(np.abs((values - start).astype(float)), axis=1)
+
+
+@dataclass(frozen=True)
+class LoopEvaluation:
+    """The loop equations of a group at n rows of its variables.
+
+    Attributes
+    ----------
+    rotations
+        For each body the rotation (n, 3, 3) from its axes to those of body 0, in quad
+        precision.
+    residual
+        (n, 3 loops) rotation vectors (rad, to first order) by which the loops are open, in
+        quad precision.
+    jacobian
+        (n, 3 loops, pairs) derivatives of the residual, in float64.
+    """
+
+    rotations: list[Array]
+    residual: Array
+    jacobian: Floats
+
+
+@dataclass(frozen=True)
+class GroupFold:
+    """The fold of a group near given variables, at n rows.
+
+    Along the right singular vector v of the smallest singular value of the Jacobian, loops
+    open by f(x) = e + h x^2 / 2 in the direction of the left singular vector u, where x is
+    the distance from the fold. The group closes at the roots of f.
+
+    Attributes
+    ----------
+    values
+        (n, pairs) variables (rad) at the fold, in quad precision.
+    direction
+        (n, pairs) unit vector v.
+    residual, curvature
+        (n,) e (rad) and h (1/rad).
+    is_known
+        (n,) whether there is one fold nearby. Otherwise the other numbers have no meaning.
+    """
+
+    values: Array
+    direction: Floats
+    residual: Floats
+    curvature: Floats
+    is_known: Bools
+
+    def estimate_root(self, loops: "GroupLoops", start: Array, determinant: float) -> Array:
+        """Estimate the root of f that belongs to an assembly mode.
+
+        Parameters
+        ----------
+        loops
+            The loops of the group.
+        start
+            (n, pairs) float64 configurations (rad).
+        determinant
+            Sign of the determinant of the Jacobian in the mode, 0 if not known. The root
+            nearer to `start` is taken then.
+
+        Returns
+        -------
+        (n, pairs) variables (rad) in quad precision; those of the fold if f has no root.
+        """
+        distance = np.sqrt(np.maximum(-2.0 * self.residual / self.curvature, 0.0))
+        roots = [
+            self.values + ((side * distance)[:, None] * self.direction).astype(quad())
+            for side in (1.0, -1.0)
+        ]
+        if determinant:
+            jacobian = np.nan_to_num(loops.evaluate(roots[0]).jacobian)
+            is_first = np.linalg.slogdet(jacobian)[0] * determinant > 0.0
+        else:
+            is_first = largest_change(roots[0], start) < largest_change(roots[1], start)
+        return np.where(is_first[:, None], roots[0], roots[1])
+
+
+class GroupLoops:
+    """The loop equations of one group in quad precision, at n rows.
+
+    Variables are those of the pairs of the group, in its order, and bodies are numbered
+    within the group.
+
+    Parameters
+    ----------
+    group
+        An irreducible group of R pairs.
+    pair_frames
+        For each pair its frames (n, 3, 3) in the axes of its first and of its second body.
+    """
+
+    def __init__(self, group: Group, pair_frames: Sequence[tuple[Array, Array]]) -> None:
+        self.group = group
+        self.pair_frames = pair_frames
+        self.tree = LoopTree(len(group.bodies), group.ends, tuple(range(len(group.pairs))))
+
+    def evaluate(self, values: Array) -> LoopEvaluation:
+        """Evaluate the loop equations at variables (n, pairs), in rad."""
+        turned_frames = [
+            multiply_matrices(frame_in_first, rotate_about_z(values[:, k]))
+            for k, (frame_in_first, _) in enumerate(self.pair_frames)
+        ]
+        identity = np.broadcast_to(np.eye(3).astype(quad()), (len(values), 3, 3))
+        rotations: dict[int, Array] = {0: identity}
+        for pair, parent, child in self.tree.placements:
+            _, frame_in_second = self.pair_frames[pair]
+            first_from_second = multiply_matrices(
+                turned_frames[pair], transpose_matrices(frame_in_second)
+            )
+            is_forward = self.group.ends[pair][0] == parent
+            rotations[child] = multiply_matrices(
+                rotations[parent],
+                first_from_second if is_forward else transpose_matrices(first_from_second),
+            )
+        residuals = []
+        for pair in self.tree.chords:
+            first_body, second_body = self.group.ends[pair]
+            first_frame = multiply_matrices(rotations[first_body], turned_frames[pair])
+            second_frame = multiply_matrices(
+                rotations[second_body], self.pair_frames[pair][1]
+            )
+            relative_rotation = multiply_matrices(
+                first_frame, transpose_matrices(second_frame)
+            )
+            # The skew part of a small rotation is its rotation vector.
+            skew = relative_rotation - transpose_matrices(relative_rotation)
+            residuals.append(
+                0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
+            )
+        axes = []
+        for (first_body, _), (frame_in_first, _) in zip(
+            self.group.ends, self.pair_frames, strict=True
+        ):
+            axes.append(rotate_vectors(rotations[first_body], frame_in_first[..., 2]))
+        return LoopEvaluation(
+            rotations=[rotations[body] for body in range(len(rotations))],
+            residual=np.concatenate(residuals, axis=1),
+            jacobian=self.tree.jacobian(np.stack(axes, axis=1).astype(float)),
+        )
+
+    def close(self, values: Array) -> tuple[Array, Floats]:
+        """Close the loops by Newton's method from variables (n, pairs), in rad.
+
+        The Jacobian is inverted in float64. The residual in quad precision decides the
+        limit.
+
+        Returns
+        -------
+        values
+            (n, pairs) variables (rad) in quad precision.
+        step_size
+            (n,) length (rad) of the last step, the largest of any variable. Newton's method
+            has converged if it is at most `CLOSED_STEP_RAD`.
+        """
+        n = len(values)
+        values = values.copy()
+        step_size = np.full(n, np.inf)
+        active = np.ones(n, dtype=bool)
+        for _ in range(MAX_QUAD_NEWTON_STEPS):
+            evaluation = self.evaluate(values)
+            inverse = left_inverse(evaluation.jacobian).astype(quad())
+            step = -rotate_vectors(inverse, evaluation.residual)
+            length = np.max(np.abs(step.astype(float)), axis=1)
+            step_size = np.where(active, length, step_size)
+            active &= (length > CLOSED_STEP_RAD) & (length < LARGEST_NEWTON_STEP_RAD)
+            if not np.any(active):
+                break
+            values[active] += step[active]
+        return values, step_size
+
+    def find_fold(self, values: Array) -> GroupFold:
+        """Find the fold near variables (n, pairs), in rad.
+
+        There the slope of f is zero and the loops close in all other directions. Both
+        conditions are solved by Newton's method.
+        """
+        values = values.copy()
+        start = values.copy()
+        is_known = np.ones(len(values), dtype=bool)
+        for _ in range(MAX_FOLD_STEPS):
+            evaluation = self.evaluate(values)
+            left_vectors, singular_values, right_vectors = np.linalg.svd(
+                np.nan_to_num(evaluation.jacobian)
+            )
+            # The vectors v and u of the smallest singular value.
+            direction = right_vectors[:, -1]
+            residual_direction = left_vectors[:, :, -1]
+            # The change of the Jacobian along v, by a central difference.
+            probe_step = (FOLD_PROBE_RAD * direction).astype(quad())
+            jacobian_ahead = self.evaluate(values + probe_step).jacobian
+            probe_step = (-FOLD_PROBE_RAD * direction).astype(quad())
+            jacobian_behind = self.evaluate(values + probe_step).jacobian
+            jacobian_change = (jacobian_ahead - jacobian_behind) / (2.0 * FOLD_PROBE_RAD)
+            curvature = np.vecdot(residual_direction, np.matvec(jacobian_change, direction))
+            step_to_fold = -singular_values[:, -1] / curvature
+            # The inverse of the Jacobian without its smallest singular value.
+            scaled_vectors = (
+                np.swapaxes(right_vectors[:, :-1], 1, 2) / singular_values[:, None, :-1]
+            )
+            inverse = scaled_vectors @ np.swapaxes(left_vectors[:, :, :-1], 1, 2)
+            step = -rotate_vectors(inverse.astype(quad()), evaluation.residual)
+            step = step + (step_to_fold[:, None] * direction).astype(quad())
+            length = np.max(np.abs(step.astype(float)), axis=1)
+            is_known &= length < NEAREST_START_RAD
+            values = np.where(is_known[:, None], values + step, values)
+        is_known &= length < FOLD_STEP_RAD
+        is_known &= largest_change(values, start) < NEAREST_START_RAD
+        second_smallest = singular_values[:, -2]
+        is_known &= second_smallest > LEAST_SECOND_SINGULAR_VALUE * singular_values[:, 0]
+        is_known &= np.abs(curvature) > LEAST_CURVATURE
+        components = self.evaluate(values).residual * residual_direction.astype(quad())
+        return GroupFold(
+            values=values,
+            direction=direction,
+            residual=np.sum(components, axis=1).astype(float),
+            curvature=curvature,
+            is_known=is_known,
+        )
