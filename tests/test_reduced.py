@@ -14,8 +14,7 @@ from refusals import TABLES, check_call
 
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse_dynamics import inverse_dynamics
-from spherekit.dynamics.reduced_model import KIND, load_reduced
-from spherekit.dynamics.reduced_model_archive import write_archive
+from spherekit.dynamics.reduced_model import MODEL_FORMAT, load_reduced
 from spherekit.dynamics.reduced_model_maker import reduced_model
 from spherekit.errors import FileError, SolveError
 from spherekit.files.mechanism_reader import load
@@ -24,6 +23,7 @@ from spherekit.files.time_law import Polynomial
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.planning.pole_plan import parse_pole
 from spherekit.positions.position_analysis import PositionAnalysis
+from spherekit.storage.numpy_archive import write_archive
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
@@ -155,8 +155,8 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
         arrays = dict(archive)
     header = json.loads(str(arrays.pop("header")))
 
-    def written(name, version=KIND[1], **changed):
-        kind = KIND[0], version, KIND[2]
+    def written(name, version=MODEL_FORMAT.version, **changed):
+        kind = replace(MODEL_FORMAT, version=version)
         words = {key: x for key, x in header.items() if key not in ("format", "version")}
         write_archive(tmp_path / name, kind, words, {**arrays, **changed})
         return tmp_path / name
@@ -190,8 +190,8 @@ def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
 
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
     models[0].save(tmp_path / "model.npz")
-    code = """import sys; from spherekit.dynamics.reduced_model_archive import write_archive
-from spherekit.dynamics.reduced_model import KIND, load_reduced
+    code = """import sys; from spherekit.storage.numpy_archive import write_archive
+from spherekit.dynamics.reduced_model import MODEL_FORMAT, load_reduced
 print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1), *sys.modules)"""
     command = [sys.executable, "-c", code, str(tmp_path / "model.npz")]
     torque, *modules = subprocess.check_output(command, text=True).split()

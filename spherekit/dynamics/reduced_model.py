@@ -1,9 +1,9 @@
-"""A mechanism's stored functions, evaluated without the mechanism: once made, quick.
+"""Evaluates reduced models: a mechanism's stored functions, without the mechanism.
 
 `spherekit.dynamics.reduced_model_maker` computes everything that depends on the
 configuration alone (Di Gregorio 2024, section 4), along one curve or over a box of several
-inputs; this module evaluates it in control loops. It needs NumPy and the standard library
-only.
+inputs. This module evaluates it, for example in control loops. It needs only NumPy and the
+standard library.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,13 +18,11 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats, SmallIntegers
 from spherekit.conventions import AnyPath, Facts, Names
-from spherekit.dynamics.reduced_model_archive import (
-    SLACK,
+from spherekit.dynamics.reduced_model_heading import (
+    RANGE_SLACK_RATIO,
     StoredFunction,
     StoredHeading,
     StoredLoad,
-    read_archive,
-    write_archive,
 )
 from spherekit.errors import FileError, ModelError, SolveError
 from spherekit.geometry.vectors import all_finite
@@ -35,6 +33,7 @@ from spherekit.numerics.local_polynomials import make_local_polynomials
 from spherekit.numerics.tensor_chebyshev import CellSums, TensorChebyshev
 from spherekit.numerics.zeros import find_zeros
 from spherekit.status import Status
+from spherekit.storage.numpy_archive import ArchiveFormat, read_archive, write_archive
 from spherekit.symbolic.expression_evaluation import (
     ArrayFunction,
     FloatFunction,
@@ -44,7 +43,8 @@ from spherekit.symbolic.expression_evaluation import (
 from spherekit.symbolic.expression_graph import ExpressionNode, iterate_nodes, symbols
 from spherekit.wording import choices, listing
 
-KIND = ("spherekit reduced model", 2, "write one with `--to model`")
+MODEL_FORMAT = ArchiveFormat("spherekit reduced model", 2, "write one with `--to model`")
+"""The format of the files of reduced models."""
 
 LAYOUT = (
     "groups[k] lists the functions in the columns of arrays of that number. Along a curve "
@@ -55,31 +55,45 @@ LAYOUT = (
     "are the halvings of the box, (direction, place, next below, next above), where -1 - c "
     "is cell c and 0 is outside the domain"
 )
+"""Description of the arrays, which is stored in the files."""
 
-NUMBER = (float, int)
-"""What is one place; a tuple is tested in less time than a union."""
+ZERO_SEARCH_DIVISIONS = 8
+"""Number of parts of each cell in which zeros of a variable are sought.
 
-Place = TypeVar("Place", float, Floats)
+Larger: two zeros that are closer together are both found.
+"""
 
-Single = Callable[[Any], list[float]]
-"""Some functions at one place, in the least time."""
+SINGLE_TYPES = (float, int)
+"""Types of a single coordinate. A tuple is tested in less time than a union."""
+
+Coordinate = TypeVar("Coordinate", float, Floats)
+
+SingleFunction = Callable[[Any], list[float]]
+"""Returns the values of some functions at one point, in the least time."""
 
 
 @dataclass(frozen=True)
 class StoredModel:
-    """Functions of m coordinates of one assembly mode: see `StoredHeading`.
+    """Functions of m coordinates in one assembly mode of a mechanism.
 
-    A place on a curve is a number, over a box a sequence (m,). Every method takes one
-    place, in the least time, or along a curve an array of any shape, over a box places
-    (n, m). Numbers on a curve that are beyond a period are laps; the range of a model that
-    is not periodic must not be left. `groups` holds the functions of the heading's groups.
+    A point is a number along a curve, and a sequence (m,) over a box. Every method takes
+    one point, which is evaluated in the least time. It also takes many points: an array of
+    any shape along a curve, and an array (n, m) over a box. Coordinates of a periodic curve
+    beyond its ends are further laps. The range of other models must not be left.
+
+    Attributes
+    ----------
+    heading
+        Names of the functions, loads and ranges.
+    groups
+        The series of each group of functions in the heading.
     """
 
     heading: StoredHeading
     groups: tuple[PiecewiseChebyshev | TensorChebyshev, ...]
 
     def __getstate__(self) -> Facts:
-        # Printed functions, and the terms they are of, stay in their process.
+        # Cached functions and their expressions are not pickled.
         return {"heading": replace(self.heading), "groups": self.groups}
 
     @property
@@ -88,12 +102,12 @@ class StoredModel:
         return max(function.error for function in self.heading.functions)
 
     def torque(self, x: Any, dx: Any, ddx: Any, t: Any = 0.0) -> Any:
-        """Return the torques (N m) of the actuators for this motion, all loads acting.
+        """Return the torques (N m) that a motion needs while all loads act.
 
-        M x'' + C x' - Q, of one coordinate B x'' + 1/2 dB/dx x'^2 - Q (Di Gregorio 2024,
-        eq. (21)). With coordinates of inputs they act at these; with the arc length s it
-        is per unit of that, and the torque at a pair is that divided by the pair's rate
-        along the curve.
+        They are M x'' + C x' - Q, with one coordinate B x'' + 1/2 dB/dx x'^2 - Q (Di
+        Gregorio 2024, eq. (21)). They act at the inputs, if these are the coordinates. With
+        the arc length s, divide the torque by the rate of a pair along the curve to obtain
+        the torque at this pair.
 
         Parameters
         ----------
@@ -105,144 +119,224 @@ class StoredModel:
         Raises
         ------
         SolveError
-            At a single place outside the domain; rows of several inputs are NaN there.
+            At a single point outside the domain. Rows of several inputs are NaN there.
         """
-        if self._is_one(x):
-            return self.torque_at(self.dynamics[0](x), x, dx, ddx, t)
-        states, times, shape = self._together(x, dx, ddx, t=t)
-        return self._shaped(self._torques(self._given(states, times)).T, shape)
+        if self._is_single(x):
+            evaluate_functions, _ = self.dynamics
+            return self.torque_at_functions(evaluate_functions(x), x, dx, ddx, t)
+        arrays = self._broadcast(x, dx, ddx, t=t)
+        columns = self._torque_function(self._arguments(arrays))
+        return self._restore_shape(columns.T, arrays.shape)
 
     def forces(self, x: ArrayLike, dx: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
-        """Return each load's generalised forces Q (N m) by its name, shaped as x."""
-        states, times, shape = self._together(x, dx, dx, t=t)
-        loads, columns = self.heading.loads, self._forces(self._given(states, times))
-        columns = columns.reshape(len(loads), len(self.heading.by), len(times))
-        parts = zip(loads, columns, strict=True)
-        return {load.name: self._shaped(part.T, shape) for load, part in parts}
+        """Return the generalised forces Q (N m) of each load by its name.
 
-    def _given(self, states: Sequence[Floats], t: Floats) -> Floats:
-        """Return what terms are of (k, n) in states (n, m) of coordinates and two rates."""
-        q, *rates = states
-        moving = (row for rate in rates for row in rate.T)
-        tables = (table.at(t) for table in self.heading.tables)
-        return np.array([*self._rows(0, q).T, *moving, t, *tables])
+        Parameters
+        ----------
+        x, dx
+            Coordinates (rad) and their rates by time.
+        t
+            Time (s) for loads that depend on it.
+
+        Returns
+        -------
+        Arrays of the shape of `x`.
+        """
+        arrays = self._broadcast(x, dx, dx, t=t)
+        loads = self.heading.loads
+        columns = self._force_function(self._arguments(arrays))
+        columns = columns.reshape(len(loads), len(self.heading.by), len(arrays.t))
+        return {
+            load.name: self._restore_shape(part.T, arrays.shape)
+            for load, part in zip(loads, columns, strict=True)
+        }
+
+    def _arguments(self, arrays: "BroadcastArrays") -> Floats:
+        """Return the arguments (k, n) of the expressions of forces and torques.
+
+        `arrays` has coordinates, rates and accelerations.
+        """
+        coordinates, *rates = arrays.columns
+        rate_rows = [row for rate in rates for row in rate.T]
+        table_torques = [table.at(arrays.t) for table in self.heading.tables]
+        functions = self._evaluate_group(0, coordinates)
+        return np.array([*functions.T, *rate_rows, arrays.t, *table_torques])
 
     @cached_property
-    def _torques(self) -> ArrayFunction:
-        return array_function(self.heading.torques, self._variables)
+    def _torque_function(self) -> ArrayFunction:
+        """Function of the `_arguments` that returns the torques (m, n)."""
+        return array_function(self.heading.torques, self._symbols)
 
     @cached_property
-    def _forces(self) -> ArrayFunction:
-        return array_function([*chain(*self.heading.forces)], self._variables)
+    def _force_function(self) -> ArrayFunction:
+        """Function of the `_arguments` that returns the forces (loads * m, n)."""
+        return array_function([*chain(*self.heading.forces)], self._symbols)
 
     @property
-    def _variables(self) -> list[ExpressionNode]:
+    def _symbols(self) -> list[ExpressionNode]:
+        """The symbols of the `_arguments`."""
         names = (function.name for function in self.heading.groups[0])
-        return [*symbols(names), *self.heading.motion]
+        return [*symbols(names), *self.heading.motion_symbols]
 
     def value(self, name: str, x: Any) -> Any:
         """Return any stored function by its name in `heading.functions`."""
-        if self._is_one(x):
-            return self._single(name)(x)[0]
+        if self._is_single(x):
+            return self._single_function(name)(x)[0]
         return self.functions([name], x)[..., 0]
 
     def functions(self, names: Sequence[str], x: ArrayLike) -> Floats:
-        """Return stored functions (..., k) of one group by their names, at many places."""
-        (q,), _, shape = self._together(x)
-        rows = self._rows(self.heading.place(names[0])[0], q)
-        return rows[:, self._columns(names)].reshape(*shape[:-1], len(names))
+        """Return k stored functions (..., k) of one group at many points.
+
+        Parameters
+        ----------
+        names
+            Names of the functions.
+        x
+            (...) coordinates of a curve, or (..., m) over a box.
+        """
+        arrays = self._broadcast(x)
+        group, _ = self.heading.locate_function(names[0])
+        values = self._evaluate_group(group, arrays.columns[0])
+        selected = values[:, self._indices_in_group(names)]
+        return selected.reshape(*arrays.shape[:-1], len(names))
 
     def inertia(self, x: Any) -> Any:
-        """Return the inertia matrix (..., m, m) kg m2, along a curve the number B."""
-        if self.heading.alone:
+        """Return the inertia matrix (..., m, m) in kg m2; along a curve the number B."""
+        if self.heading.is_curve:
             return self.value("B", x)
         i, k = np.tril_indices(len(self.heading.by))
         M = np.empty((*np.shape(x), len(self.heading.by)))
         M[..., i, k] = M[..., k, i] = self.functions(self.heading.inertia, x)
         return M
 
-    def inertia_rate(self, x: Place) -> Place:
+    def inertia_rate(self, x: Coordinate) -> Coordinate:
         """Return dB/dx (kg m2/rad) along a curve."""
         return self.value(self.heading.derivative("B"), x)
 
     def accelerations(
         self, q: ArrayLike, dq: ArrayLike, torques: ArrayLike, t: float = 0.0
     ) -> Floats:
-        """Return the accelerations (m,) of the inputs (rad/s2) under torques (m,) there."""
-        needed = self.torque(q, dq, np.zeros(np.shape(q)), t)
-        left = np.atleast_1d(np.asarray(torques) - needed)
-        return np.linalg.solve(np.atleast_2d(self.inertia(q)), left)
+        """Return the accelerations (m,) of the inputs (rad/s2) at one point.
+
+        Parameters
+        ----------
+        q, dq
+            (m,) inputs (rad) and their rates (rad/s).
+        torques
+            (m,) torques at the inputs, N m.
+        t
+            Time (s) for loads that depend on it.
+        """
+        needed_torques = self.torque(q, dq, np.zeros(np.shape(q)), t)
+        accelerating_torques = np.atleast_1d(np.asarray(torques) - needed_torques)
+        return np.linalg.solve(np.atleast_2d(self.inertia(q)), accelerating_torques)
 
     def status(self, q: ArrayLike) -> SmallIntegers:
-        """Return (n,) of places: OK, or OUT_OF_REACH outside the domain."""
-        (places,), *_ = self._together(np.atleast_1d(q))
-        inside = np.isfinite(self._rows(0, places)[:, 0])
-        return np.where(inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
+        """Return the status (n,) of points: OK, or OUT_OF_REACH outside the domain."""
+        arrays = self._broadcast(np.atleast_1d(q))
+        values = self._evaluate_group(0, arrays.columns[0])
+        is_inside = np.isfinite(values[:, 0])
+        return np.where(is_inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
 
     def pole(self, name: str, x: ArrayLike) -> Floats:
-        """Return the unit vector (3,) or (..., 3) of a pole axis, in ground axes.
+        """Return the unit vector (3,) or (..., 3) of a pole axis along a curve.
 
-        `name` is LINK/RELATIVE_TO, as "3/1"; either order names the same axis. Of a curve.
+        It is in ground axes.
+
+        Parameters
+        ----------
+        name
+            LINK/RELATIVE_TO, such as "3/1". Either order names the same axis.
+        x
+            Coordinates of the curve.
         """
-        stored = self.heading.pole(name)[0]
-        names = [f"pole {stored} {axis}" for axis in "xyz"]
-        if self._is_one(x):
-            return np.array(self._single(*names)(x))
+        stored_name, _ = self.heading.pole(name)
+        names = [f"pole {stored_name} {axis}" for axis in "xyz"]
+        if self._is_single(x):
+            return np.array(self._single_function(*names)(x))
         return self.functions(names, x)
 
-    def rate(self, name: str, x: Place) -> Place:
-        """Return the velocity coefficient of a pole of a curve.
+    def rate(self, name: str, x: Coordinate) -> Coordinate:
+        """Return the velocity coefficient of a pole along a curve.
 
-        `name` is LINK/RELATIVE_TO, as "3/1". Times the pole's unit vector the coefficient
-        is the angular velocity of the first link relative to the second, per unit rate of
-        x.
+        Multiplied by the unit vector of the pole, it is the angular velocity of the first
+        link relative to the second, per unit rate of x.
+
+        Parameters
+        ----------
+        name
+            LINK/RELATIVE_TO, such as "3/1".
+        x
+            Coordinates of the curve.
         """
-        stored, sense = self.heading.pole(name)
-        return sense * self.value(f"rate {stored}", x)
+        stored_name, sense = self.heading.pole(name)
+        return sense * self.value(f"rate {stored_name}", x)
 
-    def rate_derivative(self, name: str, x: Place) -> Place:
+    def rate_derivative(self, name: str, x: Coordinate) -> Coordinate:
         """Return the acceleration coefficient of a pole, the derivative of `rate` by x."""
-        stored, sense = self.heading.pole(name)
-        return sense * self.value(self.heading.derivative(f"rate {stored}"), x)
+        stored_name, sense = self.heading.pole(name)
+        return sense * self.value(self.heading.derivative(f"rate {stored_name}"), x)
 
     def velocity(self, pole: str, q: ArrayLike) -> Floats:
-        """Return angular velocities (..., m, 3) per unit rate of each input, over a box.
+        """Return the relative angular velocity of two links by each input, over a box.
 
-        `pole` is LINK/RELATIVE_TO, as "3/1": of the first link relative to the second, in
-        ground axes. Its direction is the pole axis while that input moves alone, its length
-        the coefficient.
+        Parameters
+        ----------
+        pole
+            LINK/RELATIVE_TO, such as "3/1".
+        q
+            (..., m) inputs, rad.
+
+        Returns
+        -------
+        (..., m, 3) angular velocities of the first link relative to the second per unit
+        rate of each input, in ground axes. The direction of each is the pole axis while
+        this input moves alone, and its length is the velocity coefficient.
         """
-        name, sense = self.heading.pole(pole)
-        by = [self.heading.by_coordinates(f"velocity {name} {axis}") for axis in "xyz"]
-        names = [*chain(*zip(*by, strict=True))]
+        stored_name, sense = self.heading.pole(pole)
+        # Stored component by component, wanted input by input.
+        names_by_axis = [
+            self.heading.by_coordinates(f"velocity {stored_name} {axis}") for axis in "xyz"
+        ]
+        names = [name for column in zip(*names_by_axis, strict=True) for name in column]
         return sense * self.functions(names, q).reshape(*np.shape(q), 3)
 
     def places(self, variable: str, value: float) -> Floats:
-        """Return where (k,) on a curve a pair variable has a value, rising.
+        """Return the coordinates (k,) of a curve at which a pair variable has a value.
 
-        A variable of an R pair (rad) has it up to whole turns.
+        They are in rising order. The variable of an R pair (rad) has the value up to whole
+        revolutions.
+
+        Raises
+        ------
+        SolveError
+            If there is no such variable.
         """
-        heading, series = self.heading, self.groups[0]
+        heading = self.heading
+        series = self.groups[0]
         if variable not in heading.variables:
             raise SolveError(
                 f'{heading.mechanism}: "{variable}" is not a pair variable'
                 f"{choices(variable, heading.variables, 'Variables')}"
             )
-        columns = self._columns((variable, heading.derivative(variable)))
+        columns = self._indices_in_group((variable, heading.derivative(variable)))
         assert isinstance(series, PiecewiseChebyshev)
-        turns = variable in {f"theta_{pair}" for pair in heading.angles}
+        is_angle = variable in {f"theta_{pair}" for pair in heading.angles}
 
-        def gap(x: Floats) -> tuple[Floats, Floats]:
-            reached, rate = series.evaluate(x)[:, columns].T
-            half = 0.5 * (reached - value)
-            if turns:
-                return np.sin(half), 0.5 * np.cos(half) * rate
-            return half, 0.5 * rate
+        def evaluate_distance(x: Floats) -> tuple[Floats, Floats]:
+            """Return a function that vanishes at the value, and its derivative."""
+            values, rates = series.evaluate(x)[:, columns].T
+            half = 0.5 * (values - value)
+            if is_angle:
+                # The sine of half the difference vanishes at whole revolutions too.
+                return np.sin(half), 0.5 * np.cos(half) * rates
+            return half, 0.5 * rates
 
-        return find_zeros(gap, series.spread_positions(8)).places
+        nodes = series.spread_positions(ZERO_SEARCH_DIVISIONS)
+        return find_zeros(evaluate_distance, nodes).places
 
     def with_torque(self, torque: str | Mapping[str, str]) -> "StoredModel":
-        """Return the model with torques (N m) at inputs as more loads.
+        """Return the model with torques (N m) at inputs as further loads.
 
         Parameters
         ----------
@@ -257,15 +351,16 @@ class StoredModel:
             torque already.
         """
         heading = self.heading
-        given = {heading.inputs[0]: torque} if isinstance(torque, str) else torque
+        if isinstance(torque, str):
+            torque = {heading.inputs[0]: torque}
         loads = list(heading.loads)
-        for pair, text in given.items():
+        for pair, text in torque.items():
             if pair not in heading.inputs:
                 raise ModelError(
                     f'{heading.mechanism}: torque: "{pair}" is not an input'
                     f"{choices(pair, heading.inputs, 'Inputs')}"
                 )
-            name = DRIVE_LOAD_NAME if heading.alone else f"{DRIVE_LOAD_NAME}_{pair}"
+            name = DRIVE_LOAD_NAME if heading.is_curve else f"{DRIVE_LOAD_NAME}_{pair}"
             if any(load.name == name for load in loads):
                 raise ModelError(f"{heading.mechanism}: torque: the model has one already")
             try:
@@ -286,128 +381,209 @@ class StoredModel:
         arrays = {
             f"{name}_{k}": getattr(group, name)
             for k, group in enumerate(self.groups)
-            for name in _names(self.heading)
+            for name in _array_names(self.heading)
         }
-        write_archive(path, KIND, {**asdict(self.heading), "layout": LAYOUT}, arrays)
+        heading = {**asdict(self.heading), "layout": LAYOUT}
+        write_archive(path, MODEL_FORMAT, heading, arrays)
 
     @cached_property
-    def dynamics(self) -> tuple[Single, FloatFunction]:
-        """What torques need at a place, the inertia first, and their function.
+    def dynamics(self) -> tuple[SingleFunction, FloatFunction]:
+        """Functions that evaluate the torques at single points in the least time.
 
-        Of that row and the motion there; along a curve dB/dx comes next.
+        The first one returns the stored functions that torques need at a point: the inertia
+        first, and along a curve dB/dx next. The second one returns the torques from these
+        and from the values of `StoredHeading.motion_symbols`.
         """
         heading = self.heading
-        first = symbols([*heading.inertia, *heading.christoffel[0]])
-        stored = [
-            x
-            for x in iterate_nodes([*first, *heading.torques])
-            if x.operation == "variable" and x not in heading.motion
+        first_symbols = symbols([*heading.inertia, *heading.christoffel[0]])
+        stored_symbols = [
+            node
+            for node in iterate_nodes([*first_symbols, *heading.torques])
+            if node.operation == "variable" and node not in heading.motion_symbols
         ]
-        single = self._single(*(x.arguments[0] for x in stored))
-        return single, float_function(heading.torques, [*stored, *heading.motion])
+        names = (node.arguments[0] for node in stored_symbols)
+        torque_function = float_function(
+            heading.torques, [*stored_symbols, *heading.motion_symbols]
+        )
+        return self._single_function(*names), torque_function
 
-    def torque_at(self, row: list[float], x: Any, dx: Any, ddx: Any, t: Any) -> Any:
-        """Return the torques in a state at a place of which `row` is that of `dynamics`."""
+    def torque_at_functions(
+        self, functions: list[float], x: Any, dx: Any, ddx: Any, t: Any
+    ) -> Any:
+        """Return the torques (N m) at a point whose stored functions are known.
+
+        Parameters
+        ----------
+        functions
+            Result of the first function of `dynamics` at this point.
+        x, dx, ddx, t
+            As in `torque`.
+        """
         heading = self.heading
-        moving = (dx, ddx) if heading.alone else (*dx, *ddx)
+        _, torque_function = self.dynamics
+        rates = (dx, ddx) if heading.is_curve else (*dx, *ddx)
+        table_torques = [float(table.at(t)) for table in heading.tables]
         try:
-            made = self.dynamics[1](
-                [*row, *moving, t, *(float(x.at(t)) for x in heading.tables)]
-            )
+            torques = torque_function([*functions, *rates, t, *table_torques])
         except (ValueError, ArithmeticError):
-            once = [np.array([given], dtype=float) for given in (x, dx, ddx, t)]
-            return self.torque(*once)[0]
-        return made[0] if heading.alone else np.array(made)
+            # Arrays give infinity or NaN where operations on floats raise an error.
+            rows = [np.array([argument], dtype=float) for argument in (x, dx, ddx, t)]
+            return self.torque(*rows)[0]
+        return torques[0] if heading.is_curve else np.array(torques)
 
     @cached_property
-    def _singles(self) -> dict[Names, Single]:
-        """Functions at single places by their names, once asked for."""
+    def _single_functions(self) -> dict[Names, SingleFunction]:
+        """Functions of single points by the names of their results, once requested."""
         return {}
 
-    def _single(self, *names: str) -> Single:
-        """Return stored functions of one group by their names, at a single place."""
-        if names not in self._singles:
-            group = self.heading.place(names[0])[0]
-            unit = np.eye(len(self.heading.groups[group]))
-            self._singles[names] = self.single(group, unit[:, self._columns(names)])
-        return self._singles[names]
+    def _single_function(self, *names: str) -> SingleFunction:
+        """Return the function of a single point that returns some stored functions.
 
-    def _is_one(self, x: Any) -> bool:
-        return isinstance(x if self.heading.alone else x[0], NUMBER)
+        `names` are the stored functions, all of one group.
+        """
+        if names not in self._single_functions:
+            group, _ = self.heading.locate_function(names[0])
+            unit_factors = np.eye(len(self.heading.groups[group]))
+            factors = unit_factors[:, self._indices_in_group(names)]
+            self._single_functions[names] = self.combine_functions(group, factors)
+        return self._single_functions[names]
 
-    def _together(
-        self, *given: ArrayLike, t: ArrayLike = 0.0
-    ) -> tuple[list[Floats], Floats, tuple[int, ...]]:
-        """Return places and rates (n, m), times (n,), and the shape (..., m) of these."""
-        m = len(self.heading.by)
-        arrays = [np.asarray(x, dtype=float) for x in given]
-        if self.heading.alone:
-            arrays = [x[..., None] for x in arrays]
-        elif arrays[0].ndim not in (1, 2) or arrays[0].shape[-1] != m:
+    def _is_single(self, x: Any) -> bool:
+        """Return whether `x` is one point, and not many."""
+        return isinstance(x if self.heading.is_curve else x[0], SINGLE_TYPES)
+
+    def _broadcast(self, *arrays: ArrayLike, t: ArrayLike = 0.0) -> "BroadcastArrays":
+        """Return coordinates, rates and times at the same points.
+
+        Parameters
+        ----------
+        arrays
+            Arrays (...) along a curve or (..., m) over a box: the coordinates first.
+        t
+            Times, s.
+
+        Raises
+        ------
+        SolveError
+            If points over a box have another number of inputs, or if a single one is
+            outside the domain.
+        """
+        heading = self.heading
+        m = len(heading.by)
+        float_arrays = [np.asarray(array, dtype=float) for array in arrays]
+        coordinates = float_arrays[0]
+        if heading.is_curve:
+            float_arrays = [array[..., None] for array in float_arrays]
+        elif coordinates.ndim not in (1, 2) or coordinates.shape[-1] != m:
             raise SolveError(
-                f"{self.heading.mechanism}: places are arrays (n, {m}) of the "
-                f"inputs {listing(self.heading.inputs)}, not {arrays[0].shape}"
+                f"{heading.mechanism}: places are arrays (n, {m}) of the "
+                f"inputs {listing(heading.inputs)}, not {coordinates.shape}"
             )
-        elif arrays[0].ndim == 1:
-            self._cell(arrays[0].tolist())
-        *parts, every = np.broadcast_arrays(*arrays, np.asarray(t, dtype=float)[..., None])
-        flat = [part.reshape(-1, m) for part in parts]
-        return flat, every.reshape(-1, m)[:, 0], parts[0].shape
+        elif coordinates.ndim == 1:
+            self._find_cell(coordinates.tolist())
+        times = np.asarray(t, dtype=float)[..., None]
+        *parts, all_times = np.broadcast_arrays(*float_arrays, times)
+        return BroadcastArrays(
+            columns=[part.reshape(-1, m) for part in parts],
+            t=all_times.reshape(-1, m)[:, 0],
+            shape=parts[0].shape,
+        )
 
-    def _shaped(self, values: Floats, shape: tuple[int, ...]) -> Floats:
-        """Return values (n, m) at places of this shape; of a curve they are numbers."""
-        return values.reshape(shape[:-1] if self.heading.alone else shape)
+    def _restore_shape(self, values: Floats, shape: tuple[int, ...]) -> Floats:
+        """Return values (n, m) at points of a shape (..., m); (...) along a curve."""
+        return values.reshape(shape[:-1] if self.heading.is_curve else shape)
 
-    def _rows(self, group: int, q: Floats) -> Floats:
-        """Return the functions of a group (n, F) at places (n, m)."""
-        heading, series = self.heading, self.groups[group]
+    def _evaluate_group(self, group: int, coordinates: Floats) -> Floats:
+        """Return the functions of a group (n, F) at points (n, m).
+
+        Raises
+        ------
+        SolveError
+            If a coordinate of a curve is beyond its ends.
+        """
+        heading = self.heading
+        series = self.groups[group]
         if isinstance(series, TensorChebyshev):
-            return series.evaluate(q)
-        x, (low,), (high,) = q[:, 0], heading.low, heading.high
-        lap, laps = high - low, np.zeros(len(q))
-        good = np.isfinite(x)
+            return series.evaluate(coordinates)
+        x = coordinates[:, 0]
+        (low,) = heading.low
+        (high,) = heading.high
+        period = high - low
+        laps = np.zeros(len(x))
+        is_valid = np.isfinite(x)
         if heading.periodic:
-            laps = np.floor((x - low) / lap)
+            laps = np.floor((x - low) / period)
         else:
-            good &= (x >= low - SLACK * lap) & (x <= high + SLACK * lap)
-        if not np.all(good):
-            heading.within(float(x[~good][0]))
-        values = series.evaluate(x - laps * lap)
+            slack = RANGE_SLACK_RATIO * period
+            is_valid &= (x >= low - slack) & (x <= high + slack)
+        if not np.all(is_valid):
+            # This raises the error of the first point that is not valid.
+            heading.reduce_to_range(float(x[~is_valid][0]))
+        values = series.evaluate(x - laps * period)
         if group == 0:
             values[:, : len(heading.rise)] += laps[:, None] * np.array(heading.rise)
         return values
 
-    def single(self, group: int, factors: Floats) -> Single:
-        """Return sums of the functions of a group by factors (F, K) at one place."""
-        heading, series = self.heading, self.groups[group]
+    def combine_functions(self, group: int, factors: Floats) -> SingleFunction:
+        """Return the function of a single point that returns sums of stored functions.
+
+        Parameters
+        ----------
+        group
+            Index of a group of F functions.
+        factors
+            (F, K) factors of the functions in each of K sums.
+        """
+        heading = self.heading
+        series = self.groups[group]
         if isinstance(series, TensorChebyshev):
-            cells, cell = CellSums(series, factors), self._cell
-            return lambda q: cells.evaluate(cell(q), q).tolist()  # type: ignore[no-any-return]
-        size = np.array([function.largest for function in heading.groups[group]])
-        mixed = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
-        inside = make_local_polynomials(mixed, size @ np.abs(factors))
+            cell_sums = CellSums(series, factors)
+            find_cell = self._find_cell
+
+            def evaluate_in_box(q: Sequence[float]) -> list[float]:
+                return cell_sums.evaluate(find_cell(q), q).tolist()  # type: ignore[no-any-return]
+
+            return evaluate_in_box
+        sizes = np.array([function.largest for function in heading.groups[group]])
+        combined = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
+        evaluate_in_range = make_local_polynomials(combined, sizes @ np.abs(factors))
+        # Growth of each sum in a lap, without those that do not grow.
         rise = heading.rise if group == 0 else ()
-        growths = np.array(rise) @ factors[: len(rise)]
-        rises = [(k, x) for k, x in enumerate(growths.tolist()) if x]
-        (low,), (high,), within = heading.low, heading.high, heading.within
+        growths = (np.array(rise) @ factors[: len(rise)]).tolist()
+        growing = [(k, growth) for k, growth in enumerate(growths) if growth]
+        (low,) = heading.low
+        (high,) = heading.high
+        reduce_to_range = heading.reduce_to_range
 
-        def at(x: float) -> list[float]:
+        def evaluate_on_curve(x: float) -> list[float]:
             if low <= x < high:
-                return inside(x)
-            place, laps = within(x)
-            row = inside(place)
-            for k, growth in rises:
-                row[k] += laps * growth
-            return row
+                return evaluate_in_range(x)
+            reduced_x, laps = reduce_to_range(x)
+            values = evaluate_in_range(reduced_x)
+            for k, growth in growing:
+                values[k] += laps * growth
+            return values
 
-        return at
+        return evaluate_on_curve
 
-    def _columns(self, names: Iterable[str]) -> list[int]:
-        return [self.heading.place(name)[1] for name in names]
+    def _indices_in_group(self, names: Iterable[str]) -> list[int]:
+        """Return the indices of functions within their group."""
+        indices: list[int] = []
+        for name in names:
+            _, index = self.heading.locate_function(name)
+            indices.append(index)
+        return indices
 
-    def _cell(self, q: Sequence[float]) -> int:
-        """Return the cell of a place over a box; `SolveError` outside the domain."""
-        heading, series = self.heading, self.groups[0]
+    def _find_cell(self, q: Sequence[float]) -> int:
+        """Return the index of the cell of a box that contains a point.
+
+        Raises
+        ------
+        SolveError
+            If the point is outside the domain.
+        """
+        heading = self.heading
+        series = self.groups[0]
         assert isinstance(series, TensorChebyshev)
         for value, low, high in zip(q, heading.low, heading.high, strict=True):
             if not low <= value <= high:
@@ -417,13 +593,34 @@ class StoredModel:
             if cell >= 0:
                 return cell
         ranges = zip(heading.by, q, heading.low, heading.high, strict=True)
-        asked = (f"{by} = {x:.9g} ({low:.6g} to {high:.6g})" for by, x, low, high in ranges)
-        raise SolveError(
-            f"{heading.mechanism}: the model is asked for {listing(asked)} rad, which is "
-            f"not in its domain: {heading.covered:.3g} of the box of these ranges. "
-            f"Elsewhere assembly mode {heading.assembly_mode} does not exist or is near a "
-            "singularity"
+        values_and_ranges = (
+            f"{name} = {x:.9g} ({low:.6g} to {high:.6g})" for name, x, low, high in ranges
         )
+        raise SolveError(
+            f"{heading.mechanism}: the model is asked for {listing(values_and_ranges)} "
+            f"rad, which is not in its domain: {heading.covered:.3g} of the box of these "
+            f"ranges. Elsewhere assembly mode {heading.assembly_mode} does not exist or is "
+            "near a singularity"
+        )
+
+
+@dataclass(frozen=True)
+class BroadcastArrays:
+    """Arrays that were broadcast to the same n points.
+
+    Attributes
+    ----------
+    columns
+        Arrays (n, m): coordinates, and possibly their rates and accelerations.
+    t
+        (n,) times, s.
+    shape
+        The shape (..., m) of the points before.
+    """
+
+    columns: list[Floats]
+    t: Floats
+    shape: tuple[int, ...]
 
 
 @checked(FileError)
@@ -433,62 +630,97 @@ def load_reduced(path: AnyPath) -> StoredModel:
     Raises
     ------
     FileError
-        If it cannot be read, is no such model or of another version, is cut short, or
-        has numbers that are not finite.
+        If the file cannot be read, is no such model or has another version, is cut short,
+        or has numbers that are not finite.
     """
-    return read_archive(path, KIND, partial(_model, repr(str(path))))
+    return read_archive(path, MODEL_FORMAT, partial(_construct_model, repr(str(path))))
 
 
-def _model(
+def _construct_model(
     where: str, header: Mapping[str, Any], arrays: Mapping[str, Floats]
 ) -> StoredModel:
-    """Return the model that a heading and arrays are, checked."""
-    given = {name: header[name] for name in StoredHeading.__dataclass_fields__}
-    given["loads"] = tuple(StoredLoad(**load) for load in header["loads"])
-    given["groups"] = tuple(
+    """Return the model of a file after checking it.
+
+    Parameters
+    ----------
+    where
+        Name of the file for errors.
+    header
+        The entries of the heading.
+    arrays
+        The arrays by their names.
+    """
+    fields = {name: header[name] for name in StoredHeading.__dataclass_fields__}
+    fields["loads"] = tuple(StoredLoad(**load) for load in header["loads"])
+    fields["groups"] = tuple(
         tuple(StoredFunction(**item) for item in group) for group in header["groups"]
     )
-    heading = StoredHeading(**given)
+    heading = StoredHeading(**fields)
     numbers = [*heading.low, *heading.high, *heading.rise]
-    numbers += [x for item in heading.functions for x in (item.largest, item.error)]
+    for function in heading.functions:
+        numbers += [function.largest, function.error]
     if not (all_finite(numbers) and np.all(np.less(heading.low, heading.high))):
         raise FileError(
             f"{where}: the heading has numbers that are not finite; make it anew"
         )
-    groups = (_series(where, heading, k, arrays) for k in range(len(heading.groups)))
-    return StoredModel(heading, tuple(groups))
+    groups = tuple(
+        _construct_series(where, heading, k, arrays) for k in range(len(heading.groups))
+    )
+    return StoredModel(heading, groups)
 
 
-def _series(
+def _construct_series(
     where: str, heading: StoredHeading, k: int, arrays: Mapping[str, Floats]
 ) -> PiecewiseChebyshev | TensorChebyshev:
-    """Return the series of a group of functions, checked."""
-    group, series = heading.groups[k], arrays[f"coefficients_{k}"]
+    """Return the series of a group of functions after checking them.
+
+    Parameters
+    ----------
+    where
+        Name of the file for errors.
+    heading
+        The heading.
+    k
+        Index of the group.
+    arrays
+        All arrays of the file by their names.
+    """
+    functions = heading.groups[k]
+    coefficients = arrays[f"coefficients_{k}"]
     fault = None
-    if series.ndim != len(heading.by) + 2 or series.shape[-1] != len(group):
+    dimension_count = len(heading.by) + 2
+    if coefficients.ndim != dimension_count or coefficients.shape[-1] != len(functions):
         fault = (
-            f"coefficients_{k} do not fit: {series.shape[-1]} columns for {len(group)} "
-            "functions"
+            f"coefficients_{k} do not fit: {coefficients.shape[-1]} columns for "
+            f"{len(functions)} functions"
         )
-    elif not all_finite(series):
-        name = group[np.argwhere(~np.isfinite(series))[0, -1]].name
-        fault = f'"{name}" has coefficients that are not finite'
+    elif not all_finite(coefficients):
+        column = np.argwhere(~np.isfinite(coefficients))[0, -1]
+        fault = f'"{functions[column].name}" has coefficients that are not finite'
     else:
-        cells = [arrays[f"{name}_{k}"] for name in _names(heading)[:-1]]
-        ends = (cells[0][:-1], cells[0][1:]) if heading.alone else cells[1].swapaxes(0, 1)
-        rising = np.all(np.less(*ends)) and len(ends[0]) == len(series) > 0
-        if not (rising and all(all_finite(x) for x in cells)):
+        cell_arrays = [arrays[f"{name}_{k}"] for name in _array_names(heading)[:-1]]
+        if heading.is_curve:
+            (edges,) = cell_arrays
+            cell_starts = edges[:-1]
+            cell_stops = edges[1:]
+        else:
+            splits, bounds = cell_arrays
+            cell_starts, cell_stops = bounds.swapaxes(0, 1)
+        has_all_cells = len(cell_starts) == len(coefficients) > 0
+        is_rising = np.all(np.less(cell_starts, cell_stops)) and has_all_cells
+        if not (is_rising and all(all_finite(array) for array in cell_arrays)):
             fault = f"the cells of group {k} do not rise"
     if fault is not None:
         raise FileError(f"{where}: {fault}; make it anew")
-    if heading.alone:
-        return PiecewiseChebyshev(cells[0], series)
-    low, high = np.array(heading.low), np.array(heading.high)
-    return TensorChebyshev(low, high, cells[0], cells[1], series)
+    if heading.is_curve:
+        return PiecewiseChebyshev(edges, coefficients)
+    low = np.array(heading.low)
+    high = np.array(heading.high)
+    return TensorChebyshev(low, high, splits, bounds, coefficients)
 
 
-def _names(heading: StoredHeading) -> Names:
-    """Return the names of a group's arrays, the coefficients last."""
-    if heading.alone:
+def _array_names(heading: StoredHeading) -> Names:
+    """Return the names of the arrays of a group, the coefficients last."""
+    if heading.is_curve:
         return "edges", "coefficients"
     return "splits", "bounds", "coefficients"

@@ -18,8 +18,8 @@ import numpy as np
 from spherekit.argument_validation import checked
 from spherekit.arrays import Floats
 from spherekit.dynamics.reduced_model import StoredModel
-from spherekit.dynamics.reduced_model_archive import StoredFunction
 from spherekit.dynamics.reduced_model_functions import FunctionLabel, function_scales
+from spherekit.dynamics.reduced_model_heading import StoredFunction
 from spherekit.dynamics.reduced_model_samples import BoxSampler, CurveSampler
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of

@@ -27,8 +27,8 @@ from spherekit.dynamics.coordinates import (
 )
 from spherekit.dynamics.generalised_forces import Loads
 from spherekit.dynamics.inertia import christoffel, inertia
-from spherekit.dynamics.reduced_model_archive import StoredHeading, StoredLoad
 from spherekit.dynamics.reduced_model_functions import FunctionKind, FunctionLabel
+from spherekit.dynamics.reduced_model_heading import StoredHeading, StoredLoad
 from spherekit.errors import SolveError
 from spherekit.files.mechanism_writer import mechanism_hash
 from spherekit.geometry.vectors import all_finite, max_abs, nans
@@ -215,7 +215,7 @@ class Sampler:
             unit = self.mechanism.loads[load].velocity_unit
             # Along a curve the components of one load share a scale. Over a box each
             # component has its own.
-            vector = f"load {self.loads.names[load]}" if heading.alone else ""
+            vector = f"load {self.loads.names[load]}" if heading.is_curve else ""
             for name in heading.by_coordinates(velocity_name):
                 kind = FunctionKind.LOAD_VELOCITY
                 labels.append(FunctionLabel(name, unit, kind, vector))
@@ -231,7 +231,7 @@ class Sampler:
         ]
         for symbols in heading.christoffel:
             for name in symbols:
-                if heading.alone:
+                if heading.is_curve:
                     # The only Christoffel symbol is 1/2 dB/dx, and dB/dx is stored.
                     (inertia_name,) = heading.inertia
                     label = FunctionLabel(

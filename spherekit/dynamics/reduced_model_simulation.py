@@ -106,7 +106,7 @@ def simulate_reduced(
     """
     heading = model.heading
     name = heading.mechanism
-    if not heading.alone:
+    if not heading.is_curve:
         raise SolveError(f"{name}: the model is of several inputs; a motion is of a curve")
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
@@ -128,7 +128,7 @@ def simulate_reduced(
         inverse_root = 1.0 / sqrt(inertia)
         speed = momentum * inverse_root
         # The torque at zero acceleration is 1/2 dB/dx (dx/dt)^2 - Q.
-        torque = model.torque_at(functions, coordinate, speed, 0.0, time)
+        torque = model.torque_at_functions(functions, coordinate, speed, 0.0, time)
         force = 0.5 * inertia_derivative * speed * speed - torque
         return speed, force * inverse_root, force * speed
 

@@ -14,14 +14,16 @@ from numpy.typing import ArrayLike
 from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats, Integers
 from spherekit.conventions import AnyPath, Names
-from spherekit.dynamics.reduced_model_archive import read_archive, write_archive
 from spherekit.errors import FileError, SolveError
 from spherekit.storage.atomic_write import write_text
+from spherekit.storage.numpy_archive import ArchiveFormat, read_archive, write_archive
 from spherekit.tables.table_files import make_frame
 from spherekit.wording import counted, listing
 
-ARCHIVE_KIND = ("spherekit coupling table", 1, "write one with `--to coupling`")
-"""Kind and version of the archive, and advice for an archive of another kind."""
+COUPLING_FORMAT = ArchiveFormat(
+    "spherekit coupling table", 1, "write one with `--to coupling`"
+)
+"""The format of archives of coupling tables."""
 
 HEADING_FIELDS = (
     "mechanism",
@@ -270,7 +272,7 @@ def write_npz(table: CouplingTable, path: AnyPath) -> None:
     """
     value_by_field = {field.name: getattr(table, field.name) for field in fields(table)}
     heading = {name: value_by_field.pop(name) for name in HEADING_FIELDS}
-    write_archive(path, ARCHIVE_KIND, heading, value_by_field)
+    write_archive(path, COUPLING_FORMAT, heading, value_by_field)
 
 
 @checked(FileError)
@@ -287,7 +289,7 @@ def load_coupling(path: AnyPath) -> CouplingTable:
         heading_fields = {name: heading[name] for name in HEADING_FIELDS}
         return CouplingTable(**heading_fields, **arrays)
 
-    return read_archive(path, ARCHIVE_KIND, construct_table)
+    return read_archive(path, COUPLING_FORMAT, construct_table)
 
 
 def columns(table: CouplingTable) -> dict[str, Floats]:

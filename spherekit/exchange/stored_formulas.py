@@ -36,7 +36,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     series: Any = model.groups[0]
     unit_by_result = {function.name: function.unit for function in heading.groups[0]}
     (coordinate,) = symbols(heading.by)
-    motion_symbols = (coordinate, *heading.motion)
+    motion_symbols = (coordinate, *heading.motion_symbols)
     motion_units = ("rad", "rad/s", "rad/s2", "s", *["N m"] * len(heading.tables))
     motion = tuple(
         Argument(symbol.arguments[0], unit)

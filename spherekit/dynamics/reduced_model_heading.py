@@ -1,0 +1,348 @@
+"""The heading of a reduced model: its functions, loads and coordinates without numbers.
+
+The heading also writes forces and torques as expressions of the stored functions.
+"""
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+
+import numpy as np
+
+from spherekit.conventions import Names
+from spherekit.errors import SolveError
+from spherekit.mechanism.load import TorqueTable
+from spherekit.mechanism.load_expression import load_names, parse
+from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, symbols
+from spherekit.symbolic.parsed_expressions import convert_to_graph
+from spherekit.wording import choices
+
+RANGE_SLACK_RATIO = 1e-12
+"""Part of the range by which a coordinate may exceed its ends, because of rounding.
+
+Larger: models are extrapolated. Smaller: computed ends of the range can be refused.
+"""
+
+
+@dataclass(frozen=True)
+class StoredFunction:
+    """A stored function of the coordinates.
+
+    Attributes
+    ----------
+    name, unit
+        Its name and unit.
+    largest
+        Its largest absolute value. The components of a vector share one value.
+    error
+        Measured error, relative to `largest`.
+    """
+
+    name: str
+    unit: str
+    largest: float
+    error: float
+
+
+@dataclass(frozen=True)
+class StoredLoad:
+    """A load, as magnitudes times stored functions.
+
+    Attributes
+    ----------
+    name
+        Name of the load.
+    works_on
+        For each component the variable that it works on: a pair variable, or a velocity
+        that is stored for this load.
+    components
+        Expressions of the magnitudes in pair variables, their rates and the time. Empty if
+        the torque is given by a table.
+    times, torques, repeats
+        The table (s, N m), and whether it repeats.
+    """
+
+    name: str
+    works_on: Names
+    components: Names = ()
+    times: tuple[float, ...] = ()
+    torques: tuple[float, ...] = ()
+    repeats: bool = False
+
+    @property
+    def table(self) -> TorqueTable | None:
+        """The torque as a table, or None if it is given by expressions."""
+        if self.components:
+            return None
+        return TorqueTable(self.name, "", self.times, self.torques, self.repeats)
+
+
+@dataclass(frozen=True)
+class StoredHeading:
+    """The heading of a reduced model with m coordinates.
+
+    Attributes
+    ----------
+    mechanism, mechanism_sha256
+        Name of the mechanism, and the checksum of its canonical file in radians.
+    made_by
+        The version of spherekit.
+    assembly_mode
+        Number of the assembly mode.
+    variables, angles
+        Names of all pair variables, and of the R pairs.
+    poles
+        The stored poles, as LINK/RELATIVE_TO.
+    loads
+        The loads.
+    inputs
+        The driven pairs.
+    by
+        The coordinates. Along a curve it is "q", the variable of the input, if the input
+        turns fully on a closed curve. Otherwise it is "s", the arc length of the curve
+        (rad). Over a box they are the inputs.
+    low, high
+        (m,) range of each coordinate, rad.
+    rise
+        Growth of each variable over a period of a curve. Empty over a box.
+    periodic
+        Whether a curve is continued periodically beyond its ends.
+    covered
+        Part of a box in which the functions are known. Elsewhere the assembly mode does not
+        exist, or is too near to a singularity.
+    groups
+        Functions that are stored together: first those of the motion, then for each pole of
+        a curve its functions, in the order of `poles`.
+    """
+
+    mechanism: str
+    mechanism_sha256: str
+    made_by: str
+    assembly_mode: int
+    variables: Names
+    angles: Names
+    poles: Names
+    loads: tuple[StoredLoad, ...]
+    inputs: Names
+    by: Names
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    rise: tuple[float, ...] = ()
+    periodic: bool = False
+    covered: float = 1.0
+    groups: tuple[tuple[StoredFunction, ...], ...] = ()
+
+    @cached_property
+    def is_curve(self) -> bool:
+        """Whether the model is along a curve, so that its only coordinate is a number."""
+        return bool(self.rise)
+
+    @property
+    def functions(self) -> tuple[StoredFunction, ...]:
+        """All stored functions."""
+        return tuple(chain(*self.groups))
+
+    @property
+    def _lower_triangle(self) -> list[tuple[str, str]]:
+        """The coordinates of the entries of a symmetric matrix, row by row."""
+        return [(a, b) for i, a in enumerate(self.by) for b in self.by[: i + 1]]
+
+    @property
+    def inertia(self) -> list[str]:
+        """Names of the entries of the inertia matrix, row by row to its diagonal."""
+        if self.is_curve:
+            return ["B"]
+        return [f"M {a} {b}" for a, b in self._lower_triangle]
+
+    @property
+    def christoffel(self) -> list[dict[str, float]]:
+        """For each coordinate the names of its Christoffel symbols, with factors.
+
+        They are in the order of `inertia`. Entries off the diagonal count twice.
+        """
+        if self.is_curve:
+            return [{self.derivative("B"): 0.5}]
+        return [
+            {
+                f"c {coordinate} {a} {b}": 1.0 if a == b else 2.0
+                for a, b in self._lower_triangle
+            }
+            for coordinate in self.by
+        ]
+
+    def derivative(self, name: str) -> str:
+        """Return the name of the derivative of a function by the only coordinate."""
+        return f"d({name})/d{self.by[0]}"
+
+    def by_coordinates(self, name: str) -> list[str]:
+        """Return the names of derivatives by each coordinate.
+
+        Parameters
+        ----------
+        name
+            A pair variable, or a velocity of a load, which is a derivative itself.
+        """
+        if name not in self.variables:
+            return [name] if self.is_curve else [f"{name} by {pair}" for pair in self.by]
+        if self.is_curve:
+            return [self.derivative(name)]
+        return [f"d({name})/d(theta_{pair})" for pair in self.by]
+
+    def locate_function(self, name: str) -> tuple[int, int]:
+        """Return the index of the group of a function, and its index within the group.
+
+        Raises
+        ------
+        SolveError
+            If it is not stored.
+        """
+        if name not in self._locations:
+            raise self._not_stored("", name, self._locations)
+        return self._locations[name]
+
+    @cached_property
+    def _locations(self) -> Mapping[str, tuple[int, int]]:
+        """The index of the group and the index within the group, by function."""
+        return {
+            function.name: (k, column)
+            for k, group in enumerate(self.groups)
+            for column, function in enumerate(group)
+        }
+
+    @cached_property
+    def tables(self) -> list[TorqueTable]:
+        """The torques that are given by tables."""
+        return [load.table for load in self.loads if load.table]
+
+    @cached_property
+    def motion_symbols(self) -> list[ExpressionNode]:
+        """The symbols in `forces` and `torques` that are not stored functions.
+
+        These are the rates and the accelerations of the coordinates, the time, and the
+        present torques of the `tables`.
+        """
+        coordinate_names = [
+            f"{quantity} {coordinate}"
+            for quantity in ("rate", "acceleration")
+            for coordinate in self.by
+        ]
+        table_names = [f"table {table.name}" for table in self.tables]
+        return symbols([*coordinate_names, "t", *table_names])
+
+    @cached_property
+    def forces(self) -> list[list[Expr]]:
+        """The generalised forces of each load by each coordinate, as expressions."""
+        names = load_names(self.angles)
+        m = len(self.by)
+        rates = self.motion_symbols[:m]
+        time = self.motion_symbols[2 * m]
+
+        def named_value(name: str) -> Expr:
+            """Return the value of a name in the expression of a load."""
+            if name.startswith("dtheta_"):
+                derivatives = self.by_coordinates(name[1:])
+                return dot(map(self._function_symbol, derivatives), rates)
+            return time if name == "t" else self._function_symbol(name)
+
+        forces: list[list[Expr]] = []
+        for load in self.loads:
+            magnitudes: list[Expr] = []
+            for text in load.components:
+                law = parse(text, names)
+                # The value, and the value less whole revolutions.
+                values = {name: (named_value(name),) * 2 for name in law.names}
+                magnitudes.append(convert_to_graph(law, values))
+            if not magnitudes:
+                magnitudes = [*symbols([f"table {load.name}"])]
+            # For each component its velocities by the coordinates.
+            velocities = [
+                [self._function_symbol(name) for name in self.by_coordinates(variable)]
+                for variable in load.works_on
+            ]
+            forces.append(
+                [dot(magnitudes, column) for column in zip(*velocities, strict=True)]
+            )
+        return forces
+
+    @cached_property
+    def torques(self) -> list[Expr]:
+        """The driving torque M x'' + C x' - Q for each coordinate, as expressions."""
+        m = len(self.by)
+        rates = self.motion_symbols[:m]
+        accelerations = self.motion_symbols[m : 2 * m]
+        # Symmetric matrices are stored row by row to their diagonals.
+        first, second = np.tril_indices(m)
+        rate_products = [rates[a] * rates[b] for a, b in zip(first, second, strict=True)]
+        M = np.empty((m, m), dtype=object)
+        M[first, second] = M[second, first] = list(map(self._function_symbol, self.inertia))
+        torques: list[Expr] = []
+        for i, factor_by_symbol in enumerate(self.christoffel):
+            symbols_of_row = [
+                factor * self._function_symbol(name)
+                for name, factor in factor_by_symbol.items()
+            ]
+            inertia_torque = dot(M[i], accelerations) + dot(symbols_of_row, rate_products)
+            load_force = sum((force[i] for force in self.forces), 0.0)
+            torques.append(inertia_torque - load_force)
+        return torques
+
+    def _function_symbol(self, name: str) -> ExpressionNode:
+        """Return the symbol of a stored function; `SolveError` if it is not stored."""
+        self.locate_function(name)
+        return symbols([name])[0]
+
+    def pole(self, name: str) -> tuple[str, float]:
+        """Return the name under which a pole is stored, and -1 if its links are exchanged.
+
+        Raises
+        ------
+        SolveError
+            If it is not stored.
+        """
+        exchanged = "/".join(reversed(name.split("/")))
+        for stored_name, sense in ((name, 1.0), (exchanged, -1.0)):
+            if stored_name in self.poles:
+                return stored_name, sense
+        raise self._not_stored("pole ", name, self.poles)
+
+    def _not_stored(
+        self, description: str, name: str, stored: Collection[str]
+    ) -> SolveError:
+        """Return the error that something is not stored in the model.
+
+        `description` is text before the name, and `stored` has the names that are stored.
+        """
+        return SolveError(
+            f'{self.mechanism}: {description}"{name}" is not stored'
+            f"{choices(name, stored, 'Stored are')}"
+        )
+
+    def reduce_to_range(self, x: float) -> tuple[float, int]:
+        """Return the coordinate of a curve within its range, and the number of laps.
+
+        The laps are those that were subtracted, if the curve is periodic.
+
+        Raises
+        ------
+        SolveError
+            If the coordinate is not finite, or beyond the ends of a curve that is not
+            periodic.
+        """
+        (low,) = self.low
+        (high,) = self.high
+        period = high - low
+        if self.periodic and math.isfinite(x):
+            laps = math.floor((x - low) / period)
+            return x - laps * period, laps
+        slack = RANGE_SLACK_RATIO * period
+        if low - slack <= x <= high + slack:
+            return x, 0
+        allowed = (
+            "is finite" if self.periodic else f"lies within {low:.9g} to {high:.9g} rad"
+        )
+        raise SolveError(
+            f"{self.mechanism}: the model is asked for {self.by[0]} = {x:.9g}, but "
+            f"the coordinate {allowed}"
+        )
