@@ -24,7 +24,7 @@ import spherekit as sk
 from spherekit import escaping
 from spherekit.cli.main import main
 from spherekit.display.pages.page import PageMaker
-from spherekit.display.rerun.preview import _sizes
+from spherekit.display.rerun.preview import _size_table
 from spherekit.exchange.exported_pose import posed
 from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.mjcf import MujocoModel
@@ -287,7 +287,7 @@ def test_texts_of_recordings_have_the_citation_in_markdown():
     mechanism = loads(hostile_file(EVERY), "hostile")
     (motion,) = PositionAnalysis(mechanism, samples=1).blocks(10)
     source = f"Source: {escaping.markdown_text(EVERY)}"
-    assert _sizes(motion, 0, "").markdown.endswith(source)
+    assert _size_table(motion, 0, "").markdown.endswith(source)
     (_, plan) = static_scene(plans(mechanism), [None]).primitives
     assert plan.markdown.endswith(source)
 

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.cli.view import find_recording
-from spherekit.display.rerun.charts import FRAME_HEIGHT, Chart, gridded, ticks, written
+from spherekit.display.rerun.chart_frame import FRAME_HEIGHT, tick_text, ticks
+from spherekit.display.rerun.charts import Chart, grid_values
 from spherekit.display.rerun.preview import preview
 from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.display.rerun.screenshot import check_picture, check_version
@@ -80,7 +81,9 @@ def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
     assert maps and not any("/curves/" in entity for entity in entities)
     motion = result.frame("motion").query("assembly_mode == 0")
     values = np.arange(20.0)
-    x, y, cells = gridded([motion["q_21"].to_numpy(), motion["q_51"].to_numpy()], values)
+    x, y, cells = grid_values(
+        [motion["q_21"].to_numpy(), motion["q_51"].to_numpy()], values
+    )
     assert np.degrees(x) == pytest.approx(np.linspace(40.0, 140.0, 5))
     assert np.degrees(y) == pytest.approx(np.linspace(40.0, 140.0, 4))
     assert np.array_equal(cells, values.reshape(5, 4))
@@ -95,11 +98,11 @@ def test_ticks_are_round_and_colours_go_from_first_to_last():
         (-0.3, 0.2, False, ["\u22120.3", "\u22120.2", "\u22120.1", "0", "0.1", "0.2"]),
     ):
         step, values = ticks(low, high, degrees)
-        assert [written(value, step) for value in values] == expected
+        assert [tick_text(value, step) for value in values] == expected
     over = (Axis("input", "deg", np.linspace(0.0, 90.0, 7)),)
     chart, marks = Chart("c", over), InputMarks("m", "m", np.array([[-30.0], [45.0]]))
     chart.add("c", Series("c", "c", "c", np.arange(7.0)), over)
-    (line,) = dict(chart.drawn([marks]))["marks/0"].strips.as_arrow_array().to_pylist()
+    (line,) = dict(chart.draw([marks]))["marks/0"].strips.as_arrow_array().to_pylist()
     assert line[0][0] == pytest.approx(0.5 * chart.width)  # that at 45 deg alone
     low, high = heat_of(np.array([2.0, 5.0]), 2.0, 5.0).tolist()
     assert (tuple(low), tuple(high)) == (HEAT[0], HEAT[-1])

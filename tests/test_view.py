@@ -19,12 +19,11 @@ from scipy.spatial.transform import Rotation
 
 import spherekit as sk
 from spherekit.display.figures.collector import Collector
-from spherekit.display.rerun.blueprint import input_ticks
-from spherekit.display.rerun.labels import Names, facing, seen
+from spherekit.display.rerun.labels import Names, facing, project
 from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.display.rerun.screenshot import screenshot
 from spherekit.display.rerun.shapes import path_on_sphere
-from spherekit.display.rerun.timelines import input_scale, input_timeline
+from spherekit.display.rerun.timelines import input_ticks, input_timeline, ticks_per_degree
 from spherekit.display.rerun.viewer_program import free_ports
 from spherekit.errors import OutputError
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -277,12 +276,13 @@ def test_input_timeline_uses_the_coarsest_whole_unit():
         ([-0.125, 7.0], "input_deg_x1000"),
         ([1.0 / 3.0], "input_deg_x1000"),
     ]:
-        line, scale, exact = input_timeline(np.radians(degrees))
-        assert (line, exact) == (name, degrees != [1.0 / 3.0])
+        timeline = input_timeline(np.radians(degrees))
+        scale = timeline.ticks_per_degree
+        assert (timeline.name, timeline.is_exact) == (name, degrees != [1.0 / 3.0])
         ticks = np.rint(np.array(degrees) * scale)
         assert np.array_equal(input_ticks(np.radians(degrees), scale), ticks)
-        assert input_scale(name) == scale
-    assert input_scale("sample") is None
+        assert ticks_per_degree(name) == scale
+    assert ticks_per_degree("sample") is None
 
 
 def test_shapes():
@@ -460,7 +460,7 @@ def test_names_of_links_do_not_cover_each_other():
     motion = PositionAnalysis(sk.load("two_dof_spm"), samples=1).motion()
     bodies = link_bodies(motion.mechanism, motion.rotations[:1])
     sight = facing(None)
-    given = Names(sight).give(bodies)
+    given = Names(sight).place_names(bodies)
     words = [text for names in given.values() for text, *_ in names]
     assert len(words) == len(set(words))
     assert {"32, 9_2", "11_8", "87", "2", "11"} <= set(words)
@@ -468,7 +468,7 @@ def test_names_of_links_do_not_cover_each_other():
     for body in bodies:
         turn = Rotation.from_quat(body.quaternions[0]).as_matrix()
         for text, place, _ in given[body.path]:
-            middle = seen(sight, turn @ place)
+            middle = project(sight, turn @ place)
             boxes.append((middle, np.array([0.016 * (len(text) + 1), 0.045])))
     for k, (middle, half) in enumerate(boxes):
         for other, size in boxes[:k]:

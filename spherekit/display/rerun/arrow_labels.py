@@ -1,4 +1,4 @@
-"""Labels of arrows that cover each other: one label for all of them."""
+"""Labels of arrows: arrows that cover each other share one label."""
 
 from collections.abc import Sequence
 
@@ -8,19 +8,24 @@ from numpy.typing import NDArray
 from spherekit.scenes.scene import Arrow, Primitive
 from spherekit.wording import listing
 
-SAME = np.cos(np.radians(1.0))
-"""Arrows whose cosine is greater cover each other: each is 0.8 deg thick."""
+COVERING_COSINE = np.cos(np.radians(1.0))
+"""Cosine above which two arrows cover each other: each is 0.8 deg thick."""
+
+MAX_NAMES = 4
+"""Number of names that a label lists; it says how many more there are."""
 
 
-MOST = 4
-"""Names that a label has at most; it says how many more there are."""
+def arrow_labels(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object_]]:
+    """Return the labels (rows,) of arrows, by their paths.
 
+    The first of arrows that cover each other in a row has the names of all of them, and the
+    others have an empty label. The axes of pairs have no labels, and hidden arrows keep
+    theirs; neither is in the result.
 
-def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.object_]]:
-    """Return what labels (n,) arrows have, by their paths.
-
-    The first of those that cover each other has the names of all, the others have none.
-    Arrows of pairs have no labels, and those that are hidden keep theirs.
+    Parameters
+    ----------
+    primitives
+        The primitives of a scene, with equally many rows.
     """
     arrows = [
         item
@@ -29,17 +34,21 @@ def labels_of_arrows(primitives: Sequence[Primitive]) -> dict[str, NDArray[np.ob
     ]
     if not arrows:
         return {}
+    # Axes: row, arrow, component.
     directions = np.stack([arrow.directions for arrow in arrows], axis=1)
-    same = directions @ np.swapaxes(directions, 1, 2) > SAME
-    same |= np.eye(len(arrows), dtype=bool)
-    patterns, which = np.unique(np.argmax(same, axis=2), axis=0, return_inverse=True)
-    words = np.empty(patterns.shape, object)
-    for row, firsts in enumerate(patterns):
-        words[row] = [
-            listing(
-                [x.label for x, first in zip(arrows, firsts, strict=True) if first == k],
-                MOST,
-            )
-            for k in range(len(arrows))
-        ]
-    return {arrow.path: words[which, k] for k, arrow in enumerate(arrows)}
+    covers = directions @ np.swapaxes(directions, 1, 2) > COVERING_COSINE
+    covers |= np.eye(len(arrows), dtype=bool)  # NaN rows cover nothing else
+    # first_cover[row, arrow] is the first arrow that covers an arrow. Most rows have one of
+    # a few patterns, so each pattern is written once.
+    first_cover = np.argmax(covers, axis=2)
+    patterns, pattern_of_row = np.unique(first_cover, axis=0, return_inverse=True)
+    labels = np.empty(patterns.shape, object)
+    for pattern_index, pattern in enumerate(patterns):
+        for arrow_index in range(len(arrows)):
+            names = [
+                arrow.label
+                for arrow, first in zip(arrows, pattern, strict=True)
+                if first == arrow_index
+            ]
+            labels[pattern_index, arrow_index] = listing(names, MAX_NAMES)
+    return {arrow.path: labels[pattern_of_row, index] for index, arrow in enumerate(arrows)}

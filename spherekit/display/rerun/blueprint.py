@@ -1,14 +1,12 @@
-"""How the viewer's window is laid out: a page for each mode, others, one to compare."""
+"""The layout of the viewer's window: a page for each mode, other pages, a comparison."""
 
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from spherekit.arrays import Floats, Integers
-from spherekit.display.rerun import charts, entities
+from spherekit.display.rerun.chart_frame import CHART_BOUNDS, COLOUR_SCALE_BOUNDS
+from spherekit.display.rerun.entities import GRAPH_SIZE
 from spherekit.display.rerun.labels import Sight
 from spherekit.display.rerun.rerun_sdk import rr, rrb
 from spherekit.display.rerun.timelines import SAMPLE, TIME
@@ -16,39 +14,34 @@ from spherekit.runs.run_result import MOTION
 from spherekit.scenes import colours
 from spherekit.scenes.scene import Page, Primitive, Scene
 
+PLAY_SECONDS = 12.0
+"""Time in which the viewer plays the whole range."""
 
-def input_ticks(inputs: Floats, scale: int) -> Integers:
-    """Return input angles (n,) rad as whole numbers, so many to a degree."""
-    return np.rint(np.degrees(inputs) * scale).astype(np.int64)
+TRAIL_SAMPLES = 24
+"""Number of recent samples that are shown as dots behind a pole."""
 
+MAX_COMPARED_CURVES = 60
+"""Number of curves above which a plot of all modes is left out: nobody can distinguish
+more."""
 
-TURN_SECONDS = 12.0
-"""Playing the whole range takes this long."""
-
-TRAIL = 24
-"""Recent samples shown as dots behind a pole."""
-
-MOST_COMPARED = 60
-"""A plot of all assembly modes with more curves is left out: nobody can tell them apart."""
-
-SPACE_EYE = (1.9, -2.2, 1.3)
-"""From where a space of its own is seen, whose longest side is `entities.CUBE`."""
-
+SURFACE_EYE = (1.9, -2.2, 1.3)
+"""Eye of a space with a surface, whose longest side is `entities.CUBE_SIDE`."""
 
 Span = tuple[float, float]
-Bounds = tuple[Span, Span]
+"""The lower and the upper end of a range."""
+
 View = Callable[[], rrb.View]
-Shown = rrb.View | rrb.Container
+"""Returns a view when the layout is written, since rerun allows each view only once."""
 
 HIDDEN = rrb.EntityBehavior(visible=False)
 
-UNASKED = ("", MOTION)
-"""Sources of scenes that show what moves, and nothing that was asked for."""
+MOTION_SOURCES = ("", MOTION)
+"""Sources of scenes that show the moving mechanism only, and no findings."""
 
 
-def asked_for(scene: Scene) -> bool:
-    """Return whether a scene shows more than what moves."""
-    return scene.source not in UNASKED
+def shows_findings(scene: Scene) -> bool:
+    """Return whether a scene shows results of an analysis, not only the motion."""
+    return scene.source not in MOTION_SOURCES
 
 
 def slug(title: str) -> str:
@@ -57,38 +50,77 @@ def slug(title: str) -> str:
 
 
 class Plot(NamedTuple):
-    """What stands beside the sphere as the layout sees it, a chart or a space."""
+    """A view beside the sphere: a chart, a diagram or a space.
+
+    Attributes
+    ----------
+    page
+        The page on which it is shown; None for all pages.
+    path
+        Path of what it shows.
+    has_findings
+        Whether it shows results of an analysis. These come first.
+    view
+        Returns the view.
+    comparison
+        Path of the chart that compares it with those of other modes; may be empty.
+    """
 
     page: Page
     path: str
-    answers: bool
+    has_findings: bool
     view: View
-    compared: str = ""
-    """Path of the chart that it is compared by with those of other modes."""
+    comparison: str = ""
 
 
 @dataclass
 class Layout:
-    """What there is to show; it grows as the first block of each assembly mode comes in."""
+    """The layout of a recording, which grows as the first block of each mode arrives.
+
+    Attributes
+    ----------
+    root
+        Path below which everything is logged.
+    timeline
+        Name of the timeline that the viewer plays.
+    step
+        Distance of samples on the timeline.
+    span
+        First and last time on the timeline (s, or ticks of the input), if known.
+    sight
+        The eye of the spaces with the sphere.
+    pages
+        Titles of pages by page.
+    solids
+        Page and path of everything that is seen with the sphere.
+    overrides
+        Page and path of entities with another appearance, and that appearance: hidden, or
+        visible for the last samples.
+    pages_with_findings
+        Pages that show results of analyses, in the order in which they arrived.
+    plots
+        The views beside the sphere.
+    scales
+        Page and path of scales of colours.
+    comparisons
+        Titles of the charts that compare modes, by path.
+    panels
+        Page and view of graphs and texts.
+    """
 
     root: str
     timeline: str
     step: float
     span: Span | None
-    """First and last time on the timeline, if known; in s on the timeline of time."""
     sight: Sight
     pages: dict[int | str, str] = field(default_factory=dict)
     solids: list[tuple[Page, str]] = field(default_factory=list)
     overrides: list[tuple[Page, str, Any]] = field(default_factory=list)
-    """What is seen otherwise than from now on: hidden, or for the last samples."""
-    answered: list[Page] = field(default_factory=list)
-    """The pages with what was asked for, in the order in which it came."""
+    pages_with_findings: list[Page] = field(default_factory=list)
     plots: list[Plot] = field(default_factory=list)
     scales: list[tuple[Page, str]] = field(default_factory=list)
-    compared: dict[str, str] = field(default_factory=dict)
-    """Titles of the charts in which modes are compared, by their paths."""
+    comparisons: dict[str, str] = field(default_factory=dict)
     panels: list[tuple[Page, View]] = field(default_factory=list)
-    """Graphs and texts."""
 
     def base(self, page: Page) -> str:
         """Return the path of a page."""
@@ -103,23 +135,26 @@ class Layout:
         return f"{self.base(page)}/{primitive.path.strip('/')}"
 
     def blueprint(self) -> rrb.Blueprint:
-        """Return the layout in rerun's terms."""
-        order = sorted(self.pages, key=[*self.answered, *self.pages].index)
-        pages: list[rrb.Container] = [
-            self._page(page, self.pages[page]) for page in order
-        ] or [self._page(None, "Mechanism")]
-        if self.compared:
-            pages.append(self._comparison())
-        top = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
+        """Return the layout as a blueprint of rerun."""
+        order = [*self.pages_with_findings, *self.pages]
+        pages = [
+            self._page(page, self.pages[page])
+            for page in sorted(self.pages, key=order.index)
+        ]
+        if not pages:
+            pages = [self._page(None, "Mechanism")]
+        if self.comparisons:
+            pages.append(self._comparison_page())
+        window = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
         first, last = self.span or (0, 360)
         return rrb.Blueprint(
-            top,
+            window,
             rrb.TimePanel(
                 state="collapsed",
                 timeline=self.timeline,
                 play_state="paused",
                 loop_mode="all",
-                fps=max((last - first) / TURN_SECONDS, 1.0),
+                fps=max((last - first) / PLAY_SECONDS, 1.0),
             ),
             rrb.SelectionPanel(state="hidden"),
             rrb.BlueprintPanel(state="hidden"),
@@ -129,29 +164,41 @@ class Layout:
         )
 
     def _page(self, page: Page, title: str) -> rrb.Container:
-        on_page = [plot for plot in self.plots if plot.page in (None, page)]
-        plots = [plot.view() for plot in sorted(on_page, key=lambda x: not x.answers)]
-        ordered = sorted(self.panels, key=lambda panel: panel[0] is None)
-        panels = [view() for owner, view in ordered if owner in (None, page)]
+        """Return a page: the sphere on the left, plots and panels on the right.
+
+        Plots of findings come first. Without any solid of its own the page has plots only.
+        """
+        page_plots = [plot for plot in self.plots if plot.page in (None, page)]
+        page_plots.sort(key=lambda plot: not plot.has_findings)
+        plots = [plot.view() for plot in page_plots]
+        ordered_panels = sorted(self.panels, key=lambda panel: panel[0] is None)
+        panels = [view() for owner, view in ordered_panels if owner in (None, page)]
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
-        own_page = (page,) if isinstance(page, str) else (None, page)
-        if rows and not any(owner in own_page for owner, _ in self.solids):
-            parts = [rows[0], *([rrb.Vertical(*rows[1:])] if len(rows) > 1 else [])]
+
+        owners = (page,) if isinstance(page, str) else (None, page)
+        has_solids = any(owner in owners for owner, _ in self.solids)
+        if rows and not has_solids:
+            parts: list[rrb.View | rrb.Container] = [rows[0]]
+            if len(rows) > 1:
+                parts.append(rrb.Vertical(*rows[1:]))
             shares = [11, 9][: len(parts)]
             return rrb.Horizontal(*parts, column_shares=shares, name=title)
-        solids: Shown = self._space(page, title)
-        for path in [path for owner, path in self.scales if owner == page][:1]:
-            scale = plane(path, "Scale", charts.SCALE_BOUNDS)
-            solids = rrb.Vertical(solids, scale, row_shares=[7, 1], name=title)
-        if not rows:
-            return rrb.Horizontal(solids, name=title)
-        shares = [11, 9] if plots else [2, 1]
-        return rrb.Horizontal(solids, rrb.Vertical(*rows), column_shares=shares, name=title)
 
-    def _space(self, page: Page, title: str) -> rrb.Spatial3DView:
-        here = (None, page)
+        sphere: rrb.View | rrb.Container = self._sphere_view(page, title)
+        page_scales = [path for owner, path in self.scales if owner == page]
+        if page_scales:
+            scale = plane_view(page_scales[0], "Scale", COLOUR_SCALE_BOUNDS)
+            sphere = rrb.Vertical(sphere, scale, row_shares=[7, 1], name=title)
+        if not rows:
+            return rrb.Horizontal(sphere, name=title)
+        shares = [11, 9] if plots else [2, 1]
+        return rrb.Horizontal(sphere, rrb.Vertical(*rows), column_shares=shares, name=title)
+
+    def _sphere_view(self, page: Page, title: str) -> rrb.Spatial3DView:
+        """Return the view of the sphere with everything of a page, and of all pages."""
+        owners = (None, page)
         position, target, up = self.sight
-        solids = [path for owner, path in self.solids if owner in here]
+        solids = [path for owner, path in self.solids if owner in owners]
         return rrb.Spatial3DView(
             origin=self.root,
             contents=[f"+ {path}/**" for path in (f"{self.root}/sphere", *solids)],
@@ -161,72 +208,95 @@ class Layout:
             eye_controls=rrb.EyeControls3D(
                 position=position, look_target=target, eye_up=up
             ),
-            overrides={path: [how] for owner, path, how in self.overrides if owner in here},
+            overrides={
+                path: [appearance]
+                for owner, path, appearance in self.overrides
+                if owner in owners
+            },
         )
 
     @property
-    def recent(self) -> rrb.VisibleTimeRanges:
-        """How the trail behind a pole is seen."""
+    def trail_range(self) -> rrb.VisibleTimeRanges:
+        """The range of times before the cursor in which the trail of a pole is shown."""
 
-        def place(timeline: str, value: float) -> rr.TimeRangeBoundary:
+        def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:
             if timeline == TIME:
-                return rr.TimeRangeBoundary.cursor_relative(seconds=value)
-            return rr.TimeRangeBoundary.cursor_relative(seq=round(value))
+                return rr.TimeRangeBoundary.cursor_relative(seconds=offset)
+            return rr.TimeRangeBoundary.cursor_relative(seq=round(offset))
 
+        steps = {SAMPLE: 1.0, self.timeline: self.step}
         return rrb.VisibleTimeRanges(
             [
                 rr.VisibleTimeRange(
-                    line, start=place(line, -TRAIL * step), end=place(line, 0)
+                    timeline,
+                    start=boundary(timeline, -TRAIL_SAMPLES * step),
+                    end=boundary(timeline, 0),
                 )
-                for line, step in {SAMPLE: 1, self.timeline: self.step}.items()
+                for timeline, step in steps.items()
             ]
         )
 
-    def _comparison(self) -> rrb.Container:
-        """Return the charts of all modes, each with the cursor of the first mode's."""
+    def _comparison_page(self) -> rrb.Container:
+        """Return the page of charts of all modes, each with the cursor of the first."""
         views = []
-        for path, title in self.compared.items():
-            first = next(plot for plot in self.plots if plot.compared == path)
-            views.append(plane(path, title, charts.BOUNDS, [f"{first.path}/cursor"]))
+        for path, title in self.comparisons.items():
+            first = next(plot for plot in self.plots if plot.comparison == path)
+            views.append(plane_view(path, title, CHART_BOUNDS, [f"{first.path}/cursor"]))
         return rrb.Grid(*views, grid_columns=1 if len(views) < 3 else 2, name="Compare")
 
 
-def space(path: str, name: str) -> rrb.View:
-    """Return the view of a space of its own."""
+def space_view(path: str, name: str) -> rrb.View:
+    """Return the view of a space with a surface."""
     return rrb.Spatial3DView(
         origin=path,
         name=name,
         background=colours.BACKGROUND,
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
-            position=SPACE_EYE, look_target=(0, 0, -0.15), eye_up=(0, 0, 1)
+            position=SURFACE_EYE, look_target=(0, 0, -0.15), eye_up=(0, 0, 1)
         ),
     )
 
 
-def plane(path: str, name: str, seen: Bounds, more: Sequence[str] = ()) -> rrb.View:
-    """Return the view of a plane, of which a part is seen, and of `more` paths there."""
+def plane_view(
+    path: str, name: str, bounds: tuple[Span, Span], other_paths: Sequence[str] = ()
+) -> rrb.View:
+    """Return the view of a plane.
+
+    Parameters
+    ----------
+    path
+        Path of what the plane shows.
+    name
+        Title of the view.
+    bounds
+        The x and the y range that are visible.
+    other_paths
+        Paths of more that is shown in the plane.
+    """
+    x_range, y_range = bounds
     return rrb.Spatial2DView(
         origin=path,
         name=name,
-        contents=[f"+ {shown}/**" for shown in (path, *more)],
+        contents=[f"+ {shown}/**" for shown in (path, *other_paths)],
         background=colours.BACKGROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=seen[0], y_range=seen[1]),
+        visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=y_range),
     )
 
 
-def graph(path: str) -> rrb.View:
+def graph_view(path: str) -> rrb.View:
     """Return the view of the graph of links and pairs."""
-    wide, high = entities.GRAPH_SIZE
+    width, height = GRAPH_SIZE
     return rrb.GraphView(
         origin=path,
         name="Links and pairs",
         background=rrb.archetypes.GraphBackground(color=colours.BACKGROUND),
         visual_bounds=rrb.VisualBounds2D(
-            x_range=(-70.0, wide + 70.0), y_range=(-40.0, high + 40.0)
+            x_range=(-70.0, width + 70.0), y_range=(-40.0, height + 40.0)
         ),
     )
 
 
-def _tabs(views: Sequence[rrb.View]) -> Shown:
+def _tabs(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
+    """Return the only view, or tabs for several."""
     return views[0] if len(views) == 1 else rrb.Tabs(*views, active_tab=0)

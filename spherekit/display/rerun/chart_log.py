@@ -3,86 +3,147 @@
 from collections.abc import Mapping, Sequence
 from functools import partial
 
-from spherekit.display.rerun import charts
 from spherekit.display.rerun.blueprint import (
-    MOST_COMPARED,
+    MAX_COMPARED_CURVES,
     Layout,
     Plot,
-    asked_for,
-    plane,
+    plane_view,
+    shows_findings,
     slug,
 )
-from spherekit.display.rerun.charts import Chart
+from spherekit.display.rerun.chart_frame import CHART_BOUNDS
+from spherekit.display.rerun.charts import (
+    Chart,
+    compare_modes,
+    cursor_style,
+    legend_style,
+    legend_texts,
+)
 from spherekit.display.rerun.destination import Output, Outputs
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.scenes.scene import Axis, InputMarks, Scene, Series
 
 
 class Charts:
-    """The charts of all pages; `marks` are inputs to be marked, by the page's path."""
+    """The charts of all pages of a recording.
+
+    Attributes
+    ----------
+    layout
+        The layout of the window, which gets a view for each chart.
+    outputs
+        The destinations of the recording.
+    charts
+        The charts by their paths.
+    marks
+        Inputs to be marked, by the path of their page.
+    """
 
     def __init__(self, layout: Layout, outputs: Outputs) -> None:
-        self.layout, self.outputs = layout, outputs
+        self.layout = layout
+        self.outputs = outputs
         self.charts: dict[str, Chart] = {}
         self.marks: dict[str, list[InputMarks]] = {}
 
-    def enter(
+    def add_series(
         self,
         scene: Scene,
-        item: Series,
-        over: tuple[Axis, ...],
-        touched: dict[str, list[str]],
+        series: Series,
+        axes: tuple[Axis, ...],
+        changed_paths: dict[str, list[str]],
     ) -> bool:
-        """Add a block of a series to its chart, now `touched`; return if that is new."""
+        """Add a block of rows of a series to its chart; return whether the chart is new.
+
+        Parameters
+        ----------
+        scene
+            The scene of the block. Series with one heading on one page share a chart.
+        series
+            The series.
+        axes
+            The axes over which it is drawn.
+        changed_paths
+            The paths of the series that were added in this block, by the path of their
+            chart. The series is added to it.
+        """
         layout = self.layout
-        title = item.heading if len(over) == 1 else f"{item.label}: {item.heading}"
-        where = f"{layout.base(scene.page)}/charts/{slug(title)}"
-        is_new = where not in self.charts
+        is_map = len(axes) > 1
+        title = f"{series.label}: {series.heading}" if is_map else series.heading
+        chart_path = f"{layout.base(scene.page)}/charts/{slug(title)}"
+        is_new = chart_path not in self.charts
         if is_new:
-            self.charts[where] = Chart(title, over)
-            alike = isinstance(scene.page, int) and len(over) == 1
-            compared = f"{layout.root}/compare/{slug(title)}" if alike else ""
-            view = partial(plane, where, title, charts.BOUNDS)
-            layout.plots.append(Plot(scene.page, where, asked_for(scene), view, compared))
-        path = layout.path(scene.page, item)
-        self.charts[where].add(path, item, over)
-        touched.setdefault(where, []).append(path)
+            self.charts[chart_path] = Chart(title, axes)
+            is_comparable = isinstance(scene.page, int) and not is_map
+            comparison = f"{layout.root}/compare/{slug(title)}" if is_comparable else ""
+            view = partial(plane_view, chart_path, title, CHART_BOUNDS)
+            layout.plots.append(
+                Plot(scene.page, chart_path, shows_findings(scene), view, comparison)
+            )
+        series_path = layout.path(scene.page, series)
+        self.charts[chart_path].add(series_path, series, axes)
+        changed_paths.setdefault(chart_path, []).append(series_path)
         return is_new
 
-    def log(
+    def log_block(
         self,
-        touched: Mapping[str, Sequence[str]],
-        lines: Sequence[rr.TimeColumn],
-        over: tuple[Axis, ...],
-        count: int,
+        changed_paths: Mapping[str, Sequence[str]],
+        timelines: Sequence[rr.TimeColumn],
+        axes: tuple[Axis, ...],
+        row_count: int,
     ) -> None:
-        """Log the cursors and legends of charts that got a block of some series."""
-        for where, paths in touched.items():
-            chart, cursor, legend = self.charts[where], f"{where}/cursor", f"{where}/legend"
-            self.outputs.first(cursor, [("", charts.cursor_style(chart))])
-            columns = chart.cursor([axis.values for axis in over])
-            self.outputs.columns(cursor, lines, columns, count)
-            self.outputs.first(legend, [("", charts.legend_style(*chart.legend(paths)))])
-            columns = rr.Points2D.columns(
-                labels=charts.legend_words([chart.curves[path][-1][1] for path in paths])
-            ).partition([len(paths)] * count)
-            self.outputs.columns(legend, lines, columns, count)
+        """Log the cursors and legends of the charts that got rows in a block.
 
-    def draw(self, places: Sequence[Output]) -> None:
-        """Draw all curves and maps as far as they are known, and those of all modes."""
-        for where, chart in self.charts.items():
-            base = where.partition("/charts/")[0]
-            self.outputs.still(where, chart.drawn(self.marks.get(base, ())), places)
-        alike: dict[str, list[Chart]] = {}
+        Parameters
+        ----------
+        changed_paths
+            The paths of the series that got rows, by the path of their chart.
+        timelines
+            The positions of the rows on the timelines.
+        axes
+            The values (rows,) over which they are drawn.
+        row_count
+            Number of rows of the block.
+        """
+        axis_values = [axis.values for axis in axes]
+        for chart_path, series_paths in changed_paths.items():
+            chart = self.charts[chart_path]
+            cursor_path = f"{chart_path}/cursor"
+            self.outputs.log_first(cursor_path, [("", cursor_style(chart))])
+            cursor = chart.cursor_columns(axis_values)
+            self.outputs.log_rows(cursor_path, timelines, cursor, row_count)
+
+            legend_path = f"{chart_path}/legend"
+            places, tints = chart.legend(series_paths)
+            self.outputs.log_first(legend_path, [("", legend_style(places, tints))])
+            texts = legend_texts([chart.curves[path][-1].series for path in series_paths])
+            legend = rr.Points2D.columns(labels=texts).partition(
+                [len(series_paths)] * row_count
+            )
+            self.outputs.log_rows(legend_path, timelines, legend, row_count)
+
+    def draw(self, destinations: Sequence[Output]) -> None:
+        """Draw all rows so far of all charts, and the comparisons of assembly modes."""
+        for chart_path, chart in self.charts.items():
+            page_path = chart_path.partition("/charts/")[0]
+            marks = self.marks.get(page_path, ())
+            self.outputs.log_static(chart_path, chart.draw(marks), destinations)
+
+        charts_by_comparison: dict[str, list[Chart]] = {}
         for plot in self.layout.plots:
-            if plot.compared:
-                alike.setdefault(plot.compared, []).append(self.charts[plot.path])
-        for path, of_modes in alike.items():
-            curves = sum(len(chart.curves) for chart in of_modes)
-            if len(of_modes) > 1 and curves <= MOST_COMPARED:
-                whole, first = charts.compared(of_modes), of_modes[0].curves
-                self.layout.compared[path] = whole.title
-                style = charts.legend_style(
-                    *whole.legend(first), [blocks[0][1].label for blocks in first.values()]
-                )
-                self.outputs.still(path, [*whole.drawn(), ("legend", style)], places)
+            if plot.comparison:
+                chart = self.charts[plot.path]
+                charts_by_comparison.setdefault(plot.comparison, []).append(chart)
+        for path, charts in charts_by_comparison.items():
+            curve_count = sum(len(chart.curves) for chart in charts)
+            if len(charts) < 2 or curve_count > MAX_COMPARED_CURVES:
+                continue
+            comparison = compare_modes(charts)
+            self.layout.comparisons[path] = comparison.title
+            # The legend names the curves of the first mode only: shades tell the modes.
+            first_curves = charts[0].curves
+            names = [blocks[0].series.label for blocks in first_curves.values()]
+            places, tints = comparison.legend(first_curves)
+            legend = legend_style(places, tints, names)
+            self.outputs.log_static(
+                path, [*comparison.draw(), ("legend", legend)], destinations
+            )

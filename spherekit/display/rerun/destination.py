@@ -1,7 +1,7 @@
-"""Where a recording goes: a file, a server of our own, or a viewer that runs already.
+"""The destinations of a recording: a file, a server of this process, a running viewer.
 
-Left alone, rerun drops data in silence when the disk is full or the viewer is gone.
-Here every such loss is an `OutputError`.
+rerun itself loses data without an error if the disk is full or the viewer has ended. Here
+every such loss raises an `OutputError`.
 """
 
 import errno
@@ -18,19 +18,25 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from spherekit.display.rerun.rerun_sdk import rr
-from spherekit.display.rerun.viewer_program import RRD
+from spherekit.display.rerun.viewer_program import RECORDING_HEADER
 from spherekit.errors import OutputError
 from spherekit.storage.atomic_write import check_file, check_made_by_spherekit
 from spherekit.storage.file_lock import try_lock
 
-LIVE_TIMEOUT = 30.0
-PROBE_TIMEOUT = 2.0
+LIVE_TIMEOUT_S = 30.0
+"""Time within which a viewer has to take what was logged."""
+
+PROBE_TIMEOUT_S = 2.0
+"""Time within which a viewer has to answer when its address is checked."""
 
 HTTP2_HELLO = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
+"""The preface of an HTTP/2 connection and an empty SETTINGS frame (RFC 9113, 3.4)."""
+
 HTTP2_SETTINGS = b"\x04"
+"""The type of the frame with which an HTTP/2 server answers."""
 
-
-PIECE = 1 << 16
+PIECE_BYTES = 1 << 16
+"""Size of the pieces in which a recording is copied to its file."""
 
 
 def check_place(path: Path) -> None:
@@ -43,34 +49,42 @@ def check_place(path: Path) -> None:
 
 
 class FileOutput:
-    """A file that appears under its own name only when it is whole.
+    """A recording file, which gets its own name only when it is complete.
 
-    When the disk fills, rerun's own file writer dies with a line on the error stream, and
-    waiting for it may then last for ever. Here it writes to a pipe, which never fails, and
-    a thread copies the pipe to the file and keeps the first error.
+    rerun's own file writer fails on a full disk with a line on the error stream, and
+    waiting for it may then last for ever. Here rerun writes to a pipe, which never fails. A
+    thread copies the pipe to ``NAME.rrd.part`` and keeps the first error.
+
+    Parameters
+    ----------
+    stream
+        The stream to record.
+    path
+        The file, ``*.rrd``.
     """
 
     def __init__(self, stream: rr.RecordingStream, path: Path) -> None:
-        self.stream, self.path = stream, path
+        self.stream = stream
+        self.path = path
         self.part = path.with_name(path.name + ".part")
         self._copier: threading.Thread | None = None
         self._error: OSError | None = None
 
     def open(self) -> None:
-        """Start the part file beside the file, locked, and point the stream at it."""
+        """Create and lock the part file, and connect the stream with it."""
         check_place(self.path)
-        check_made_by_spherekit(self.part, RRD)
+        check_made_by_spherekit(self.part, RECORDING_HEADER)
         try:
             self._lock = self.part.open("ab", buffering=0)
             if not try_lock(self._lock.fileno()):
                 self._lock.close()
                 raise OSError(errno.EAGAIN, "another run is recording there")
             self._file = self.part.open("wb", buffering=0)
-            self._read, write = os.pipe()
+            self._read, write_end = os.pipe()
             try:
-                self.stream.save(f"/dev/fd/{write}")
+                self.stream.save(f"/dev/fd/{write_end}")
             finally:
-                os.close(write)
+                os.close(write_end)
         except OSError as error:
             raise OutputError(
                 f"cannot write {self.part}: {error.strerror}; choose a folder you may "
@@ -80,29 +94,33 @@ class FileOutput:
         self._copier.start()
 
     def _copy(self) -> None:
+        """Copy the pipe to the part file until the stream ends.
+
+        After an error the rest of the pipe is read and dropped, so that rerun never waits.
+        """
         with os.fdopen(self._read, "rb", buffering=0) as pipe, self._file as file:
-            while piece := pipe.read(PIECE):
+            while piece := pipe.read(PIECE_BYTES):
                 if self._error is not None:
                     continue
                 try:
                     rest = memoryview(piece)
-                    while rest:
+                    while rest:  # a file may take a part of the bytes
                         rest = rest[file.write(rest) :]
                 except OSError as error:
                     self._error = error
 
     def flush(self) -> None:
-        """Hand all that was logged to the file."""
+        """Write all that was logged to the pipe; raise an error of the copy so far."""
         if self._copier is not None:
             self.stream.flush()
-            self._complain()
+            self._raise_copy_error()
 
     def complete(self) -> None:
-        """Write the rest, and give the part file its name."""
+        """Write the rest, and give the part file its own name."""
         if self._copier is None:
             return
-        self._end()
-        self._complain()
+        self._finish_copy()
+        self._raise_copy_error()
         try:
             self.part.replace(self.path)
         except OSError as error:
@@ -112,17 +130,27 @@ class FileOutput:
             ) from error
 
     def close(self, keep: bool) -> str:
-        """Close the part file of a run that stopped half-way; return what is kept of it."""
+        """Close the part file of an incomplete recording.
+
+        Parameters
+        ----------
+        keep
+            Whether the part file is kept.
+
+        Returns
+        -------
+        A sentence on what is kept; empty if nothing is.
+        """
         if self._copier is None:
             return ""
-        self._end()
+        self._finish_copy()
         if keep:
-            self._complain()
+            self._raise_copy_error()
             return f"what was recorded until then is in {self.part}"
         self.part.unlink(missing_ok=True)
         return ""
 
-    def _end(self) -> None:
+    def _finish_copy(self) -> None:
         """Write the rest and close the file."""
         self.stream.disconnect()
         if self._copier is not None:
@@ -130,10 +158,10 @@ class FileOutput:
             self._copier = None
             self._lock.close()
 
-    def _complain(self) -> None:
+    def _raise_copy_error(self) -> None:
         """Raise `OutputError`, without the part file, if the disk has refused something."""
         if self._error is not None:
-            self._end()
+            self._finish_copy()
             self.part.unlink(missing_ok=True)
             raise OutputError(
                 f"{self.path} could not be written whole: {self._error.strerror}; make "
@@ -143,10 +171,19 @@ class FileOutput:
 
 @dataclass
 class LiveOutput:
-    """Another program that takes the recording as it goes on; without a sink a notebook.
+    """Another program that gets the recording while it is made, or a notebook at its end.
 
-    `check` raises `OutputError` where the place cannot be reached at first, and later on
-    where it is gone. A notebook's page has the recording when it is whole.
+    Attributes
+    ----------
+    stream
+        The stream to record.
+    place
+        Name of the program in messages.
+    check
+        Raises `OutputError` if the program cannot be reached. Its argument is True at the
+        first call, and False when the connection has to exist already.
+    sink
+        Returns rerun's sink for the program; None for a notebook.
     """
 
     stream: rr.RecordingStream
@@ -155,18 +192,18 @@ class LiveOutput:
     sink: Callable[[], Any] | None = None
 
     def open(self) -> None:
-        """Reach the place; everything is logged after this."""
+        """Connect to the program."""
         self.check(True)
         if self.sink is not None:
             self.stream.set_sinks(self.sink())
 
     def flush(self) -> None:
-        """Wait until all that was logged has arrived."""
+        """Wait until the program has received all that was logged."""
         if self.sink is None:
             return
-        self.check(False)  # rerun would go on as if it were there
+        self.check(False)  # without it, rerun would drop data if the program has ended
         try:
-            self.stream.flush(timeout_sec=LIVE_TIMEOUT)
+            self.stream.flush(timeout_sec=LIVE_TIMEOUT_S)
         except RuntimeError as error:
             raise OutputError(
                 f"{self.place} no longer takes data ({_reason(error)}); start it again, or "
@@ -174,13 +211,13 @@ class LiveOutput:
             ) from error
 
     def complete(self) -> None:
-        """Wait until it has everything, and goes on showing it, or show it now."""
+        """Wait until a program has everything, or show the recording in the notebook."""
         if self.sink is None:
             rr.notebook_show(recording=self.stream)
         self.flush()
 
     def close(self, keep: bool) -> str:
-        """Let go of it."""
+        """Disconnect; nothing is kept, so the text is empty."""
         if self.sink is not None:
             self.stream.disconnect()
         return ""
@@ -190,7 +227,7 @@ Output = FileOutput | LiveOutput
 
 
 def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
-    """Return a server on this computer that keeps the recording for viewers that come."""
+    """Return a server on this computer that keeps the recording for viewers."""
 
     def check(at_first: bool) -> None:
         if not at_first:
@@ -212,7 +249,7 @@ def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
 
 
 def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
-    """Return a viewer, or another server, that listens at a URL."""
+    """Return the output to a viewer or another server at a URL."""
 
     def check(at_first: bool) -> None:
         try:
@@ -247,12 +284,12 @@ def check_notebook(at_first: bool) -> None:
 
 
 def _speaks_http2(host: str, port: int) -> bool:
-    """Return whether a server at this port answers as gRPC servers do.
+    """Return whether a server at a port speaks HTTP/2, as gRPC servers do.
 
-    Rerun itself would wait for seconds, or for ever if something else listens there.
+    rerun itself would wait for seconds, or for ever if another kind of server listens.
     """
     try:
-        with socket.create_connection((host, port), timeout=PROBE_TIMEOUT) as probe:
+        with socket.create_connection((host, port), timeout=PROBE_TIMEOUT_S) as probe:
             probe.sendall(HTTP2_HELLO)
             return probe.recv(9)[3:4] == HTTP2_SETTINGS
     except OSError:
@@ -260,113 +297,153 @@ def _speaks_http2(host: str, port: int) -> bool:
 
 
 def _reason(error: BaseException) -> str:
-    """Return the innermost words of an error, in one line."""
+    """Return the last line of an error's message, or the name of its class."""
     return (str(error).strip() or type(error).__name__).splitlines()[-1].strip()
 
 
 Still = tuple[str, rr.AsComponents]
 """Path below something, and what is logged there once."""
+
 Stills = Iterator[Still]
+
 Columns = Iterable[rr.ComponentColumn]
-"""What is logged of rows."""
+"""Columns of components, logged row by row."""
 
 
 def below(path: str, suffix: str) -> str:
-    """Return a path below another one, or that itself without a suffix."""
+    """Return a path below another one; without a suffix, the other one itself."""
     return f"{path}/{suffix}" if suffix else path
 
 
 class Outputs:
-    """Places that all get the same.
+    """Several destinations that all get the same data.
 
-    `entities` and `rows` are those logged so far; `seen` the paths that came up.
+    Attributes
+    ----------
+    destinations
+        The destinations.
+    entities
+        Paths at which anything was logged.
+    known_paths
+        Paths of `log_first` so far.
+    rows
+        Number of rows logged.
     """
 
-    def __init__(self, places: Iterable[Output]) -> None:
-        self.places = list(places)
+    def __init__(self, destinations: Iterable[Output]) -> None:
+        self.destinations = list(destinations)
         self.entities: set[str] = set()
-        self.seen: set[str] = set()
+        self.known_paths: set[str] = set()
         self.rows = 0
 
     @property
     def live(self) -> list[Output]:
-        """The places where somebody may look on."""
-        return [place for place in self.places if not isinstance(place, FileOutput)]
+        """The destinations that may show the recording while it is made."""
+        return [item for item in self.destinations if not isinstance(item, FileOutput)]
 
-    def cost(self, finished: bool) -> dict[str, int]:
-        """Return entities and rows logged, and the bytes of a file that is finished."""
-        whole = sum(
-            place.path.stat().st_size
-            for place in self.places
-            if finished and isinstance(place, FileOutput)
-        )
-        return {"entities": len(self.entities), "rows": self.rows, "bytes": whole}
+    def cost(self, is_finished: bool) -> dict[str, int]:
+        """Return the number of entities and rows, and the bytes of a finished file."""
+        file_bytes = 0
+        if is_finished:
+            for destination in self.destinations:
+                if isinstance(destination, FileOutput):
+                    file_bytes += destination.path.stat().st_size
+        return {"entities": len(self.entities), "rows": self.rows, "bytes": file_bytes}
 
     def open(self) -> None:
-        """Open all places, or none."""
-        with ExitStack() as opened:
-            for place in self.places:
-                place.open()
-                opened.callback(place.close, keep=False)
-            opened.pop_all()
+        """Open all destinations; if one fails, close the others."""
+        with ExitStack() as stack:
+            for destination in self.destinations:
+                destination.open()
+                stack.callback(destination.close, keep=False)
+            stack.pop_all()
 
     def close(self, error: BaseException | None) -> None:
-        """Let go of all places, and note on an error what was kept."""
-        for place in self.places:
-            left = place.close(keep=self.rows > 0)
-            if left and error is not None:
-                error.add_note(left)
+        """Close all destinations; note on an error which part of the recording is kept."""
+        for destination in self.destinations:
+            kept = destination.close(keep=self.rows > 0)
+            if kept and error is not None:
+                error.add_note(kept)
 
-    def name(self, name: str, properties: Mapping[str, Any]) -> None:
-        """Send the name of the recording, and what is to be known of the run."""
-        for place in self.places:
-            place.stream.send_recording_name(name)
+    def send_name(self, name: str, properties: Mapping[str, Any]) -> None:
+        """Send the name of the recording and the properties of the run."""
+        for destination in self.destinations:
+            destination.stream.send_recording_name(name)
             if properties:
-                place.stream.send_property("run", rr.AnyValues(False, **properties))
+                destination.stream.send_property("run", rr.AnyValues(False, **properties))
 
-    def first(self, path: str, drawn: Iterable[Still]) -> bool:
-        """Log what does not move when a path comes up first; return whether it does."""
-        new = path not in self.seen
-        if new:
-            self.seen.add(path)
-            self.still(path, drawn)
-        return new
+    def log_first(self, path: str, stills: Iterable[Still]) -> bool:
+        """Log static data when a path occurs for the first time; return whether it does."""
+        is_new = path not in self.known_paths
+        if is_new:
+            self.known_paths.add(path)
+            self.log_static(path, stills)
+        return is_new
 
-    def still(
-        self, path: str, drawn: Iterable[Still], places: Sequence[Output] | None = None
-    ) -> None:
-        """Log what does not move below a path, to some places or to all."""
-        for suffix, archetype in drawn:
-            entity = below(path, suffix)
-            self.entities.add(entity)
-            for place in self.places if places is None else places:
-                place.stream.log(entity, archetype, static=True)
-
-    def columns(
+    def log_static(
         self,
         path: str,
-        times: Sequence[rr.TimeColumn],
-        columns: Columns,
-        rows: int,
+        stills: Iterable[Still],
+        destinations: Sequence[Output] | None = None,
     ) -> None:
-        """Log rows of what moves."""
-        if rows == 0:
+        """Log data that holds for all times.
+
+        Parameters
+        ----------
+        path
+            Path below which it is logged.
+        stills
+            The data.
+        destinations
+            Some of the destinations; by default all.
+        """
+        for suffix, archetype in stills:
+            entity = below(path, suffix)
+            self.entities.add(entity)
+            for destination in self.destinations if destinations is None else destinations:
+                destination.stream.log(entity, archetype, static=True)
+
+    def log_rows(
+        self,
+        path: str,
+        timelines: Sequence[rr.TimeColumn],
+        columns: Columns,
+        row_count: int,
+    ) -> None:
+        """Log rows at a path.
+
+        Parameters
+        ----------
+        path
+            The path.
+        timelines
+            Positions of the rows on the timelines.
+        columns
+            Components of the rows.
+        row_count
+            Number of rows.
+        """
+        if row_count == 0:
             return
         columns = list(columns)
-        for output in self.places:
-            output.stream.send_columns(path, times, columns)
+        for destination in self.destinations:
+            destination.stream.send_columns(path, timelines, columns)
         self.entities.add(path)
-        self.rows += rows
+        self.rows += row_count
 
-    def each(self, action: Callable[[Output], None]) -> None:
-        """Do something with each place; a lost viewer does not stop a file."""
-        for output in tuple(self.places):
+    def for_each(self, action: Callable[[Output], None]) -> None:
+        """Call a function with each destination.
+
+        A viewer that was lost is removed with a warning if there is also a file. Otherwise
+        its error is raised.
+        """
+        for destination in tuple(self.destinations):
             try:
-                action(output)
+                action(destination)
             except OutputError as error:
-                kept = any(isinstance(other, FileOutput) for other in self.places)
-                if isinstance(output, FileOutput) or not kept:
+                has_file = any(isinstance(item, FileOutput) for item in self.destinations)
+                if isinstance(destination, FileOutput) or not has_file:
                     raise
                 warnings.warn(f"{error}; the file goes on", stacklevel=3)
-                self.places.remove(output)
-                output.close(keep=False)
+                self.destinations.remove(destination)
+                destination.close(keep=False)

@@ -1,11 +1,20 @@
-"""Points and straight lines that move in a plane with one scale on both axes."""
+"""Diagrams: points and straight lines in a plane with one scale on both axes."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.display.rerun import charts
+from spherekit.display.rerun.chart_frame import (
+    CHART_BOUNDS,
+    FRAME_HEIGHT,
+    LABEL_DROP,
+    LEFT_MARGIN,
+    LEGEND_WIDTH,
+    draw_frame,
+    frame_side,
+)
+from spherekit.display.rerun.charts import legend_places, legend_style
 from spherekit.display.rerun.destination import Columns, Stills
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.geometry.vectors import all_finite
@@ -13,108 +22,140 @@ from spherekit.scenes import colours
 from spherekit.scenes.plot_layout import placed_labels
 from spherekit.scenes.scene import Diagram
 
-MOST_LISTED = 14
-LETTER = 20.0
-BELOW = 46.0
-"""From the frame to the words of a step."""
+MAX_LISTED_READINGS = 14
+"""Number of readings (angles of points) for which the legend has space."""
+
+LETTER_WIDTH = 20.0
+"""Width of a letter of a name, by which names keep off each other."""
+
+STEP_TEXT_DROP = 46.0
+"""Distance from the frame down to the text of a step."""
 
 Moving = tuple[str, Columns]
+"""Path below a primitive, and its columns for one block of rows."""
 
 
-def still(item: Diagram) -> Stills:
-    """Yield the frame with its ticks, and the looks of points and lines."""
-    width = _width(item)
-    x, y = charts.side(item.x_label, item.x_range), charts.side(item.y_label, item.y_range)
-    yield from charts.frame(width, x, y)
+def draw_static(diagram: Diagram) -> Stills:
+    """Yield the frame of a diagram with its ticks, and the appearance of what moves."""
+    width = _frame_width(diagram)
+    x = frame_side(diagram.x_label, diagram.x_range)
+    y = frame_side(diagram.y_label, diagram.y_range)
+    yield from draw_frame(width, x, y)
     yield "points", rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0))
     yield "names", rr.Points2D.from_fields(radii=0.0, show_labels=True)
-    for name, colour, size in (
+    for name, colour, line_width in (
         ("leaders", colours.GRATICULE, 0.7),
         ("lines", colours.VIOLET, 1.0),
     ):
-        yield (
-            name,
-            rr.LineStrips2D.from_fields(colors=colour, radii=rr.Radius.ui_points(size)),
-        )
-    if item.readings is not None:
-        tints = [colours.tone(tone) for tone in item.tones[:MOST_LISTED]]
-        yield "legend", charts.legend_style(charts.listed(width, len(tints)), tints)
+        radius = rr.Radius.ui_points(line_width)
+        yield name, rr.LineStrips2D.from_fields(colors=colour, radii=radius)
+    if diagram.readings is not None:
+        tints = [colours.tone(tone) for tone in diagram.tones[:MAX_LISTED_READINGS]]
+        yield "legend", legend_style(legend_places(width, len(tints)), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
 
 
-def moving(item: Diagram) -> Iterator[Moving]:
-    """Yield points within the frame with their names, and the visible part of lines."""
-    n, k = item.places.shape[:2]
-    low, high = np.transpose([item.x_range, item.y_range])
-    seen = np.all((item.places >= low) & (item.places <= high), axis=2)
-    count = seen.sum(axis=1)
-    tints = np.array([colours.tone(tone) for tone in item.tones], np.uint8)
-    places = _placed(item, item.places)
-    shades = np.broadcast_to(tints, (n, k, 3))[seen]
-    middles = placed_labels(item.names, np.where(seen[..., None], places, np.nan), LETTER)
-    points = rr.Points2D.columns(positions=places[seen], colors=shades)
-    yield "points", points.partition(count)
-    labels = rr.Points2D.columns(
-        positions=middles[seen] - [0.0, charts.LABEL],
-        labels=np.tile(item.names, (n, 1))[seen].tolist(),
-        colors=shades,
+def moving_columns(diagram: Diagram) -> Iterator[Moving]:
+    """Yield the rows of a diagram: points in the frame, names, visible parts of lines.
+
+    A leader joins each point with its name, which may stand aside.
+    """
+    row_count, point_count = diagram.places.shape[:2]
+    low, high = np.transpose([diagram.x_range, diagram.y_range])
+    is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
+    visible_count = is_visible.sum(axis=1)
+    point_tints = np.array([colours.tone(tone) for tone in diagram.tones], np.uint8)
+    tints = np.broadcast_to(point_tints, (row_count, point_count, 3))[is_visible]
+    places = _place(diagram, diagram.places)
+    visible_places = np.where(is_visible[..., None], places, np.nan)
+    name_places = placed_labels(diagram.names, visible_places, LETTER_WIDTH)
+
+    points = rr.Points2D.columns(positions=places[is_visible], colors=tints)
+    yield "points", points.partition(visible_count)
+    names = rr.Points2D.columns(
+        positions=name_places[is_visible] - [0.0, LABEL_DROP],
+        labels=np.tile(diagram.names, (row_count, 1))[is_visible].tolist(),
+        colors=tints,
     )
-    yield "names", labels.partition(count)
-    leaders = np.stack([places[seen], middles[seen]], axis=1)
-    yield "leaders", rr.LineStrips2D.columns(strips=list(leaders)).partition(count)
-    ends, visible = clipped(item)
-    lines = rr.LineStrips2D.columns(strips=_placed(item, ends)[visible])
-    yield "lines", lines.partition(visible.sum(axis=1))
-    if item.readings is not None:
-        yield "legend", _read(item, np.degrees(item.readings[:, :MOST_LISTED]))
-    if item.words:
-        below = np.tile([0.5 * _width(item), charts.FRAME_HEIGHT + BELOW], (n, 1))
-        yield "step", rr.Points2D.columns(positions=below, labels=item.words)
+    yield "names", names.partition(visible_count)
+    leaders = np.stack([places[is_visible], name_places[is_visible]], axis=1)
+    yield "leaders", rr.LineStrips2D.columns(strips=list(leaders)).partition(visible_count)
+
+    ends, is_line_visible = clip_lines(diagram)
+    lines = rr.LineStrips2D.columns(strips=_place(diagram, ends)[is_line_visible])
+    yield "lines", lines.partition(is_line_visible.sum(axis=1))
+    if diagram.readings is not None:
+        yield "legend", _reading_columns(diagram)
+    if diagram.words:
+        place = [0.5 * _frame_width(diagram), FRAME_HEIGHT + STEP_TEXT_DROP]
+        places = np.tile(place, (row_count, 1))
+        yield "step", rr.Points2D.columns(positions=places, labels=diagram.words)
 
 
-def _read(item: Diagram, angles: Floats) -> Columns:
-    one, other = item.reading_names
+def _reading_columns(diagram: Diagram) -> Columns:
+    """Return the legend of each row: the names of points with their two readings (deg)."""
+    readings = np.degrees(diagram.readings[:, :MAX_LISTED_READINGS])
+    first_name, second_name = diagram.reading_names
     words = [
-        f"{name}  {one} {_angle(a)}  {other} {_angle(b)}"
-        for row in angles.tolist()
-        for name, (a, b) in zip(item.names, row, strict=False)
+        f"{name}  {first_name} {_angle_text(first)}  {second_name} {_angle_text(second)}"
+        for row in readings.tolist()
+        for name, (first, second) in zip(diagram.names, row, strict=False)
     ]
-    return rr.Points2D.columns(labels=words).partition([angles.shape[1]] * len(angles))
+    return rr.Points2D.columns(labels=words).partition([readings.shape[1]] * len(readings))
 
 
-def _angle(value: float) -> str:
-    return "\u2013" if value != value else f"{value:.1f}\u00b0".replace("-", "\u2212")
+def _angle_text(degrees: float) -> str:
+    """Return an angle with one decimal; a dash for NaN."""
+    if np.isnan(degrees):
+        return "\u2013"
+    return f"{degrees:.1f}\u00b0".replace("-", "\u2212")
 
 
-def clipped(item: Diagram) -> tuple[Floats, np.ndarray]:
-    """Return where lines enter and leave the frame (n, m, 2, 2), and which do (n, m)."""
-    normal, c = item.lines[..., :2], item.lines[..., 2:]
-    frame = np.array([item.x_range, item.y_range])
-    with np.errstate(divide="ignore", invalid="ignore"):
+def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
+    """Return the parts of the lines within the frame.
+
+    A line (a, b, c) holds the points with a x + b y + c = 0.
+
+    Returns
+    -------
+    The points (rows, lines, 2, 2) at which each line enters and leaves the frame, and
+    whether it crosses the frame at all (rows, lines).
+    """
+    normal = diagram.lines[..., :2]
+    c = diagram.lines[..., 2:]
+    frame = np.array([diagram.x_range, diagram.y_range])
+    with np.errstate(divide="ignore", invalid="ignore"):  # lines parallel to a side
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
-        foot = -normal * (c / length**2)
-        along = normal[..., ::-1] * [-1.0, 1.0] / length
-        t = np.sort((frame - foot[..., None]) / along[..., None], axis=-1)
-        first, last = np.max(t[..., 0], axis=-1), np.min(t[..., 1], axis=-1)
-        ends = np.stack([foot + t[..., None] * along for t in (first, last)], axis=-2)
-    return ends, (first < last) & all_finite(ends, (-1, -2))
+        foot = -normal * (c / length**2)  # the point of the line nearest to the origin
+        direction = normal[..., ::-1] * [-1.0, 1.0] / length
+        # Parameters t of foot + t direction at which the line crosses the x and y limits.
+        t = np.sort((frame - foot[..., None]) / direction[..., None], axis=-1)
+        enters = np.max(t[..., 0], axis=-1)
+        leaves = np.min(t[..., 1], axis=-1)
+        ends = np.stack(
+            [foot + t[..., None] * direction for t in (enters, leaves)], axis=-2
+        )
+    return ends, (enters < leaves) & all_finite(ends, (-1, -2))
 
 
-def bounds(item: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return what of the plane a view of a diagram shows."""
-    beside = charts.LEFT if item.readings is None else charts.LEGEND
-    _, (top, bottom) = charts.BOUNDS
-    return (-charts.LEFT, _width(item) + beside), (top, bottom + charts.LABEL)
+def view_bounds(diagram: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the part of the plane (x and y range) that a view of a diagram shows."""
+    right_margin = LEFT_MARGIN if diagram.readings is None else LEGEND_WIDTH
+    _, (top, bottom) = CHART_BOUNDS
+    x_range = (-LEFT_MARGIN, _frame_width(diagram) + right_margin)
+    return x_range, (top, bottom + LABEL_DROP)
 
 
-def _width(item: Diagram) -> float:
-    """Return the width of the frame, with one scale on both axes."""
-    (left, right), (low, high) = item.x_range, item.y_range
-    return charts.FRAME_HEIGHT * (right - left) / (high - low)
+def _frame_width(diagram: Diagram) -> float:
+    """Return the width of the frame, whose two axes have one scale."""
+    left, right = diagram.x_range
+    low, high = diagram.y_range
+    return FRAME_HEIGHT * (right - left) / (high - low)
 
 
-def _placed(item: Diagram, points: Floats) -> Floats:
-    """Return points (..., 2) where the viewer draws them: its y points down."""
-    (left, _), (low, high) = item.x_range, item.y_range
-    scale = charts.FRAME_HEIGHT / (high - low)
+def _place(diagram: Diagram, points: Floats) -> Floats:
+    """Return points (..., 2) of a diagram in units of the chart, where y points down."""
+    left, _ = diagram.x_range
+    low, high = diagram.y_range
+    scale = FRAME_HEIGHT / (high - low)
     return (points - [left, high]) * [scale, -scale]

@@ -1,8 +1,8 @@
-"""Every primitive of a scene as entities: what stays, sent once, and what moves.
+"""The entities of rerun for each primitive of a scene: static data, and rows that move.
 
-A sample that failed (a NaN row) must leave nothing on the screen. Arrows, points and
-labels get an empty row there. The curves of a link stay in the recording for good, so
-its transform shrinks them to a point instead; the viewer ignores a scale of zero.
+A sample that failed has NaN, and the viewer must show nothing for it. Arrows, points and
+labels get an empty row. The curves of a link are static, so its transform shrinks them to a
+point instead.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spherekit.arrays import Bools, Floats
-from spherekit.display.rerun import charts, diagrams, shapes
+from spherekit.display.rerun import diagrams, portraits, shapes
+from spherekit.display.rerun.chart_frame import place_in_frame
+from spherekit.display.rerun.charts import dot_style
 from spherekit.display.rerun.destination import Columns, Stills
 from spherekit.display.rerun.labels import Name
 from spherekit.display.rerun.rerun_sdk import rr
@@ -42,60 +44,74 @@ from spherekit.scenes.scene import (
 )
 
 Moving = tuple[str, Columns]
-"""Path below the primitive, and its columns for one block of samples."""
+"""Path below the primitive, and its columns for one block of rows."""
 
 LINK_RADIUS = 0.016
-LIFT = 0.012
-LEVELS = 6
-"""Links lie on shells `LIFT` apart, so that arcs that coincide do not flicker."""
-
 JOINT_RADIUS = 0.03
-POINT = 0.001
+LABEL_RADIUS = 0.001
+"""Radii of tubes and points, in radii of the sphere."""
+
+SHELL_DISTANCE = 0.012
+SHELL_COUNT = 6
+"""Links lie on several shells, so that arcs that coincide do not flicker."""
+
+SPHERE_SCALE = 0.985
+MAP_SCALE = 1.002
+PATH_SCALE = 1.003
+TRAIL_SCALE = 1.004
+CURVE_SCALE = 1.006
+MARK_SCALE = 1.01
+"""Distances from the centre at which the sphere and what lies on it are drawn, in this
+order from the inside, so that none hides in another."""
+
+PAIR_ARROW_LENGTH = 1.12
+POLE_ARROW_LENGTH = 1.25
+POLE_LABEL_DISTANCE = 1.3
+
+HIDDEN_SCALE = 1e-6
+"""Scale that shrinks a link to a point; the viewer ignores a scale of zero."""
+
 GRAPH_SIZE = (420.0, 220.0)
-GRATICULE_LIFT = 1.006
-MAP_LIFT = 1.002
-"""Maps lie just outside of the sphere, and inside of curves."""
-HIDDEN = 1e-6
-CUBE = 1.6
-"""Side of the space that a surface fills if its axes differ."""
+"""Width and height of the graph of links and pairs."""
+
+CUBE_SIDE = 1.6
+"""Side of the cube that a surface fills if its axes have different ranges."""
+
+WORD_DISTANCE = 0.06
+"""Distance of the words of a surface's axis from the edge of the cube."""
 
 
-def world() -> Stills:
+def draw_sphere() -> Stills:
     """Yield the sphere with its graticule."""
     vertices, triangles = sphere_mesh()
     yield (
         "sphere/body",
         rr.Mesh3D(
-            vertex_positions=0.985 * vertices,
+            vertex_positions=SPHERE_SCALE * vertices,
             triangle_indices=triangles,
             vertex_normals=vertices,
             albedo_factor=colours.SPHERE,
         ),
     )
     lines = shapes.graticule()
-    yield "sphere/graticule", _curves(lines, GRATICULE_LIFT, colours.GRATICULE, 0.6)
+    yield "sphere/graticule", _curves(lines, CURVE_SCALE, colours.GRATICULE, 0.6)
 
 
-def still(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
-    """Yield what is logged once for a primitive; `names` are those that a link shows."""
+def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
+    """Yield the data of a primitive that holds for all rows.
+
+    Parameters
+    ----------
+    primitive
+        The primitive.
+    names
+        The names that a link shows.
+    """
     match primitive:
         case Body():
-            yield from _still_body(primitive, names)
+            yield from _draw_body(primitive, names)
         case Arrow():
-            if primitive.primary:
-                yield "", rr.Arrows3D.from_fields(colors=colours.SILVER, radii=0.006)
-            else:
-                colour = colours.GOLD
-                yield "", rr.Arrows3D.from_fields(colors=colour, radii=0.014)
-                yield (
-                    "label",
-                    rr.Points3D.from_fields(show_labels=True, colors=colour, radii=POINT),
-                )
-                if primitive.shown and primitive.path_shown:
-                    yield (
-                        "trail",
-                        rr.Points3D.from_fields(colors=colours.PALE, radii=0.008),
-                    )
+            yield from _arrow_style(primitive)
         case GreatCircle():
             yield (
                 "",
@@ -108,68 +124,106 @@ def still(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
                 ),
             )
         case Series() | Trace() | InputMarks():
-            return
+            return  # drawn in charts, or when all rows are there
         case Portrait():
-            yield from charts.portrait(primitive)
-            yield "mark", charts.dot()
+            yield from portraits.draw_portrait(primitive)
+            yield "mark", dot_style()
         case Diagram():
-            yield from diagrams.still(primitive)
+            yield from diagrams.draw_static(primitive)
         case SphereCurves():
-            yield from _still_curves(primitive)
+            yield from _draw_sphere_curves(primitive)
         case SphereMap():
-            yield from _still_map(primitive)
+            yield from _draw_sphere_map(primitive)
         case Surface():
-            yield from _still_surface(primitive)
+            yield from _draw_surface(primitive)
         case Graph():
-            yield from _still_graph(primitive)
+            yield from _draw_graph(primitive)
         case Text():
             yield "", rr.TextDocument(primitive.markdown, media_type="text/markdown")
         case _:
             assert_never(primitive)
 
 
-def moving(
+def moving_columns(
     primitive: Primitive, labels: NDArray[np.object_] | None = None
 ) -> Iterator[Moving]:
-    """Yield the columns of one block of samples; nothing for what does not move.
+    """Yield the columns of a primitive for one block of rows.
 
-    `labels` (n,) are those of an arrow, if it does not have its own at all rows.
+    Parameters
+    ----------
+    primitive
+        The primitive. One that does not move yields nothing.
+    labels
+        (rows,) labels of an arrow; by default its own label in all rows.
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
-            yield "", _turned(quaternions)
+            yield "", _rotation_columns(quaternions)
         case Diagram():
-            yield from diagrams.moving(primitive)
+            yield from diagrams.moving_columns(primitive)
         case Body(quaternions=quaternions) if quaternions is not None:
-            yield "", _turned(quaternions)
+            yield "", _rotation_columns(quaternions)
             yield "labels", rr.Points3D.columns(show_labels=all_finite(quaternions, 1))
-        case Arrow(directions=directions, primary=primary, path_shown=path_shown):
-            good = all_finite(directions, 1)
-            arrows, length = directions[good], 1.12 if primary else 1.25
-            yield "", rr.Arrows3D.columns(vectors=length * arrows).partition(good)
-            if not primary:
-                if labels is None:
-                    labels = np.full(len(good), primitive.label, dtype=object)
-                named = good & (labels != "")
-                places, words = 1.3 * directions[named], labels[named].tolist()
-                columns = rr.Points3D.columns(positions=places, labels=words)
-                yield "label", columns.partition(named)
-                if primitive.shown and path_shown:
-                    yield "trail", _points(1.004 * arrows, good)
+        case Arrow():
+            yield from _arrow_columns(primitive, labels)
         case GreatCircle(normals=normals):
-            yield "", _turned(quaternion(frame_from(normals, perpendicular(normals))))
+            rotations = frame_from(normals, perpendicular(normals))
+            yield "", _rotation_columns(quaternion(rotations))
         case Portrait():
-            points = charts.in_frame(primitive.placed())
-            good = all_finite(points, 1)
-            yield "mark", rr.Points2D.columns(positions=points[good]).partition(good)
+            points = place_in_frame(primitive.placed())
+            is_valid = all_finite(points, 1)
+            columns = rr.Points2D.columns(positions=points[is_valid])
+            yield "mark", columns.partition(is_valid)
         case Series(values=values):
             yield "", rr.Scalars.columns(scalars=values)
-        case _:  # what does not move
+        case _:
             return
 
 
+def _arrow_style(arrow: Arrow) -> Stills:
+    """Yield the appearance of an arrow, and of the label and trail of a pole."""
+    if arrow.primary:
+        yield "", rr.Arrows3D.from_fields(colors=colours.SILVER, radii=0.006)
+        return
+    yield "", rr.Arrows3D.from_fields(colors=colours.GOLD, radii=0.014)
+    yield (
+        "label",
+        rr.Points3D.from_fields(show_labels=True, colors=colours.GOLD, radii=LABEL_RADIUS),
+    )
+    if arrow.shown and arrow.path_shown:
+        yield "trail", rr.Points3D.from_fields(colors=colours.PALE, radii=0.008)
+
+
+def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator[Moving]:
+    """Yield the rows of an arrow, and of the label and trail of a pole.
+
+    Parameters
+    ----------
+    arrow
+        The axis of a pair (`primary`) or of another pole.
+    labels
+        (rows,) labels; by default its own label in all rows.
+    """
+    is_valid = all_finite(arrow.directions, 1)
+    directions = arrow.directions[is_valid]
+    length = PAIR_ARROW_LENGTH if arrow.primary else POLE_ARROW_LENGTH
+    yield "", rr.Arrows3D.columns(vectors=length * directions).partition(is_valid)
+    if arrow.primary:
+        return
+    if labels is None:
+        labels = np.full(len(is_valid), arrow.label, dtype=object)
+    has_label = is_valid & (labels != "")
+    columns = rr.Points3D.columns(
+        positions=POLE_LABEL_DISTANCE * arrow.directions[has_label],
+        labels=labels[has_label].tolist(),
+    )
+    yield "label", columns.partition(has_label)
+    if arrow.shown and arrow.path_shown:
+        yield "trail", _point_columns(TRAIL_SCALE * directions, is_valid)
+
+
 def check_rows(primitive: Primitive, count: int) -> None:
-    """Raise ValueError if a primitive has another number of rows than the block."""
+    """Raise `ValueError` if a primitive has another number of rows than its block."""
     for rows in rows_of(primitive).values():
         if isinstance(rows, np.ndarray) and len(rows) != count:
             raise ValueError(
@@ -177,8 +231,8 @@ def check_rows(primitive: Primitive, count: int) -> None:
             )
 
 
-def drawn_whole(primitive: Primitive) -> Floats | None:
-    """Return the rows of a primitive of which something is drawn in the end, if any."""
+def rows_for_path(primitive: Primitive) -> Floats | None:
+    """Return the rows of a primitive whose path is drawn at the end, if it has a path."""
     match primitive:
         case Trace(directions=rows) | Arrow(directions=rows, path_shown=True):
             return rows
@@ -187,40 +241,66 @@ def drawn_whole(primitive: Primitive) -> Floats | None:
     return None
 
 
-def whole(primitive: Primitive, rows: Floats, row: int | None) -> Stills:
-    """Yield what stands still of all rows of a primitive, in a grid of rows so long.
+def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
+    """Yield the path of all rows: of a pole or direction on the sphere, or in a portrait.
 
-    The path that a pole leaves on the sphere, that of a direction in the axes of a link,
-    and the curve of a portrait.
+    Parameters
+    ----------
+    primitive
+        The primitive.
+    rows
+        All its rows, as `rows_for_path` returned them block by block.
+    row_length
+        Number of samples of a row of a grid of inputs; None for samples on a path.
     """
     if isinstance(primitive, Portrait):
-        if shapes.unbroken(rows):
-            yield "curve", charts.portrait_line(rows, colours.TONES[1])
+        if shapes.split_at_nan(rows):
+            yield "curve", portraits.draw_portrait_curve(rows, colours.TONES[1])
         return
-    lines = shapes.path_on_sphere(rows, row)
-    if lines and isinstance(primitive, Trace):
+    lines = shapes.path_on_sphere(rows, row_length)
+    if not lines:
+        return
+    if isinstance(primitive, Trace):
         colour = colours.link_colour(primitive.number)
-        yield "curve", _curves(lines, 1.006, colour, 1.8)
-    elif lines and isinstance(primitive, Arrow):
-        colour, width = colours.SILVER, 0.7
-        if not primitive.primary:
-            colour, width = (colours.GOLD, 1.2) if row is None else (colours.BRONZE, 0.7)
-        yield "path", _curves(lines, 1.003, colour, width)
+        yield "curve", _curves(lines, CURVE_SCALE, colour, 1.8)
+    elif isinstance(primitive, Arrow):
+        if primitive.primary:
+            colour = colours.SILVER
+            line_width = 0.7
+        elif row_length is None:
+            colour = colours.GOLD
+            line_width = 1.2
+        else:
+            colour = colours.BRONZE  # many paths, one for each row of the grid
+            line_width = 0.7
+        yield "path", _curves(lines, PATH_SCALE, colour, line_width)
 
 
 def _curves(
-    lines: Iterable[Floats], lift: float, colour: colours.Colour, width: float
+    lines: Iterable[Floats], scale: float, colour: colours.Colour, line_width: float
 ) -> rr.LineStrips3D:
-    """Return curves just outside of the sphere, so many points wide."""
+    """Return curves on the sphere, moved outwards.
+
+    Parameters
+    ----------
+    lines
+        Polylines (n, 3) on the unit sphere.
+    scale
+        Distance from the centre at which they are drawn.
+    colour
+        Their colour.
+    line_width
+        Their width in points of the screen.
+    """
     return rr.LineStrips3D(
-        [lift * np.asarray(line) for line in lines],
+        [scale * np.asarray(line) for line in lines],
         colors=colour,
-        radii=rr.Radius.ui_points(width),
+        radii=rr.Radius.ui_points(line_width),
     )
 
 
 def failure_label() -> rr.Points3D:
-    """Return the words shown at the centre where an assembly mode has no configuration."""
+    """Return the text at the centre for samples without a configuration."""
     return rr.Points3D.from_fields(
         labels="no configuration here",
         show_labels=True,
@@ -229,129 +309,155 @@ def failure_label() -> rr.Points3D:
     )
 
 
-def failure_columns(failed: Bools) -> Columns:
-    """Return the columns that show the failure label at the failed samples only."""
-    return _points(np.zeros((failed.sum(), 3)), failed)
+def failure_columns(is_failed: Bools) -> Columns:
+    """Return the rows (rows,) of the failure label, which is shown at failed samples."""
+    return _point_columns(np.zeros((is_failed.sum(), 3)), is_failed)
 
 
-def _points(positions: Floats, there: Bools) -> Columns:
-    return rr.Points3D.columns(positions=positions).partition(there)
+def _point_columns(positions: Floats, has_point: Bools) -> Columns:
+    """Return rows with one point each, or none.
+
+    Parameters
+    ----------
+    positions
+        (k, 3) positions in the k rows that have a point.
+    has_point
+        (rows,) whether a row has a point.
+    """
+    return rr.Points3D.columns(positions=positions).partition(has_point)
 
 
-def _turned(quaternions: Floats) -> Columns:
-    good = all_finite(quaternions, 1)[:, None]
+def _rotation_columns(quaternions: Floats) -> Columns:
+    """Return rows of rotations (rows, 4); NaN rows shrink to a point."""
+    is_valid = all_finite(quaternions, 1)[:, None]
     return rr.Transform3D.columns(
-        quaternion=np.where(good, quaternions, [0.0, 0.0, 0.0, 1.0]),
-        scale=np.where(good, np.ones(3), HIDDEN),
+        quaternion=np.where(is_valid, quaternions, [0.0, 0.0, 0.0, 1.0]),
+        scale=np.where(is_valid, np.ones(3), HIDDEN_SCALE),
     )
 
 
-def _still_body(body: Body, names: Sequence[Name]) -> Stills:
+def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
+    """Yield the curves, joints and names of a link in its own axes."""
     colour = colours.link_colour(body.number)
-    lift = 1.0 + LIFT * (1 + body.number % LEVELS)
+    scale = 1.0 + SHELL_DISTANCE * (1 + body.number % SHELL_COUNT)
     if len(body.curves):
-        curves = [lift * np.asarray(curve) for curve in body.curves]
+        curves = [scale * np.asarray(curve) for curve in body.curves]
         yield "", rr.LineStrips3D(curves, colors=colour, radii=LINK_RADIUS)
     if len(body.joints):
         yield (
             "joints",
-            rr.Points3D(lift * body.joints, colors=colours.PALE, radii=JOINT_RADIUS),
+            rr.Points3D(scale * body.joints, colors=colours.PALE, radii=JOINT_RADIUS),
         )
     yield (
         "labels",
         rr.Points3D.from_fields(
             positions=np.reshape([place for _, place, _ in names], (-1, 3)),
-            labels=[words for words, *_ in names],
-            colors=[colours.PALE if of_pair else colour for *_, of_pair in names],
-            radii=POINT,
+            labels=[text for text, _, _ in names],
+            colors=[colours.PALE if is_pair else colour for _, _, is_pair in names],
+            radii=LABEL_RADIUS,
             show_labels=True if body.quaternions is None else None,
         ),
     )
 
 
-def _still_curves(item: SphereCurves) -> Stills:
+def _draw_sphere_curves(item: SphereCurves) -> Stills:
+    """Yield curves and marks on the sphere; marks with different labels show them."""
     if item.curves:
-        yield "", _curves(item.curves, 1.006, colours.tone(item.tone), 1.6)
+        yield "", _curves(item.curves, CURVE_SCALE, colours.tone(item.tone), 1.6)
     if item.marks:
+        labels = [mark.label for mark in item.marks]
         yield (
             "marks",
             rr.Points3D(
-                [1.01 * mark.place for mark in item.marks],
-                labels=[mark.label for mark in item.marks],
+                [MARK_SCALE * mark.place for mark in item.marks],
+                labels=labels,
                 colors=[colours.tone(mark.tone) for mark in item.marks],
                 radii=rr.Radius.ui_points(4.0),
-                show_labels=len({mark.label for mark in item.marks}) == len(item.marks),
+                show_labels=len(set(labels)) == len(labels),
             ),
         )
 
 
-def _still_map(item: SphereMap) -> Stills:
+def _draw_sphere_map(item: SphereMap) -> Stills:
+    """Yield a map on the sphere as a coloured mesh, or as points if it has no triangles."""
     tints = colours.heat_of(item.values, *map_range(item.shown_values, item.unit))
-    places = MAP_LIFT * item.vertices
+    positions = MAP_SCALE * item.vertices
     if len(item.triangles):
         yield (
             "",
             rr.Mesh3D(
-                vertex_positions=places,
+                vertex_positions=positions,
                 triangle_indices=item.triangles,
                 vertex_normals=item.vertices,
                 vertex_colors=tints,
             ),
         )
     else:
-        yield "", rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(4.0))
+        yield "", rr.Points3D(positions, colors=tints, radii=rr.Radius.ui_points(4.0))
 
 
-def _still_surface(surface: Surface) -> Stills:
-    low, high = np.min(surface.vertices, axis=0), np.max(surface.vertices, axis=0)
-    scale = CUBE / np.where(high > low, high - low, 1.0)
+def _draw_surface(surface: Surface) -> Stills:
+    """Yield a surface over three quantities, scaled to a cube, with its labelled edges.
+
+    Without triangles the surface is drawn as points.
+    """
+    low = np.min(surface.vertices, axis=0)
+    high = np.max(surface.vertices, axis=0)
+    scale = CUBE_SIDE / np.where(high > low, high - low, 1.0)
     middle = 0.5 * (low + high)
-    places = (surface.vertices - middle) * scale
+    positions = (surface.vertices - middle) * scale
     if len(surface.triangles):
         yield (
             "",
             rr.Mesh3D(
-                vertex_positions=places,
+                vertex_positions=positions,
                 triangle_indices=surface.triangles,
-                vertex_normals=shapes.vertex_normals(places, surface.triangles),
+                vertex_normals=shapes.vertex_normals(positions, surface.triangles),
                 albedo_factor=colours.tone(surface.tone),
             ),
         )
     else:
         tints: NDArray[np.uint8] | colours.Colour = colours.tone(surface.tone)
         if surface.values is not None:
-            tints = colours.heat_of(
-                surface.values, *map_range(surface.values, surface.values_unit)
-            )
-        yield "", rr.Points3D(places, colors=tints, radii=rr.Radius.ui_points(3.0))
-    ends = np.array([low - middle, high - middle]) * scale
-    yield "axes", _curves(shapes.box(*ends), 1.0, colours.GRATICULE, 0.8)
-    where, words = [], []
+            value_range = map_range(surface.values, surface.values_unit)
+            tints = colours.heat_of(surface.values, *value_range)
+        yield "", rr.Points3D(positions, colors=tints, radii=rr.Radius.ui_points(3.0))
+    low_corner = (low - middle) * scale
+    high_corner = (high - middle) * scale
+    box = shapes.box(low_corner, high_corner)
+    yield "axes", _curves(box, 1.0, colours.GRATICULE, 0.8)
+
+    word_positions = []
+    words = []
     for axis, name in enumerate(surface.axes):
-        corner = np.where([axis == 1, False, False], ends[1], ends[0])
-        out = 0.06 * np.sign(corner) * (np.arange(3) != axis)
-        for far, at, text in (
-            (1.0, 0.94 * ends[0][axis], f"{low[axis]:.4g}"),
-            (1.0, 0.94 * ends[1][axis], f"{high[axis]:.4g}"),
+        # Each axis is labelled along one edge of the box, away from its centre.
+        corner = np.where([axis == 1, False, False], high_corner, low_corner)
+        outwards = WORD_DISTANCE * np.sign(corner) * (np.arange(3) != axis)
+        for distance, along_axis, text in (
+            (1.0, 0.94 * low_corner[axis], f"{low[axis]:.4g}"),
+            (1.0, 0.94 * high_corner[axis], f"{high[axis]:.4g}"),
             (2.0, 0.0, titled(name, surface.unit)),
         ):
-            place = corner + far * out
-            place[axis] = at
-            where.append(place)
+            position = corner + distance * outwards
+            position[axis] = along_axis
+            word_positions.append(position)
             words.append(text)
     yield (
         "words",
-        rr.Points3D(where, labels=words, colors=colours.PALE, radii=0.0, show_labels=True),
+        rr.Points3D(
+            word_positions, labels=words, colors=colours.PALE, radii=0.0, show_labels=True
+        ),
     )
 
 
-def _still_graph(graph: Graph) -> Stills:
-    names, labels, numbers = zip(*graph.nodes, strict=True)
+def _draw_graph(graph: Graph) -> Stills:
+    """Yield the graph of links and pairs, whose nodes have the colours of the links."""
+    names, labels, link_numbers = zip(*graph.nodes, strict=True)
     tints = [
         colours.SILVER if number is None else colours.link_colour(number)
-        for number in numbers
+        for number in link_numbers
     ]
-    places = np.array(GRAPH_SIZE) * np.reshape(graph.positions, (-1, 2))
-    yield "", rr.GraphNodes(names, labels=labels, colors=tints, positions=places)
+    positions = np.array(GRAPH_SIZE) * np.reshape(graph.positions, (-1, 2))
+    yield "", rr.GraphNodes(names, labels=labels, colors=tints, positions=positions)
     if graph.edges:
         yield "", rr.GraphEdges(graph.edges, graph_type="undirected")

@@ -1,9 +1,10 @@
-"""From where the sphere is seen, and where names of links and pairs stand on it.
+"""The eye from which the sphere is seen, and the places of the names of links and pairs.
 
-None covers another where that is possible.
+Names are placed so that they cover each other as little as possible.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,175 +13,280 @@ from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.vectors import all_finite, unit_rows
 from spherekit.scenes.scene import Body
 
-DISTANCE = 3.0
-LOOKS_ASIDE = 0.3
-"""Tangent of the angle between the eye's direction and the middle of the mechanism."""
+EYE_DISTANCE = 3.0
+"""Distance of the eye from the centre of the sphere, in radii."""
+
+EYE_OFFSET = 0.3
+"""Tangent of the angle between the direction to the eye and the middle of the mechanism.
+
+The mechanism is seen a little from the side, so that arcs in its middle plane show.
+"""
+
 DEFAULT_FOCUS = (0.76, 0.47, 0.44)
-STEEP = 0.8
-"""A focus nearer to the z axis than this cosine is seen with x up instead of z."""
+"""Direction of the middle of a mechanism that has none."""
 
-HEIGHT = 1.09
-LINK_HEIGHT = 1.15
-ASIDE = np.array([0.07, 0.11, 0.16, 0.22, 0.3])
-"""Angles (rad) between an axis and its name, the nearest first."""
-TURNS = np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
-"""Ways from an axis to its name, from the one that leads away from the link's others."""
-ALONG = np.array([0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8])
-"""Parts of a link's longest arc at which its name may stand."""
-NEAR = np.cos(np.radians(4.0))
-"""Pairs of a link with axes closer than this have one name."""
-MOST_PICTURES = 60
-LETTER = 0.016
-"""Half the width of a letter as it is seen first, in radii of the sphere."""
-LINE = 0.045
-"""Half the height of a name."""
-DROP = 0.055
-"""The viewer writes a name so far below its place."""
-DOT = 0.03
-DOT_WEIGHT = 0.1
-"""What covering the axis of a pair costs; the name of one costs 1."""
-FARTHER = 0.005
-"""What the next of the places for a name costs, in parts of pictures in which it covers."""
-FIRST = 0.5
-"""What the first picture counts."""
+STEEP_COSINE = 0.8
+"""Cosine of the angle between focus and z axis above which x is up in place of z."""
 
+PAIR_NAME_RADIUS = 1.09
+LINK_NAME_RADIUS = 1.15
+"""Distances of names from the centre of the sphere."""
 
-_Taken = tuple[float, Floats, Floats]
-"""What covering a box costs; its middles (n, 2) on the pictures; half its sides (2,)."""
+PAIR_NAME_ANGLES_RAD = np.array([0.07, 0.11, 0.16, 0.22, 0.3])
+"""Possible angles between the axis of a pair and its name, the nearest first."""
 
+PAIR_NAME_DIRECTIONS_RAD = np.radians(
+    [0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180]
+)
+"""Possible directions from an axis to its name; 0 leads away from the link's other axes."""
+
+LINK_NAME_FRACTIONS = np.array([0.5, 0.4, 0.6, 0.3, 0.7, 0.2, 0.8])
+"""Possible positions of the name of a link along its longest arc."""
+
+COAXIAL_COSINE = np.cos(np.radians(4.0))
+"""Cosine above which axes of pairs on one link share a name."""
+
+MAX_PICTURES = 60
+"""Number of configurations in which names are compared."""
+
+LETTER_HALF_WIDTH = 0.016
+NAME_HALF_HEIGHT = 0.045
+"""Half the size of a letter, in radii of the sphere, as the eye sees it."""
+
+NAME_DROP = 0.055
+"""Distance by which the viewer writes a name below its place."""
+
+DOT_HALF_SIZE = 0.03
+"""Half the size of the dot that marks the axis of a pair."""
+
+DOT_COST = 0.1
+"""Cost of covering the dot of a pair; covering a name costs 1."""
+
+NEXT_PLACE_COST = 0.005
+"""Cost of each further place in the list of possible places, so that near ones win."""
+
+FIRST_PICTURE_WEIGHT = 0.5
+"""Weight of the first picture in the cost; the other pictures share the rest."""
 
 Name = tuple[str, Floats, bool]
 """A name, its place (3,) in the axes of its link, and whether it is that of a pair."""
 
-_Wanted = tuple[str, str, bool, Floats, Floats]
-"""The path of a link, a name of it or of a pair, which is said, that looks for its place
-among some (k, 3), the best first, and the middles of its box on the pictures (n, k, 2)."""
-
-
 Sight = tuple[Floats, Floats, Floats]
-"""An eye, the point that it looks at, and what is up for it, each (3,)."""
+"""The eye, the point that it looks at, and the direction that is up, each (3,)."""
+
+
+@dataclass(frozen=True)
+class _Box:
+    """The area that a name or the dot of a pair covers on the pictures.
+
+    Attributes
+    ----------
+    cost
+        Cost of covering it.
+    centres
+        (pictures, 2) centres.
+    half_size
+        (2,) half its width and height.
+    """
+
+    cost: float
+    centres: Floats
+    half_size: Floats
+
+
+@dataclass(frozen=True)
+class _NameRequest:
+    """A name that needs a place.
+
+    Attributes
+    ----------
+    path
+        Path of the link that shows the name.
+    text
+        The name, or names, of a link or pair.
+    is_pair
+        Whether it is the name of a pair.
+    places
+        (k, 3) possible places in the axes of the link, the best first.
+    centres
+        (pictures, k, 2) centres of its box on the pictures at each place.
+    """
+
+    path: str
+    text: str
+    is_pair: bool
+    places: Floats
+    centres: Floats
 
 
 def facing(focus: Floats | None) -> Sight:
-    """Return what faces the mechanism a little from the side, with z up where possible."""
+    """Return the sight of a mechanism, a little from the side, with z up if possible.
+
+    Parameters
+    ----------
+    focus
+        (3,) direction of the middle of the mechanism.
+    """
     focus = unit_rows(np.array(DEFAULT_FOCUS if focus is None else focus))
-    up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP else [-1.0, 0.0, 0.0])
+    up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP_COSINE else [-1.0, 0.0, 0.0])
     right = unit_rows(np.cross(focus, up))
-    eye = focus + LOOKS_ASIDE * (0.8 * right + 0.6 * np.cross(right, focus))
-    return DISTANCE * unit_rows(eye), 0.1 * focus, up
+    eye = focus + EYE_OFFSET * (0.8 * right + 0.6 * np.cross(right, focus))
+    return EYE_DISTANCE * unit_rows(eye), 0.1 * focus, up
 
 
-def seen(sight: Sight, points: Floats) -> Floats:
-    """Return where points (..., 3) are on the picture (..., 2), as long as there."""
+def project(sight: Sight, points: Floats) -> Floats:
+    """Return the perspective image (..., 2) of points (..., 3).
+
+    At the distance of the target, lengths in the picture are those in space.
+    """
     eye, target, up = sight
-    way = target - eye
-    distance = np.linalg.norm(way)
-    forward = way / distance
+    view_vector = target - eye
+    distance = np.linalg.norm(view_vector)
+    forward = view_vector / distance
     right = unit_rows(np.cross(forward, up))
-    across = np.stack([right, np.cross(right, forward)], axis=-1)
+    picture_axes = np.stack([right, np.cross(right, forward)], axis=-1)
     from_eye = points - eye
-    return distance * (from_eye @ across) / (from_eye @ forward)[..., None]
-
-
-def _half(words: str) -> Floats:
-    """Return half the width and height of a name's box."""
-    return np.array([LETTER * (len(words) + 1), LINE])
+    return distance * (from_eye @ picture_axes) / (from_eye @ forward)[..., None]
 
 
 class Names:
-    """The names that a page shows: places of those given, which others keep off."""
+    """The names on one page: chooses a place for each, away from those before it."""
 
     def __init__(self, sight: Sight) -> None:
         """Begin without names."""
         self._sight = sight
-        self._given: set[str] = set()
-        self._taken: list[_Taken] = []
+        self._named_pairs: set[str] = set()
+        self._boxes: list[_Box] = []
 
-    def give(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
-        """Return the names of links by their paths, in one picture or more of them.
+    def place_names(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
+        """Return the names that links show, by the paths of the links.
 
-        A name keeps its place in its link over all pictures: the one of a few that
-        covers others in the fewest of them, the first of which counts most; the
-        nearest of equals. Wide names choose first.
+        A name has one place in its link in all pictures. Of a list of possible places, the
+        one of the smallest cost is chosen: the share of pictures in which it covers other
+        names or dots. Long names choose first.
+
+        Parameters
+        ----------
+        bodies
+            The links, at rest or with their orientations in all rows.
         """
-        wanted: list[_Wanted] = []
-        for body, turn in zip(bodies, _rotations(bodies), strict=True):
+        requests: list[_NameRequest] = []
+        for body, rotations in zip(bodies, _picture_rotations(bodies), strict=True):
             for axis in body.joints:
-                dot = seen(self._sight, np.einsum("nij,j->ni", turn, axis))
-                self._taken.append((DOT_WEIGHT, dot, np.full(2, DOT)))
-            wanted += self._of_pairs(body, turn) + self._of_link(body, turn)
+                dots = project(self._sight, np.einsum("nij,j->ni", rotations, axis))
+                self._boxes.append(_Box(DOT_COST, dots, np.full(2, DOT_HALF_SIZE)))
+            requests += self._pair_requests(body, rotations)
+            requests += self._link_requests(body, rotations)
         names: dict[str, list[Name]] = {body.path: [] for body in bodies}
-        wanted.sort(key=lambda name: -len(name[1]))
-        for path, words, of_pair, places, middles in wanted:
-            cost = FARTHER * np.arange(len(places))
-            for weight, taken, half in self._taken:
-                near = np.abs(middles - taken[:, None]) < _half(words) + half
-                covers = np.all(near, axis=-1)
-                part = FIRST * covers[0] + (1.0 - FIRST) * np.mean(covers, axis=0)
-                cost += weight * part
-            k = np.argmin(cost)
-            self._taken.append((1.0, middles[:, k], _half(words)))
-            names[path].append((words, places[k], of_pair))
+        requests.sort(key=lambda request: -len(request.text))
+        for request in requests:
+            half_size = _name_half_size(request.text)
+            cost = NEXT_PLACE_COST * np.arange(len(request.places))
+            for box in self._boxes:
+                distance = np.abs(request.centres - box.centres[:, None])
+                covers = np.all(distance < half_size + box.half_size, axis=-1)
+                covered_share = FIRST_PICTURE_WEIGHT * covers[0]
+                covered_share = covered_share + (1.0 - FIRST_PICTURE_WEIGHT) * np.mean(
+                    covers, axis=0
+                )
+                cost += box.cost * covered_share
+            best = np.argmin(cost)
+            self._boxes.append(_Box(1.0, request.centres[:, best], half_size))
+            name = (request.text, request.places[best], request.is_pair)
+            names[request.path].append(name)
         return names
 
-    def _of_pairs(self, body: Body, turn: Floats) -> list[_Wanted]:
+    def _pair_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
+        """Return requests for the pairs of a link that no other link has named.
+
+        Coaxial pairs of the link share a name.
+        """
         axes: list[Floats] = []
-        words: list[str] = []
+        texts: list[str] = []
         for axis, label in zip(body.joints, body.joint_labels, strict=True):
-            if not label or label in self._given:
+            if not label or label in self._named_pairs:
                 continue
-            self._given.add(label)
-            near = [k for k, other in enumerate(axes) if other @ axis > NEAR]
-            if near:
-                words[near[0]] += f", {label}"
+            self._named_pairs.add(label)
+            coaxial = [
+                index for index, other in enumerate(axes) if other @ axis > COAXIAL_COSINE
+            ]
+            if coaxial:
+                texts[coaxial[0]] += f", {label}"
             else:
                 axes.append(axis)
-                words.append(label)
-        around = [HEIGHT * _around(axis, body.joints) for axis in axes]
-        return [
-            (body.path, text, True, places, self._middles(turn, places))
-            for text, places in zip(words, around, strict=True)
-        ]
+                texts.append(label)
+        requests = []
+        for text, axis in zip(texts, axes, strict=True):
+            places = PAIR_NAME_RADIUS * _places_around(axis, body.joints)
+            centres = self._centres(rotations, places)
+            requests.append(_NameRequest(body.path, text, True, places, centres))
+        return requests
 
-    def _of_link(self, body: Body, turn: Floats) -> list[_Wanted]:
+    def _link_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
+        """Return the request for the name of a link, if it has a name and an arc."""
         if not len(body.curves) or not body.label:
             return []
-        longest = np.asarray(max(body.curves, key=_length))
-        places = LINK_HEIGHT * longest[np.round(ALONG * (len(longest) - 1)).astype(int)]
-        return [(body.path, body.label, False, places, self._middles(turn, places))]
+        longest = np.asarray(max(body.curves, key=_curve_length))
+        points = np.round(LINK_NAME_FRACTIONS * (len(longest) - 1)).astype(int)
+        places = LINK_NAME_RADIUS * longest[points]
+        centres = self._centres(rotations, places)
+        return [_NameRequest(body.path, body.label, False, places, centres)]
 
-    def _middles(self, turn: Floats, places: Floats) -> Floats:
-        """Return where names at places (k, 3) of a link are on the pictures (n, k, 2)."""
-        turned = np.einsum("nij,kj->nki", turn, places)
-        return seen(self._sight, turned) - np.array([0.0, DROP])
+    def _centres(self, rotations: Floats, places: Floats) -> Floats:
+        """Return the centres (pictures, k, 2) of names at places (k, 3) of a link."""
+        points = np.einsum("nij,kj->nki", rotations, places)
+        return project(self._sight, points) - np.array([0.0, NAME_DROP])
 
 
-def _rotations(bodies: Sequence[Body]) -> list[Floats]:
-    """Return the rotations (n, 3, 3) of links in the same few pictures; one if at rest."""
+def _name_half_size(text: str) -> Floats:
+    """Return half the width and height (2,) of a name as it is seen."""
+    return np.array([LETTER_HALF_WIDTH * (len(text) + 1), NAME_HALF_HEIGHT])
+
+
+def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
+    """Return the rotations (pictures, 3, 3) of links in the same few configurations.
+
+    A link at rest, or any link if no configuration exists, has one picture.
+    """
     moving = [body.quaternions for body in bodies if body.quaternions is not None]
-    still = np.eye(3)[None]
-    good = np.flatnonzero(all_finite(moving, (0, 2))) if moving else moving
-    if not len(good):
-        return [still] * len(bodies)
-    few = good[np.linspace(0, len(good) - 1, MOST_PICTURES).astype(int)]
+    at_rest = np.eye(3)[None]
+    valid_rows = np.flatnonzero(all_finite(moving, (0, 2))) if moving else moving
+    if not len(valid_rows):
+        return [at_rest] * len(bodies)
+    spaced = np.linspace(0, len(valid_rows) - 1, MAX_PICTURES).astype(int)
+    rows = valid_rows[spaced]
     return [
-        still if body.quaternions is None else from_quaternion(body.quaternions[few])
+        at_rest if body.quaternions is None else from_quaternion(body.quaternions[rows])
         for body in bodies
     ]
 
 
-def _around(axis: Floats, joints: Floats) -> Floats:
-    """Return places (k, 3) beside an axis of a link, those away from its others first."""
+def _places_around(axis: Floats, joints: Floats) -> Floats:
+    """Return possible places (k, 3) of a name beside the axis of a pair, on the sphere.
+
+    Parameters
+    ----------
+    axis
+        (3,) axis of the pair in its link.
+    joints
+        (n, 3) axes of all pairs of the link. Places away from them come first.
+    """
     away = -np.sum(joints, axis=0)
     away = away - (away @ axis) * axis
-    if np.linalg.norm(away) < ASIDE[0]:
+    if np.linalg.norm(away) < PAIR_NAME_ANGLES_RAD[0]:
+        # The axes balance each other, so any direction across the axis will do.
         away = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     away = unit_rows(away)
     across = np.array([away, np.cross(axis, away)])
-    ways = np.stack([np.cos(TURNS), np.sin(TURNS)], axis=1) @ across
-    far = ASIDE[:, None, None]
-    return np.reshape(np.cos(far) * axis + np.sin(far) * ways, (-1, 3))
+    cosines_sines = np.stack(
+        [np.cos(PAIR_NAME_DIRECTIONS_RAD), np.sin(PAIR_NAME_DIRECTIONS_RAD)], axis=1
+    )
+    directions = cosines_sines @ across
+    angles = PAIR_NAME_ANGLES_RAD[:, None, None]
+    places = np.cos(angles) * axis + np.sin(angles) * directions
+    return np.reshape(places, (-1, 3))
 
 
-def _length(curve: Floats) -> float:
+def _curve_length(curve: Floats) -> float:
+    """Return the length of a polyline (n, 3)."""
     return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())

@@ -1,4 +1,4 @@
-"""A mechanism before any run: its links, pairs, arcs and zero positions."""
+"""A recording of a mechanism before any run: links, pairs, arcs and zero positions."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -20,108 +20,161 @@ from spherekit.scenes.link_scenes import link_shapes, motion_scenes, static_scen
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Mark, Primitive, Scene, SphereCurves, Text
 
-PLACES = 9
-"""Inputs tried, evenly over their ranges, where the first ones do not close."""
+TRIED_INPUTS = 9
+"""Number of inputs, evenly spaced over the ranges, that are tried if the first fails."""
 
+ZERO_ARC_RADIUS_RAD = np.radians(9.0)
+"""Angular radius of the arc that shows how far a pair is from its zero position."""
 
-ZERO_ARC = np.radians(9.0)
-"""Radius of the arc that shows how far a pair is from its zero."""
+ZERO_ARC_STEP_RAD = 0.05
+"""Largest step between the points of that arc."""
 
 
 def preview(mechanism: Mechanism, path: Path | str) -> str:
-    """Write a recording of a mechanism where its inputs begin, in every assembly mode.
+    """Write a recording of a mechanism at the start of its inputs, in every assembly mode.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    path
+        The file to write, ``*.rrd``.
 
     Returns
     -------
     str
-        Empty, or at which inputs it is shown if it cannot be assembled at the first ones.
+        Empty if it can be assembled at the first inputs. Otherwise the inputs at which it
+        is shown.
 
     Raises
     ------
     PlanError, SolveError
-        If it has not one freedom for each input, or cannot be assembled anywhere in their
-        ranges.
+        If it has not one degree of freedom for each input, or cannot be assembled anywhere
+        in the ranges of its inputs.
     OutputError
         If the recording cannot be written.
     """
-    tracer, motion, note = _assembled(mechanism)
+    position_analysis, motion, note = _assemble(mechanism)
     shapes = link_shapes(mechanism)
-    titles = {
-        mode.number: f"Mode {mode.number}"
-        + ("" if set(mode.label) == {"~"} else f" ({mode.label})")
-        for mode in motion.assembly_modes
-    }
-    middle = np.nansum(motion.frames[:, :, :, 2], axis=(0, 1))
-    size = np.linalg.norm(middle)
+    titles = {}
+    for mode in motion.assembly_modes:
+        signs = "" if set(mode.label) == {"~"} else f" ({mode.label})"
+        titles[mode.number] = f"Mode {mode.number}{signs}"
+    # The eye looks at the middle of all pair axes (z axes of the pair frames).
+    axis_sum = np.nansum(motion.frames[:, :, :, 2], axis=(0, 1))
+    length = np.linalg.norm(axis_sum)
+    focus = axis_sum / length if length > 1e-9 else None
     with RerunRecorder(mechanism.name, path=path) as recorder:
-        still = static_scene(plans(mechanism, tracer.by_rank), shapes)
-        focus = middle / size if size > 1e-9 else None
-        recorder.start(RecordingHead([still], assembly_modes=titles, focus=focus))
+        still_scene = static_scene(plans(mechanism, position_analysis.by_rank), shapes)
+        recorder.start(RecordingHead([still_scene], assembly_modes=titles, focus=focus))
         sample = np.zeros(1, np.int64)
         for row, scene in enumerate(motion_scenes(motion, shapes)):
             recorder.log(scene, sample)
-            parts = (*_zeros(motion, row), _sizes(motion, row, note))
+            parts = (*_zero_arcs(motion, row), _size_table(motion, row, note))
             recorder.log(Scene(scene.page, parts), sample)
     return note
 
 
-def _assembled(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
-    """Return one sample of a mechanism in all modes, and where if not at the first one."""
+def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
+    """Assemble a mechanism at one input in all modes.
+
+    Returns
+    -------
+    The position analysis, a motion with one sample, and a note on the inputs of that sample
+    if they are not the first ones.
+
+    Raises
+    ------
+    SolveError
+        If none of `TRIED_INPUTS` inputs has a configuration.
+    """
     try:
-        tracer = PositionAnalysis(mechanism, samples=1)
-        motion = tracer.motion()
+        position_analysis = PositionAnalysis(mechanism, samples=1)
+        motion = position_analysis.motion()
         if not np.all(motion.failed):
-            return tracer, motion, ""
+            return position_analysis, motion, ""
     except SolveError:
         pass
-    tracer = PositionAnalysis(mechanism, samples=PLACES)
-    motion = tracer.motion()
-    closed = motion.rows(~motion.failed)
-    if not len(closed):
+    position_analysis = PositionAnalysis(mechanism, samples=TRIED_INPUTS)
+    motion = position_analysis.motion()
+    assembled = motion.rows(~motion.failed)
+    if not len(assembled):
         raise SolveError(
-            f"{mechanism.name}: no configuration closes at {PLACES} places in the ranges "
-            "of its inputs, so there is nothing to show; change the ranges or the sizes"
+            f"{mechanism.name}: no configuration closes at {TRIED_INPUTS} places in the "
+            "ranges of its inputs, so there is nothing to show; change the ranges or the "
+            "sizes"
         )
-    here = closed.rows(closed.sample == closed.sample[0])
-    at = ", ".join(
-        f"{item.pair} = {np.degrees(q):.4g} deg"
-        for item, q in zip(mechanism.inputs, here.inputs[0], strict=True)
+    first_sample = assembled.rows(assembled.sample == assembled.sample[0])
+    inputs = ", ".join(
+        f"{item.pair} = {np.degrees(angle):.4g} deg"
+        for item, angle in zip(mechanism.inputs, first_sample.inputs[0], strict=True)
     )
-    modes = tuple(x for x in motion.assembly_modes if x.number in here.assembly_mode)
-    chosen = replace(here, samples=1, assembly_modes=modes)
-    return tracer, chosen, f"it does not close where its inputs begin; shown at {at}"
+    modes = tuple(
+        mode for mode in motion.assembly_modes if mode.number in first_sample.assembly_mode
+    )
+    motion = replace(first_sample, samples=1, assembly_modes=modes)
+    note = f"it does not close where its inputs begin; shown at {inputs}"
+    return position_analysis, motion, note
 
 
-def _zeros(motion: Motion, row: int) -> list[Primitive]:
-    """Return an arc at every R pair from its zero to where it is."""
+def _zero_arcs(motion: Motion, row: int) -> list[Primitive]:
+    """Return, for every R pair, an arc about its axis from zero to the present angle.
+
+    The arc begins with a line from the axis. The pairs of inputs have the angle in degrees
+    in its middle.
+
+    Parameters
+    ----------
+    motion
+        Configurations of the mechanism.
+    row
+        The row of the configuration.
+    """
     mechanism = motion.mechanism
-    parts: list[Primitive] = []
+    arcs: list[Primitive] = []
     for name, variable in mechanism.angles.items():
+        # The x axis of the pair frame moves with the second link. At zero it was at the
+        # angle -value.
         x, y, axis = motion.frames[row, mechanism.pair_number[name]].T
         value = motion.values[row, variable]
-        turn = np.linspace(-value, 0.0, int(abs(value) / 0.05) + 2)[:, None]
-        around = np.cos(turn) * x + np.sin(turn) * y
-        fan = np.cos(ZERO_ARC) * axis + np.sin(ZERO_ARC) * around
-        middle = Mark(f"{np.degrees(value):.4g}\u00b0", fan[len(fan) // 2])
-        marks = [middle] if name in mechanism.input_pairs else []
-        lines = [np.stack([axis, fan[0]]), fan]
-        parts.append(SphereCurves(f"zero/{name}", name, lines, marks=marks))
-    return parts
+        count = int(abs(value) / ZERO_ARC_STEP_RAD) + 2
+        angles = np.linspace(-value, 0.0, count)[:, None]
+        radial = np.cos(angles) * x + np.sin(angles) * y
+        arc_points = (
+            np.cos(ZERO_ARC_RADIUS_RAD) * axis + np.sin(ZERO_ARC_RADIUS_RAD) * radial
+        )
+        marks = []
+        if name in mechanism.input_pairs:
+            label = f"{np.degrees(value):.4g}\u00b0"
+            marks.append(Mark(label, arc_points[len(arc_points) // 2]))
+        lines = [np.stack([axis, arc_points[0]]), arc_points]
+        arcs.append(SphereCurves(f"zero/{name}", name, lines, marks=marks))
+    return arcs
 
 
-def _sizes(motion: Motion, row: int, note: str) -> Text:
-    """Return the arcs of links and the angles of pairs as Markdown."""
+def _size_table(motion: Motion, row: int, note: str) -> Text:
+    """Return the arcs of links and the angles of pairs as a Markdown page.
+
+    Parameters
+    ----------
+    motion
+        Configurations of the mechanism.
+    row
+        The row of the configuration whose angles are listed.
+    note
+        A sentence below the heading; may be empty.
+    """
     mechanism = motion.mechanism
     lines = [f"# {markdown_text(mechanism.name)}", "", note, ""]
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
-    for link, places in link_axes(mechanism).items():
-        names = [markdown_text(pair) for pair in places]
-        arcs = [_degrees(arc(a, b)) for a, b in pairwise(places.values())]
-        ends = [f"{a}\u2013{b}" for a, b in pairwise(names)]
+    for link, axes in link_axes(mechanism).items():
+        names = [markdown_text(pair) for pair in axes]
+        arcs = [_degrees(arc(first, second)) for first, second in pairwise(axes.values())]
+        ends = [f"{first}\u2013{second}" for first, second in pairwise(names)]
         sizes = [f"{end} {size}" for end, size in zip(ends, arcs, strict=True)]
         lines.append(f"| {markdown_text(link)} | {', '.join(sizes or names)} |")
     lines += ["", "| pair | type | links | here, deg | driven |", "|---|---|---|---|---|"]
-    ranges = {
+    input_ranges = {
         item.pair: f"{np.degrees(item.start):.5g} to {np.degrees(item.stop):.5g}"
         for item in mechanism.inputs
     }
@@ -130,7 +183,7 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
         lines.append(
             f"| {markdown_text(pair.name)} | {pair.type} | "
             f"{' '.join(map(markdown_text, pair.links))} | "
-            f"{', '.join(map(_degrees, values))} | {ranges.get(pair.name, '')} |"
+            f"{', '.join(map(_degrees, values))} | {input_ranges.get(pair.name, '')} |"
         )
     lines += ["", "Thin white arcs run from the zero of each R pair to where it is."]
     if mechanism.source is not None:
@@ -139,5 +192,5 @@ def _sizes(motion: Motion, row: int, note: str) -> Text:
 
 
 def _degrees(angle: Any) -> str:
-    """Return an angle (rad) in degrees, zero but for rounding as 0."""
+    """Return an angle (rad) in degrees; rounding errors of zero are removed."""
     return f"{np.round(np.degrees(angle), 9) + 0.0:.5g}"

@@ -1,4 +1,4 @@
-"""Recordings for the rerun viewer, to a file and to a live viewer, block by block."""
+"""Records scenes for the rerun viewer, to a file or a running viewer, block by block."""
 
 import re
 import time
@@ -15,20 +15,20 @@ import numpy as np
 
 from spherekit.argument_validation import checked_class
 from spherekit.arrays import Floats, Integers
-from spherekit.display.rerun import charts, diagrams, entities
-from spherekit.display.rerun.arrow_labels import labels_of_arrows
+from spherekit.display.rerun import charts, diagrams, entities, portraits
+from spherekit.display.rerun.arrow_labels import arrow_labels
 from spherekit.display.rerun.blueprint import (
     HIDDEN,
-    MOST_COMPARED,
+    MAX_COMPARED_CURVES,
     Layout,
     Plot,
     View,
-    asked_for,
-    graph,
-    input_ticks,
-    plane,
-    space,
+    graph_view,
+    plane_view,
+    shows_findings,
+    space_view,
 )
+from spherekit.display.rerun.chart_frame import CHART_BOUNDS, draw_colour_scale
 from spherekit.display.rerun.chart_log import Charts
 from spherekit.display.rerun.destination import (
     FileOutput,
@@ -40,9 +40,9 @@ from spherekit.display.rerun.destination import (
     served,
     viewer_at,
 )
-from spherekit.display.rerun.labels import Name, Names, facing
+from spherekit.display.rerun.labels import Name, Names, Sight, facing
 from spherekit.display.rerun.rerun_sdk import rr, rrb
-from spherekit.display.rerun.timelines import SAMPLE, TIME, input_timeline
+from spherekit.display.rerun.timelines import SAMPLE, TIME, input_ticks, input_timeline
 from spherekit.errors import OutputError
 from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import map_range
@@ -69,11 +69,14 @@ from spherekit.scenes.scene import (
     titled,
 )
 
-SOLID = (Body, GreatCircle, SphereCurves, SphereMap, Trace, Arrow)
-"""What is seen with the sphere."""
+SPHERE_PRIMITIVES = (Body, GreatCircle, SphereCurves, SphereMap, Trace, Arrow)
+"""The primitives that are drawn together with the sphere."""
 
-LIVE_SECONDS = 0.5
-"""A viewer that looks on gets the curves anew that often."""
+LIVE_INTERVAL_S = 0.5
+"""Least time after which the curves are drawn anew for a viewer during the run."""
+
+LAYOUT_GROWTH = 4
+"""Factor by which the number of paths grows before a file gets the layout again."""
 
 NOTES = """\
 # {name}
@@ -92,14 +95,14 @@ curves have a gap.
 
 @checked_class(OutputError)
 class RerunRecorder:
-    """Turns scenes into one rerun recording that goes to one or more places.
+    """Records scenes in one rerun recording with one or more destinations.
 
-    Use it in a `with` block: call `start` once, then `log` for each block of samples
-    in order. Leaving the block finishes the recording; leaving it by an exception
-    keeps what was recorded in ``NAME.rrd.part``.
+    Use it in a `with` block: call `start` once, then `log` for each block of samples in
+    order. The end of the block finishes the recording. After an exception, the data so far
+    are kept in ``NAME.rrd.part``.
 
-    Positions and directions become float32 in a recording and are not results;
-    only series keep all their digits.
+    Positions and directions are stored as float32 and are no results. Only series keep all
+    their digits.
     """
 
     def __init__(
@@ -111,20 +114,20 @@ class RerunRecorder:
         url: str | None = None,
         notebook: bool = False,
     ) -> None:
-        """Choose the places, any of them together: nothing is touched yet.
+        """Choose the destinations; nothing is opened yet.
 
         Parameters
         ----------
         name : str
-            Name of the mechanism, as people read it.
+            Name of the mechanism.
         path : Path or str, optional
-            File to write, ``*.rrd``; it appears when the recording is whole.
+            File to write, ``*.rrd``. It gets this name when the recording is complete.
         port : int, optional
             Port of this computer at which viewers find the recording.
         url : str, optional
-            Address of a viewer that runs already.
+            Address of a running viewer.
         notebook : bool, optional
-            Whether the page of a notebook shows the recording when it is whole.
+            Whether a notebook shows the recording when it is complete.
 
         """
         self.name = name
@@ -149,31 +152,31 @@ class RerunRecorder:
         if not outputs:
             raise ValueError("a recorder needs a path, a port, a url or a notebook")
         self._outputs = Outputs(outputs)
-        self._scale: int | None = None
-        """Units of the timeline of the input to a degree, if there is one."""
-        self._span: tuple[float, float] | None = None
+        self._ticks_per_degree: int | None = None  # of the timeline of the input
+        self._axis_range: tuple[float, float] | None = None  # of times (s) or inputs (deg)
         self._names: dict[Page, Names] = {}
-        self._row: int | None = None
-        self._whole: dict[str, tuple[Primitive, list[Floats]]] = {}
-        """What is drawn of all rows of a primitive, by its path, with these so far."""
+        self._grid_row_length: int | None = None
+        self._path_rows: dict[str, tuple[Primitive, list[Floats]]] = {}
+        """Primitives whose path is drawn at the end, with their rows so far, by path."""
         self._charts: Charts | None = None
-        self._live_drawn = 0.0
-        self._laid_out = 0
-        self._finished = False
+        self._live_draw_time = 0.0
+        self._layout_size = 0  # number of paths when files got the layout last
+        self._is_finished = False
 
     @property
     def cost(self) -> dict[str, int]:
-        """Entities and rows logged so far; bytes of the file, 0 before it is whole."""
-        return self._outputs.cost(self._finished)
+        """Entities and rows logged so far; bytes of the file, 0 before it is complete."""
+        return self._outputs.cost(self._is_finished)
 
     @property
-    def _started(self) -> Charts:
-        if self._charts is None or self._finished:
+    def _open_charts(self) -> Charts:
+        """The charts; `ValueError` before `start` and after the end."""
+        if self._charts is None or self._is_finished:
             raise ValueError("log is called after start and before the end")
         return self._charts
 
     def __enter__(self) -> Self:
-        """Open all places."""
+        """Open all destinations."""
         self._outputs.open()
         return self
 
@@ -183,51 +186,69 @@ class RerunRecorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Finish the recording, or keep the part there is, and let go of the places."""
+        """Finish the recording, or draw the curves so far; close all destinations."""
         try:
             if error is None:
                 self.finish()
-            elif self._charts is not None and not self._finished:
-                self._charts.draw(self._outputs.places)
+            elif self._charts is not None and not self._is_finished:
+                self._charts.draw(self._outputs.destinations)
         finally:
             self._outputs.close(error)
 
     def start(self, head: RecordingHead) -> None:
-        """Begin the recording with all that does not move."""
-        times, inputs, sight = head.times, head.inputs, facing(head.focus)
-        line, step, span, words = SAMPLE, 1.0, None, ""
-        if times is not None and len(times):
-            self._span = span = times[0], times[-1]
-            line, words = TIME, f"`{TIME}` is the time."
-            step = (span[1] - span[0]) / max(len(times) - 1, 1)
-        elif inputs is not None and len(inputs):
-            line, scale, exact = input_timeline(inputs)
-            ends = np.array([inputs.min(), inputs.max()])
-            self._scale, self._span = scale, tuple(np.degrees(ends))
-            span = tuple(input_ticks(ends, scale))
-            step = max(1, round((span[1] - span[0]) / max(len(inputs) - 1, 1)))
-            unit = "degrees" if scale == 1 else f"1/{scale} degrees"
-            words = f"`{line}` is the input in {unit}{'' if exact else ', rounded'}."
-        layout = Layout(self.root, line, step, span, sight)
+        """Begin the recording: timelines, layout, and the scenes that do not move."""
+        sight = facing(head.focus)
+        layout, timeline_note = self._make_layout(head, sight)
         layout.pages.update(head.assembly_modes.items())
         if "logged" in head.properties:
-            words += f" This recording has {head.properties['logged']}."
+            timeline_note += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
-        self._row = head.row
+        self._grid_row_length = head.row
         self._names[None] = Names(sight)
-        self._outputs.name(self.name, head.properties)
-        self._outputs.still(
-            self.root, [("", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.world()]
+        self._outputs.send_name(self.name, head.properties)
+        self._outputs.log_static(
+            self.root, [("", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.draw_sphere()]
         )
         for scene in map(in_degrees, head.scenes):
-            named = self._links_named(scene)
+            names = self._names_of_new_links(scene)
             for primitive in scene.primitives:
-                self._introduce(scene.page, primitive, False, named.get(primitive.path, ()))
+                self._introduce(scene.page, primitive, False, names.get(primitive.path, ()))
         if head.scenes or layout.pages:
-            words = NOTES.format(name=self.name, timeline=words, compared=MOST_COMPARED)
-            self._introduce(None, Text("notes", "About", words))
+            notes = NOTES.format(
+                name=self.name, timeline=timeline_note, compared=MAX_COMPARED_CURVES
+            )
+            self._introduce(None, Text("notes", "About", notes))
         if layout.pages:
-            self._lay_out()
+            self._send_layout()
+
+    def _make_layout(self, head: RecordingHead, sight: Sight) -> tuple[Layout, str]:
+        """Return an empty layout, and a sentence about its timeline.
+
+        The timeline is that of times if the recording has any, otherwise that of the input,
+        otherwise that of sample numbers.
+        """
+        times = head.times
+        inputs = head.inputs
+        if times is not None and len(times):
+            span = times[0], times[-1]
+            self._axis_range = span
+            step = (span[1] - span[0]) / max(len(times) - 1, 1)
+            return Layout(self.root, TIME, step, span, sight), f"`{TIME}` is the time."
+        if inputs is not None and len(inputs):
+            timeline = input_timeline(inputs)
+            scale = timeline.ticks_per_degree
+            ends = np.array([inputs.min(), inputs.max()])
+            self._ticks_per_degree = scale
+            self._axis_range = tuple(np.degrees(ends))
+            tick_span = tuple(input_ticks(ends, scale))
+            tick_step = max(
+                1, round((tick_span[1] - tick_span[0]) / max(len(inputs) - 1, 1))
+            )
+            unit = "degrees" if scale == 1 else f"1/{scale} degrees"
+            rounded = "" if timeline.is_exact else ", rounded"
+            note = f"`{timeline.name}` is the input in {unit}{rounded}."
+            return Layout(self.root, timeline.name, tick_step, tick_span, sight), note
+        return Layout(self.root, SAMPLE, 1.0, None, sight), ""
 
     def log(
         self,
@@ -241,7 +262,7 @@ class RerunRecorder:
         Parameters
         ----------
         scene : Scene
-            Primitives with n rows each; what does not move may be among them.
+            Primitives with n rows each. Primitives that do not move may be among them.
         samples : array (n,)
             Numbers of the samples.
         inputs : array (n,) rad, optional
@@ -250,96 +271,153 @@ class RerunRecorder:
             Times; required if `start` got any.
 
         """
-        plotted, layout = self._started, self._started.layout
+        charts_of_recording = self._open_charts
+        layout = charts_of_recording.layout
+        row_count = len(samples)
         scene = in_degrees(scene)
-        scene = replace(scene, primitives=tuple(map(charts.roomy, scene.primitives)))
-        answers = asked_for(scene)
-        lines = self._time(samples, inputs, times)
+        primitives = tuple(map(portraits.with_margin, scene.primitives))
+        scene = replace(scene, primitives=primitives)
+        has_findings = shows_findings(scene)
+        timelines = self._timelines(samples, inputs, times)
         for primitive in scene.primitives:
-            entities.check_rows(primitive, len(samples))
-        over = scene.over or self._axis(np.asarray(samples), inputs, times)
-        if len(over) > 1 and self._row is None and isinstance(scene.page, int):
-            over = (charts.along(over),)
-        touched: dict[str, list[str]] = {}
-        named = self._links_named(scene)
-        fresh = [
-            plotted.enter(scene, item, over, touched)
-            if isinstance(item, Series)
-            else self._introduce(scene.page, item, answers, named.get(item.path, ()))
-            for item in scene.primitives
-        ]
-        if answers and scene.page is not None and scene.page not in layout.answered:
-            layout.answered.append(scene.page)
-            fresh.append(True)
-        failed = np.zeros(len(samples), bool)
-        plotted.log(touched, lines, over, len(samples))
-        labels = labels_of_arrows(scene.primitives)
+            entities.check_rows(primitive, row_count)
+        axes = scene.over or (self._default_axis(np.asarray(samples), inputs, times),)
+        is_mode_page = isinstance(scene.page, int)
+        if len(axes) > 1 and self._grid_row_length is None and is_mode_page:
+            axes = (charts.path_axis(axes),)  # samples on a path make no map
+
+        # New entities change the layout.
+        is_layout_changed = False
+        changed_series: dict[str, list[str]] = {}
+        names = self._names_of_new_links(scene)
+        for primitive in scene.primitives:
+            if isinstance(primitive, Series):
+                is_new = charts_of_recording.add_series(
+                    scene, primitive, axes, changed_series
+                )
+            else:
+                is_new = self._introduce(
+                    scene.page, primitive, has_findings, names.get(primitive.path, ())
+                )
+            is_layout_changed |= is_new
+        known_pages = layout.pages_with_findings
+        if has_findings and scene.page is not None and scene.page not in known_pages:
+            known_pages.append(scene.page)
+            is_layout_changed = True
+
+        charts_of_recording.log_block(changed_series, timelines, axes, row_count)
+        self._log_rows(scene, timelines, row_count)
+        is_layout_changed |= self._log_failures(scene, timelines, row_count)
+        if is_layout_changed:
+            self._send_layout()
+        live = self._outputs.live
+        if live and time.monotonic() - self._live_draw_time > LIVE_INTERVAL_S:
+            charts_of_recording.draw(live)
+            self._live_draw_time = time.monotonic()
+        self._outputs.for_each(lambda output: output.flush())
+
+    def _log_rows(
+        self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
+    ) -> None:
+        """Log the rows of all primitives, and keep those whose path is drawn at the end."""
+        layout = self._open_charts.layout
+        labels = arrow_labels(scene.primitives)
         for primitive in scene.primitives:
             path = layout.path(scene.page, primitive)
-            for suffix, columns in entities.moving(primitive, labels.get(primitive.path)):
-                self._outputs.columns(below(path, suffix), lines, columns, len(samples))
-            rows = entities.drawn_whole(primitive)
+            for suffix, columns in entities.moving_columns(
+                primitive, labels.get(primitive.path)
+            ):
+                self._outputs.log_rows(below(path, suffix), timelines, columns, row_count)
+            rows = entities.rows_for_path(primitive)
             if rows is not None:
-                self._whole.setdefault(path, (primitive, []))[1].append(np.array(rows))
-            if isinstance(primitive, Body) and primitive.quaternions is not None:
-                failed |= ~all_finite(primitive.quaternions, 1)
-        if any(isinstance(item, Body) for item in scene.primitives):
-            status = f"{layout.base(scene.page)}/status"
-            if self._outputs.first(status, [("", entities.failure_label())]):
-                layout.solids.append((scene.page, status))
-                fresh.append(True)
-            columns = entities.failure_columns(failed)
-            self._outputs.columns(status, lines, columns, len(samples))
-        if any(fresh):
-            self._lay_out()
-        live = self._outputs.live
-        if live and time.monotonic() - self._live_drawn > LIVE_SECONDS:
-            plotted.draw(live)
-            self._live_drawn = time.monotonic()
-        self._outputs.each(lambda output: output.flush())
+                _, blocks = self._path_rows.setdefault(path, (primitive, []))
+                blocks.append(np.array(rows))
 
-    def _time(
+    def _log_failures(
+        self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
+    ) -> bool:
+        """Log at which rows links have no configuration; return if the label is new."""
+        bodies = [item for item in scene.primitives if isinstance(item, Body)]
+        if not bodies:
+            return False
+        layout = self._open_charts.layout
+        is_failed = np.zeros(row_count, bool)
+        for body in bodies:
+            if body.quaternions is not None:
+                is_failed |= ~all_finite(body.quaternions, 1)
+        path = f"{layout.base(scene.page)}/status"
+        is_new = self._outputs.log_first(path, [("", entities.failure_label())])
+        if is_new:
+            layout.solids.append((scene.page, path))
+        columns = entities.failure_columns(is_failed)
+        self._outputs.log_rows(path, timelines, columns, row_count)
+        return is_new
+
+    def _timelines(
         self, samples: Integers, inputs: Floats | None, times: Floats | None
     ) -> list[rr.TimeColumn]:
-        """Return where rows are on the timelines."""
-        lines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
-        line = self._started.layout.timeline
-        if line == TIME:
+        """Return the positions of rows on all timelines.
+
+        Parameters
+        ----------
+        samples
+            (rows,) sample numbers.
+        inputs, times
+            (rows,) inputs (rad) and times (s).
+
+        Raises
+        ------
+        ValueError
+            If the inputs or times of a timeline are missing.
+        """
+        timelines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
+        name = self._open_charts.layout.timeline
+        if name == TIME:
             if times is None or len(times) != len(samples):
                 raise ValueError("each sample needs its time")
-            lines.append(rr.TimeColumn(line, duration=times))
-        if self._scale is not None:
+            timelines.append(rr.TimeColumn(name, duration=times))
+        if self._ticks_per_degree is not None:
             if inputs is None or len(inputs) != len(samples):
                 raise ValueError("each sample needs its input value")
-            lines.append(rr.TimeColumn(line, sequence=input_ticks(inputs, self._scale)))
-        return lines
+            ticks = input_ticks(inputs, self._ticks_per_degree)
+            timelines.append(rr.TimeColumn(name, sequence=ticks))
+        return timelines
 
-    def _axis(
+    def _default_axis(
         self, samples: Integers, inputs: Floats | None, times: Floats | None
-    ) -> tuple[Axis, ...]:
-        """Return what a scene that does not say it is plotted over."""
-        name, unit, values, span = "sample", "", samples.astype(float), self._span
-        if span is not None and times is not None:
-            name, unit, values = "time", "s", times
-        elif span is not None and inputs is not None:
-            name, unit, values = "input", "deg", np.degrees(inputs)
-        else:
-            span = np.min(values, initial=np.inf), np.max(values, initial=-np.inf)
-        return (Axis(name, unit, values, span),)
+    ) -> Axis:
+        """Return the axis of scenes that state none: the time, the input or the sample.
+
+        Parameters
+        ----------
+        samples
+            (rows,) sample numbers.
+        inputs, times
+            (rows,) inputs (rad) and times (s).
+        """
+        if self._axis_range is not None and times is not None:
+            return Axis("time", "s", times, self._axis_range)
+        if self._axis_range is not None and inputs is not None:
+            return Axis("input", "deg", np.degrees(inputs), self._axis_range)
+        numbers = samples.astype(float)
+        low = np.min(numbers, initial=np.inf)
+        high = np.max(numbers, initial=-np.inf)
+        return Axis("sample", "", numbers, (low, high))
 
     def finish(self) -> None:
-        """Record the path of every pole, and make all files final; once is enough."""
-        if self._finished:
+        """Draw all charts and paths, and complete all files; further calls do nothing."""
+        if self._is_finished:
             return
         if self._charts is not None:
-            self._charts.draw(self._outputs.places)
-            self._lay_out(final=True)
-        self._finished = True
-        for path, (primitive, blocks) in self._whole.items():
-            self._outputs.still(
-                path, entities.whole(primitive, np.concatenate(blocks), self._row)
+            self._charts.draw(self._outputs.destinations)
+            self._send_layout(is_final=True)
+        self._is_finished = True
+        for path, (primitive, blocks) in self._path_rows.items():
+            rows = np.concatenate(blocks)
+            self._outputs.log_static(
+                path, entities.draw_path(primitive, rows, self._grid_row_length)
             )
-        self._outputs.each(lambda output: output.complete())
+        self._outputs.for_each(lambda output: output.complete())
 
     def serve_until_interrupted(self) -> None:
         """Finish, and keep serving until the user presses Ctrl-C."""
@@ -350,76 +428,100 @@ class RerunRecorder:
         except KeyboardInterrupt:
             return
 
-    def _links_named(self, scene: Scene) -> dict[str, list[Name]]:
-        """Return the names that links seen for the first time show, by their paths."""
+    def _names_of_new_links(self, scene: Scene) -> dict[str, list[Name]]:
+        """Return the names that the links of a scene show, by path; known links have none.
+
+        Names on a page keep off those that all pages have.
+        """
         if scene.page not in self._names:
             self._names[scene.page] = deepcopy(self._names[None])
-        bodies = [item for item in scene.primitives if isinstance(item, Body)]
-        layout, seen = self._started.layout, self._outputs.seen
-        return self._names[scene.page].give(
-            [b for b in bodies if layout.path(scene.page, b) not in seen]
-        )
+        layout = self._open_charts.layout
+        new_bodies = [
+            item
+            for item in scene.primitives
+            if isinstance(item, Body)
+            and layout.path(scene.page, item) not in self._outputs.known_paths
+        ]
+        return self._names[scene.page].place_names(new_bodies)
 
     def _introduce(
         self,
         page: Page,
         primitive: Primitive,
-        answers: bool = True,
+        has_findings: bool = True,
         names: Sequence[Name] = (),
     ) -> bool:
-        """Log what stays of a primitive seen for the first time; return if it was."""
-        path = self._started.layout.path(page, primitive)
-        new = self._outputs.first(path, entities.still(primitive, names))
-        if new:
-            self._place(page, path, primitive, answers)
-        return new
+        """Log the static data of a primitive that is new; return whether it is.
 
-    def _place(self, page: Page, path: str, primitive: Primitive, answers: bool) -> None:
-        """Give a new primitive its place in the window."""
-        layout = self._started.layout
+        Parameters
+        ----------
+        page
+            Its page.
+        primitive
+            The primitive.
+        has_findings
+            Whether it shows results of an analysis.
+        names
+            The names that a link shows.
+        """
+        path = self._open_charts.layout.path(page, primitive)
+        is_new = self._outputs.log_first(path, entities.draw_static(primitive, names))
+        if is_new:
+            self._add_to_layout(page, path, primitive, has_findings)
+        return is_new
+
+    def _add_to_layout(
+        self, page: Page, path: str, primitive: Primitive, has_findings: bool
+    ) -> None:
+        """Add a new primitive to a view of the window, see `_introduce`."""
+        layout = self._open_charts.layout
         if page is not None:
             title = f"Assembly mode {page}" if isinstance(page, int) else page
             layout.pages.setdefault(page, title)
-        if isinstance(primitive, SOLID):
+        if isinstance(primitive, SPHERE_PRIMITIVES):
             layout.solids.append((page, path))
         match primitive:
             case SphereMap(label=label, unit=unit):
-                span, scale = (
-                    map_range(primitive.shown_values, unit),
-                    f"{layout.base(page)}/scale",
-                )
-                drawn = charts.horizontal_scale(*span, titled(label, unit))
-                if self._outputs.first(scale, drawn):  # once for a page
-                    layout.scales.append((page, scale))
+                low, high = map_range(primitive.shown_values, unit)
+                scale_path = f"{layout.base(page)}/scale"
+                scale = draw_colour_scale(low, high, titled(label, unit))
+                if self._outputs.log_first(scale_path, scale):  # one for each page
+                    layout.scales.append((page, scale_path))
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
                 if not shown:
                     layout.overrides.append((page, path, HIDDEN))
                 if shown and path_shown and not primary:
-                    layout.overrides.append((page, f"{path}/trail", layout.recent))
-            case Portrait() | Diagram() | Surface():
-                view: View = partial(space, path, primitive.label)
-                if isinstance(primitive, Diagram):
-                    view = partial(plane, path, primitive.label, diagrams.bounds(primitive))
-                elif isinstance(primitive, Portrait):
-                    view = partial(plane, path, primitive.label, charts.BOUNDS)
-                layout.plots.append(Plot(page, path, answers, view))
+                    trail = f"{path}/trail"
+                    layout.overrides.append((page, trail, layout.trail_range))
+            case Diagram(label=label):
+                bounds = diagrams.view_bounds(primitive)
+                view: View = partial(plane_view, path, label, bounds)
+                layout.plots.append(Plot(page, path, has_findings, view))
+            case Portrait(label=label):
+                view = partial(plane_view, path, label, CHART_BOUNDS)
+                layout.plots.append(Plot(page, path, has_findings, view))
+            case Surface(label=label):
+                view = partial(space_view, path, label)
+                layout.plots.append(Plot(page, path, has_findings, view))
             case InputMarks():
-                self._started.marks.setdefault(layout.base(page), []).append(primitive)
+                marks = self._open_charts.marks.setdefault(layout.base(page), [])
+                marks.append(primitive)
             case Graph():
-                layout.panels.append((page, partial(graph, path)))
+                layout.panels.append((page, partial(graph_view, path)))
             case Text(label=label):
                 view = partial(rrb.TextDocumentView, origin=path, name=label)
                 layout.panels.append((page, view))
 
-    def _lay_out(self, final: bool = False) -> None:
-        """Send the layout to viewers; to files when it has grown fourfold, and in the end.
+    def _send_layout(self, is_final: bool = False) -> None:
+        """Send the layout to viewers; to files when it has grown enough, and at the end.
 
-        A layout has an entity for every series of every assembly mode. One for each
-        assembly mode that comes in would make a file grow with the square of their number.
+        A layout has an entity for every series of every assembly mode. If a file got one
+        for each mode, it would grow with the square of their number.
         """
-        size = len(self._outputs.seen)
-        reached = self._outputs.live
-        if final or size >= 4 * self._laid_out:
-            self._laid_out, reached = size, self._outputs.places
-        for output in reached:
-            output.stream.send_blueprint(self._started.layout.blueprint())
+        size = len(self._outputs.known_paths)
+        destinations = self._outputs.live
+        if is_final or size >= LAYOUT_GROWTH * self._layout_size:
+            self._layout_size = size
+            destinations = self._outputs.destinations
+        for output in destinations:
+            output.stream.send_blueprint(self._open_charts.layout.blueprint())

@@ -1,4 +1,4 @@
-"""Pictures of a recording, taken by a viewer without a window."""
+"""Takes pictures of a recording with a viewer that has no window."""
 
 import io
 import subprocess
@@ -14,13 +14,13 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.display.rerun.rerun_sdk import RrdReader, ViewerClient
-from spherekit.display.rerun.timelines import SAMPLE, TIME, input_scale
+from spherekit.display.rerun.timelines import SAMPLE, TIME, ticks_per_degree
 from spherekit.display.rerun.viewer_program import (
     HOST,
     free_ports,
-    listens,
-    program,
     recording_at,
+    run_viewer,
+    wait_for_port,
 )
 from spherekit.errors import OutputError
 from spherekit.storage.atomic_write import check_file, write_bytes
@@ -28,21 +28,38 @@ from spherekit.wording import listing, nearest
 
 Size = tuple[int, int]
 
-LOAD_TIMEOUT = 60.0
-FRAMES = 20
-AROUND_SPACE = (7, 71)
-"""What of a window a view that fills it leaves to bars and frame."""
-NOTICE_TIMEOUT = 12.0
-NOTICE_COLOUR, NOTICE_INSET = (33, 33, 33), 14
-NOTICE_ROWS = range(50, 100), range(20)
-"""What a notice of the viewer looks like at its right edge, and how far in that is; and its
-rows in a picture of the window and of a view that fills it."""
-LARGEST = 8192
-"""Pixels of a picture along a side: what graphics drivers draw at once."""
-OLDEST = (0, 23)
-"""Recordings of this version of rerun and later are read by all later ones."""
-ENDING = 2.0
-"""A viewer that has lost its graphics ends within this time (s) of its last answer."""
+LOAD_TIMEOUT_S = 60.0
+"""Time within which the viewer has to load a recording."""
+
+MAX_FRAMES = 20
+"""Number of pictures after which a picture that still changes is taken as it is."""
+
+FRAME_INTERVAL_S = 0.1
+
+VIEW_BORDER = (7, 71)
+"""Width and height of a window that bars and frames take from a view that fills it."""
+
+NOTICE_TIMEOUT_S = 12.0
+"""Time after which a picture is taken although a notice covers it."""
+
+NOTICE_COLOUR = (33, 33, 33)
+NOTICE_INSET = 14
+"""Colour of a notice of the viewer, and its distance from the right edge."""
+
+WINDOW_NOTICE_ROWS = range(50, 100)
+VIEW_NOTICE_ROWS = range(20)
+"""Rows that a notice covers in a picture of the window, and of a view that fills it."""
+
+MAX_SIDE_PIXELS = 8192
+"""Largest side of a picture: graphics drivers draw no more at once."""
+
+MIN_SIDE_PIXELS = 100
+
+OLDEST_READABLE_VERSION = (0, 23)
+"""Recordings of this version of rerun and later are read by all later versions."""
+
+EXIT_TIMEOUT_S = 2.0
+"""Time within which a viewer that has lost its graphics ends."""
 
 NO_VULKAN = (
     "the viewer found no graphics driver; install a Vulkan driver, on Debian and "
@@ -70,8 +87,8 @@ def screenshot(
     picture : Path or str
         The PNG to write.
     sample, input_deg : optional
-        Where to put the time cursor, one of the two; the first sample with a
-        configuration if neither is given.
+        The sample, or the input angle, to show. By default it is the first sample with a
+        configuration.
     view : "all" or "3D"
         The whole window, or only the 3D view of the page in front.
     size : (width, height)
@@ -80,33 +97,34 @@ def screenshot(
         Titles of pages and tabs to bring to the front, such as ``Compare``.
 
     """
-    recording, picture = recording_at(recording), Path(picture)
+    recording = recording_at(recording)
+    picture = Path(picture)
     if sample is not None and input_deg is not None:
         raise ValueError("give a sample or an input angle, not both")
     check_picture(picture, size)
     check_version(recording)
-    wide, high = AROUND_SPACE if view == "3D" else (0, 0)
-    with _viewer((size[0] + wide, size[1] + high)) as client:
+    border = VIEW_BORDER if view == "3D" else (0, 0)
+    with _headless_viewer((size[0] + border[0], size[1] + border[1])) as client:
         client.open(str(recording.resolve()))
-        timelines = _loaded(client, recording)
+        timelines = _wait_until_loaded(client, recording)
         if front:
-            _bring_forward(client, recording, front)
-        shown = _fill_window(client, recording) if view == "3D" else None
-        timeline, tick = _cursor(timelines, sample, input_deg, recording)
+            _activate_tabs(client, recording, front)
+        view_id = _maximise_3d_view(client, recording) if view == "3D" else None
+        timeline, tick = _cursor_position(timelines, sample, input_deg, recording)
         if sample is None and input_deg is None:
-            tick = _first_shown(client, recording, timeline, tick)
+            tick = _first_valid_time(client, recording, timeline, tick)
         if timeline == TIME:
             client.set_time(
                 timeline, duration=np.timedelta64(tick, "ns"), play_state="paused"
             )
         else:
             client.set_time(timeline, sequence=tick, play_state="paused")
-        troubles = [
+        problems = [
             report.summary for panel in client.get_state().views for report in panel.reports
         ]
-        if troubles:
-            raise OutputError(f"the viewer cannot show {recording}: {troubles[0]}")
-        data = _settled(client, shown)
+        if problems:
+            raise OutputError(f"the viewer cannot show {recording}: {problems[0]}")
+        data = _take_stable_picture(client, view_id)
     write_bytes(picture, data)
     return picture
 
@@ -118,164 +136,236 @@ def check_picture(picture: Path, size: Size) -> None:
             f"{picture}: pictures are PNG files; name it {picture.with_suffix('.png')}"
         )
     check_file(picture)
-    if not all(100 <= side <= LARGEST for side in size):
+    if not all(MIN_SIDE_PIXELS <= side <= MAX_SIDE_PIXELS for side in size):
         raise OutputError(
-            f"{size[0]}x{size[1]} is no size of a picture; its sides are 100 to "
-            f"{LARGEST} pixels"
+            f"{size[0]}x{size[1]} is no size of a picture; its sides are "
+            f"{MIN_SIDE_PIXELS} to {MAX_SIDE_PIXELS} pixels"
         )
 
 
 def check_version(recording: Path) -> None:
-    """Raise `OutputError` if a recording was made by a rerun that this one cannot read."""
+    """Raise `OutputError` if the installed version of rerun cannot read a recording."""
     with recording.open("rb") as stream:
-        head = stream.read(6)
+        header = stream.read(6)
     installed = tuple(int(part) for part in version("rerun-sdk").split(".")[:2])
-    made = tuple(head[4:6]) if head.startswith(b"RRF2") else ()
-    if OLDEST <= made <= installed:
+    # The header is RRF2 and then the version of rerun, one byte for each part.
+    recorded = tuple(header[4:6]) if header.startswith(b"RRF2") else ()
+    if OLDEST_READABLE_VERSION <= recorded <= installed:
         return
-    here, by = (".".join(map(str, number)) for number in (installed, made))
-    what = (
-        "make it again, `spherekit run FILE --save X.rrd`"
-        if made < OLDEST
-        else f"install that version, pip install rerun-sdk=={by}.*"
-    )
+    installed_text = ".".join(map(str, installed))
+    recorded_text = ".".join(map(str, recorded))
+    if recorded < OLDEST_READABLE_VERSION:
+        hint = "make it again, `spherekit run FILE --save X.rrd`"
+    else:
+        hint = f"install that version, pip install rerun-sdk=={recorded_text}.*"
+    maker = f"rerun {recorded_text}" if any(recorded) else "an older rerun"
     raise OutputError(
-        f"{recording} was made by {f'rerun {by}' if any(made) else 'an older rerun'}, "
-        f"which rerun {here} installed here does not read; {what}"
+        f"{recording} was made by {maker}, which rerun {installed_text} installed here "
+        f"does not read; {hint}"
     )
 
 
-def _fill_window(client: ViewerClient, recording: Path) -> str:
-    """Let the 3D view that is in front fill the window, without bars; return its id."""
-    parts = client.get_blueprint().blueprint
-    spaces = {v.view_id for v in client.get_state().views if v.view_class == "3D"}
-    seen = [view for view in _in_front(parts) if view in spaces]
-    if not seen:
+def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
+    """Let the 3D view in front fill the window, without bars; return its id."""
+    blueprint = client.get_blueprint().blueprint
+    ids_of_3d_views = {
+        view.view_id for view in client.get_state().views if view.view_class == "3D"
+    }
+    visible = [view for view in _visible_views(blueprint) if view in ids_of_3d_views]
+    if not visible:
         raise OutputError(f"{recording} shows no 3D view")
-    parts["/viewport"]["ViewportBlueprint"]["maximized"] = seen[0]
-    parts["/time_panel"]["TimePanelBlueprint"]["state"] = "Hidden"
-    client.set_blueprint(parts, "recording")
-    return seen[0]
+    blueprint["/viewport"]["ViewportBlueprint"]["maximized"] = visible[0]
+    blueprint["/time_panel"]["TimePanelBlueprint"]["state"] = "Hidden"
+    client.set_blueprint(blueprint, "recording")
+    return visible[0]
 
 
-def _in_front(parts: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the ids of the views of a layout that are not hidden behind other tabs."""
-    left = [f"container/{parts['/viewport']['ViewportBlueprint']['root_container']}"]
-    while left:
-        kind, _, name = left[0].partition("/")
-        inner: list[str] = []
+def _visible_views(blueprint: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the ids of the views that are not hidden behind other tabs, from the left.
+
+    Parameters
+    ----------
+    blueprint
+        The components of the layout, by path and archetype.
+    """
+    root = blueprint["/viewport"]["ViewportBlueprint"]["root_container"]
+    pending = [f"container/{root}"]
+    while pending:
+        path = pending[0]
+        kind, _, name = path.partition("/")
+        contents: list[str] = []
         if kind == "view":
             yield name
         else:
-            fields = parts[f"/{left[0]}"]["ContainerBlueprint"]
-            shown = "active_tab" if fields["container_kind"] == "Tabs" else "contents"
-            inner = _several(fields[shown])
-        left = inner + left[1:]
+            container = blueprint[f"/{path}"]["ContainerBlueprint"]
+            is_tabs = container["container_kind"] == "Tabs"
+            contents = _as_list(container["active_tab" if is_tabs else "contents"])
+        pending = contents + pending[1:]
 
 
-def _several(value: str | list[str]) -> list[str]:
-    """Return a component of a layout, which is no list where it has one element."""
+def _as_list(value: str | list[str]) -> list[str]:
+    """Return a component of a layout as a list; one element comes without a list."""
     return [value] if isinstance(value, str) else value
 
 
-def _bring_forward(client: ViewerClient, recording: Path, titles: Sequence[str]) -> None:
-    """Make the pages and tabs of these titles the active ones."""
-    parts = client.get_blueprint().blueprint
-    named: dict[str, list[str]] = {}
-    for path, fields in parts.items():
-        for values in fields.values():
-            if "display_name" in values:
-                named.setdefault(values["display_name"], []).append(path.strip("/"))
-    tabs = [
-        fields["ContainerBlueprint"]
-        for fields in parts.values()
-        if fields.get("ContainerBlueprint", {}).get("container_kind") == "Tabs"
-    ]
-    hidden = {path for tab in tabs for path in tab["contents"]}
-    for title in titles:
-        wanted = hidden.intersection(named.get(title, ()))
-        if not wanted:
-            offered = [name for name, paths in named.items() if hidden.intersection(paths)]
-            raise OutputError(
-                f'{recording} has no tab "{title}"{nearest(title, offered) or "."} Tabs: '
-                f"{listing(map(repr, sorted(offered)))}"
-            )
-        for tab in tabs:
-            for path in wanted.intersection(tab["contents"]):
-                tab["active_tab"] = path
-    client.set_blueprint(parts, "recording")
+def _activate_tabs(client: ViewerClient, recording: Path, titles: Sequence[str]) -> None:
+    """Bring the pages and tabs with given titles to the front.
 
-
-def _settled(client: ViewerClient, view_id: str | None) -> bytes:
-    """Return a picture once it no longer changes: plots come some frames late.
-
-    And once the viewer's notice that it listens is gone, which nothing keeps away.
+    Raises
+    ------
+    OutputError
+        If there is no such tab.
     """
-    deadline = time.monotonic() + NOTICE_TIMEOUT
-    rows = NOTICE_ROWS[view_id is not None]
-    data, frame = client.take_screenshot(view_id=view_id), 0
-    while frame < FRAMES:
-        time.sleep(0.1)
-        last, data = data, client.take_screenshot(view_id=view_id)
-        if not _shows_notice(data, rows) or time.monotonic() >= deadline:
-            if data == last:
-                break
-            frame += 1
-    return data
+    blueprint = client.get_blueprint().blueprint
+    paths_of_title: dict[str, list[str]] = {}
+    for path, archetypes in blueprint.items():
+        for components in archetypes.values():
+            if "display_name" in components:
+                title = components["display_name"]
+                paths_of_title.setdefault(title, []).append(path.strip("/"))
+    tab_containers = [
+        archetypes["ContainerBlueprint"]
+        for archetypes in blueprint.values()
+        if archetypes.get("ContainerBlueprint", {}).get("container_kind") == "Tabs"
+    ]
+    tab_paths = {path for tabs in tab_containers for path in tabs["contents"]}
+    for title in titles:
+        paths = tab_paths.intersection(paths_of_title.get(title, ()))
+        if not paths:
+            tab_titles = [
+                name
+                for name, named_paths in paths_of_title.items()
+                if tab_paths.intersection(named_paths)
+            ]
+            raise OutputError(
+                f'{recording} has no tab "{title}"{nearest(title, tab_titles) or "."} '
+                f"Tabs: {listing(map(repr, sorted(tab_titles)))}"
+            )
+        for tabs in tab_containers:
+            for path in paths.intersection(tabs["contents"]):
+                tabs["active_tab"] = path
+    client.set_blueprint(blueprint, "recording")
 
 
-def _shows_notice(data: bytes, rows: range) -> bool:
-    """Return whether a notice covers the upper right corner of a picture."""
+def _take_stable_picture(client: ViewerClient, view_id: str | None) -> bytes:
+    """Return a PNG as soon as two pictures in a row are equal: plots appear late.
+
+    A notice of the viewer, that it listens, cannot be switched off. The function waits
+    until it disappears.
+
+    Parameters
+    ----------
+    client
+        The viewer.
+    view_id
+        The view that fills the window; None for the whole window.
+    """
+    deadline = time.monotonic() + NOTICE_TIMEOUT_S
+    notice_rows = WINDOW_NOTICE_ROWS if view_id is None else VIEW_NOTICE_ROWS
+    picture = client.take_screenshot(view_id=view_id)
+    frame = 0
+    while frame < MAX_FRAMES:
+        time.sleep(FRAME_INTERVAL_S)
+        last_picture = picture
+        picture = client.take_screenshot(view_id=view_id)
+        if _shows_notice(picture, notice_rows) and time.monotonic() < deadline:
+            continue
+        if picture == last_picture:
+            break
+        frame += 1
+    return picture
+
+
+def _shows_notice(png: bytes, rows: range) -> bool:
+    """Return whether a notice covers given rows at the right edge of a picture."""
     from PIL import Image
 
-    with Image.open(io.BytesIO(data)) as picture:
-        right = picture.width - NOTICE_INSET
-        edge = picture.crop((right, rows.start, right + 1, rows.stop)).convert("RGB")
+    with Image.open(io.BytesIO(png)) as picture:
+        x = picture.width - NOTICE_INSET
+        edge = picture.crop((x, rows.start, x + 1, rows.stop)).convert("RGB")
     return edge.getcolors() == [(len(rows), NOTICE_COLOUR)]
 
 
-def _cursor(
+def _cursor_position(
     timelines: dict[str, int],
     sample: int | None,
     input_deg: float | None,
     recording: Path,
 ) -> tuple[str, int]:
-    """Return the timeline and the time on it that were asked for, in ns on `TIME`."""
-    inputs = [(name, scale) for name in timelines if (scale := input_scale(name))]
+    """Return the timeline and the time on it for a sample or an input.
+
+    Parameters
+    ----------
+    timelines
+        The first time of each timeline.
+    sample, input_deg
+        One of both, or none for the beginning.
+    recording
+        Path of the recording, for messages.
+
+    Returns
+    -------
+    The name of the timeline, and a sample number, ticks of the input or ns of time.
+    """
+    input_timelines = [
+        (name, scale) for name in timelines if (scale := ticks_per_degree(name))
+    ]
     if sample is None and input_deg is not None:
-        if not inputs:
+        if not input_timelines:
             raise OutputError(f"{recording} has no input timeline; name a sample")
-        name, scale = inputs[0]
+        name, scale = input_timelines[0]
         return name, round(input_deg * scale)
     if SAMPLE not in timelines:
         raise OutputError(f"{recording} has no timeline named {SAMPLE}")
     if sample is not None:
         _check_sample(recording, sample)
         return SAMPLE, sample
-    first = TIME if TIME in timelines else inputs[0][0] if inputs else SAMPLE
-    return first, timelines[first]
+    if TIME in timelines:
+        name = TIME
+    elif input_timelines:
+        name = input_timelines[0][0]
+    else:
+        name = SAMPLE
+    return name, timelines[name]
 
 
-def _first_shown(client: ViewerClient, recording: Path, timeline: str, start: int) -> int:
-    """Return the first time at which what is in front has a configuration, or the start.
+def _first_valid_time(
+    client: ViewerClient, recording: Path, timeline: str, start: int
+) -> int:
+    """Return the first time at which the visible page has a configuration.
 
-    Where there is none, the words that say so are at the centre.
+    A row without a configuration has a failure label at the centre of the sphere.
+
+    Parameters
+    ----------
+    client
+        The viewer.
+    recording
+        Path of the recording.
+    timeline
+        Name of the timeline.
+    start
+        The time to return if no row has a configuration.
     """
-    parts = client.get_blueprint().blueprint
-    words = {
-        path.strip("+ ").removesuffix("/**")
-        for view in _in_front(parts)
-        for path in _several(parts[f"/view/{view}/ViewContents"]["ViewContents"]["query"])
-        if path.endswith("/status/**")
-    }
-    shown = []
+    blueprint = client.get_blueprint().blueprint
+    label_paths = set()
+    for view in _visible_views(blueprint):
+        contents = blueprint[f"/view/{view}/ViewContents"]["ViewContents"]["query"]
+        for rule in _as_list(contents):
+            if rule.endswith("/status/**"):
+                label_paths.add(rule.strip("+ ").removesuffix("/**"))
+    valid_times = []
     for chunk in RrdReader(str(recording)).stream():
-        if chunk.entity_path in words and not chunk.is_static:
+        if chunk.entity_path in label_paths and not chunk.is_static:
             batch = chunk.to_record_batch()
-            said = batch.column("Points3D:positions").to_pylist()
-            ticks = batch.column(timeline).cast("int64").to_pylist()
-            shown += [tick for tick, row in zip(ticks, said, strict=True) if not row]
-    return min(shown, default=start)
+            labels = batch.column("Points3D:positions").to_pylist()
+            times = batch.column(timeline).cast("int64").to_pylist()
+            valid_times += [
+                valid_time
+                for valid_time, label in zip(times, labels, strict=True)
+                if not label
+            ]
+    return min(valid_times, default=start)
 
 
 def _check_sample(recording: Path, sample: int) -> None:
@@ -290,44 +380,70 @@ def _check_sample(recording: Path, sample: int) -> None:
         raise OutputError(f"{recording} has no sample {sample}; its samples: {span}")
 
 
-def _loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
-    """Wait until a recording is there; return its timelines and where they start."""
-    deadline = time.monotonic() + LOAD_TIMEOUT
+def _wait_until_loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
+    """Wait until the viewer has loaded a recording; return the start of each timeline."""
+    deadline = time.monotonic() + LOAD_TIMEOUT_S
     while time.monotonic() < deadline:
         state = client.get_state()
-        active = [r for r in state.recordings if r.store_id == state.active_recording]
+        active = [
+            loaded
+            for loaded in state.recordings
+            if loaded.store_id == state.active_recording
+        ]
         if active and not state.loading and active[0].timelines:
             return {line.name: line.start or 0 for line in active[0].timelines}
         time.sleep(0.05)
     raise OutputError(
-        f"the viewer did not load {recording} within {LOAD_TIMEOUT:.0f} s; check it "
+        f"the viewer did not load {recording} within {LOAD_TIMEOUT_S:.0f} s; check it "
         "with `rerun rrd verify`"
     )
 
 
 @contextmanager
-def _viewer(size: Size) -> Iterator[ViewerClient]:
-    """Run a viewer without a window for a while."""
+def _headless_viewer(size: Size) -> Iterator[ViewerClient]:
+    """Run a viewer without a window within a `with` block, whose value is its client.
+
+    Raises
+    ------
+    OutputError
+        If the viewer does not start, or fails within the block.
+    """
     (port,) = free_ports(1)
     words = ["--headless", "--hide-welcome-screen", f"--bind={HOST}", f"--port={port}"]
     words.append(f"--window-size={size[0]}x{size[1]}")
-    with tempfile.TemporaryFile() as messages, program(*words, messages=messages) as viewer:
-        if not listens(viewer, port):
-            reason = "it did not start" if viewer.poll() is None else "it ended at once"
-            raise OutputError(_complaint(viewer, messages, reason))
+    with (
+        tempfile.TemporaryFile() as messages,
+        run_viewer(*words, messages=messages) as process,
+    ):
+        if not wait_for_port(process, port):
+            reason = "it did not start" if process.poll() is None else "it ended at once"
+            raise OutputError(_failure_message(process, messages, reason))
         try:
             yield ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
         except (RuntimeError, ConnectionError) as error:
-            raise OutputError(_complaint(viewer, messages, str(error))) from error
+            raise OutputError(_failure_message(process, messages, str(error))) from error
 
 
-def _complaint(process: subprocess.Popen[bytes], messages: IO[bytes], reason: str) -> str:
-    """Return why the viewer failed, from what it wrote on its error stream."""
+def _failure_message(
+    process: subprocess.Popen[bytes], messages: IO[bytes], reason: str
+) -> str:
+    """Return a message on a viewer that failed.
+
+    Parameters
+    ----------
+    process
+        The viewer.
+    messages
+        Its error stream. It tells a missing graphics driver from other reasons.
+    reason
+        The reason that is stated otherwise.
+    """
     with suppress(subprocess.TimeoutExpired):
-        process.wait(ENDING)
+        process.wait(EXIT_TIMEOUT_S)
     messages.seek(0)
-    said = messages.read().decode(errors="replace")
-    lost = ("graphics adapter", "render context", "Vulkan", "wgpu")
-    if any(word in said for word in lost) and process.poll() is not None:
+    text = messages.read().decode(errors="replace")
+    graphics_words = ("graphics adapter", "render context", "Vulkan", "wgpu")
+    has_ended = process.poll() is not None
+    if has_ended and any(word in text for word in graphics_words):
         return NO_VULKAN
     return f"the viewer could not take a picture: {reason}"

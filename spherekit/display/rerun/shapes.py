@@ -1,4 +1,4 @@
-"""Polylines, meshes and rotations that the pictures are made of."""
+"""Polylines and normals of meshes that scenes are drawn with."""
 
 from itertools import combinations, product
 
@@ -7,20 +7,20 @@ import numpy as np
 from spherekit.arrays import Floats, Integers
 from spherekit.geometry.vectors import all_finite, unit_rows
 
-LONGEST_CHORD = np.radians(3.0)
-"""Longer steps along a path are cut into pieces, so that it stays on the sphere."""
+MAX_CHORD_RAD = np.radians(3.0)
+"""Largest step along a path on the sphere. Larger: the path visibly leaves the sphere;
+smaller: more points."""
 
-SHORTEST_CHORD = np.radians(0.2)
-"""Points of a path that are closer than this are thinned out."""
+MIN_CHORD_RAD = np.radians(0.2)
+"""Smallest step along a path. Larger: corners are lost; smaller: more points."""
 
-
-CIRCLE = 145
-"""Points of a closed circle."""
+CIRCLE_POINTS = 145
+"""Number of points of a closed circle."""
 
 
 def unit_circle() -> Floats:
     """Return the closed unit circle about z, (n, 3)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, CIRCLE)
+    angle = np.linspace(0.0, 2.0 * np.pi, CIRCLE_POINTS)
     return np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
 
 
@@ -31,20 +31,29 @@ def box(low: Floats, high: Floats) -> list[Floats]:
 
 
 def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
-    """Return unit normals (v, 3) of a mesh, means of those of the triangles around.
+    """Return unit normals (v, 3) of a mesh: the means of those of the adjacent triangles.
 
-    Where these have no common side, they are turned to agree with the first one.
+    The triangles around a vertex may have opposite orientations. Their normals are flipped
+    to agree with the sum so far.
+
+    Parameters
+    ----------
+    vertices
+        (v, 3) points.
+    triangles
+        (t, 3) indices of vertices.
     """
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    flat = np.cross(b - a, c - a)
-    summed = np.zeros_like(vertices)
-    for k in range(3):
-        corner = triangles[:, k]
-        against = np.vecdot(summed[corner], flat) < 0.0
-        np.add.at(summed, corner, np.where(against[:, None], -flat, flat))
-    length = np.linalg.norm(summed, axis=1, keepdims=True)
-    unit = summed / np.where(length > 0.0, length, 1.0)
-    return np.where(length > 0.0, unit, [0.0, 0.0, 1.0])
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    triangle_normals = np.cross(b - a, c - a)  # their length weighs with the area
+    sums = np.zeros_like(vertices)
+    for corner in range(3):
+        vertex = triangles[:, corner]
+        is_opposite = np.vecdot(sums[vertex], triangle_normals) < 0.0
+        signed_normals = np.where(is_opposite[:, None], -triangle_normals, triangle_normals)
+        np.add.at(sums, vertex, signed_normals)
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    unit_normals = sums / np.where(length > 0.0, length, 1.0)
+    return np.where(length > 0.0, unit_normals, [0.0, 0.0, 1.0])
 
 
 def graticule() -> list[Floats]:
@@ -60,39 +69,46 @@ def graticule() -> list[Floats]:
     ]
 
 
-def path_on_sphere(directions: Floats, row: int | None = None) -> list[Floats]:
-    """Return the path of a direction (n, 3) as polylines, without its NaN rows.
+def path_on_sphere(directions: Floats, row_length: int | None = None) -> list[Floats]:
+    """Return the path of a direction on the unit sphere as polylines.
 
-    A path is cut where a row is NaN, where it jumps by more than a right angle from one
-    sample to the next, and after every `row` samples if that is given. A direction that
-    does not move has no path.
+    The path is broken at NaN rows, and between samples more than a right angle apart. A
+    direction that does not move has no path.
+
+    Parameters
+    ----------
+    directions
+        (n, 3) unit vectors, in the order of samples.
+    row_length
+        Number of samples of a row of a grid of inputs. The path is broken after each row.
     """
-    finite = all_finite(directions, 1)
-    joined = finite[1:] & finite[:-1]
-    joined &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
-    if row is not None:
-        joined[row - 1 :: row] = False
-    pieces = np.split(directions, np.flatnonzero(~joined) + 1)
-    lines = [_even_steps(piece) for piece in pieces if len(piece) > 1]
+    is_finite = all_finite(directions, 1)
+    is_connected = is_finite[1:] & is_finite[:-1]
+    is_connected &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
+    if row_length is not None:
+        is_connected[row_length - 1 :: row_length] = False
+    pieces = np.split(directions, np.flatnonzero(~is_connected) + 1)
+    lines = [_resample(piece) for piece in pieces if len(piece) > 1]
     return [line for line in lines if len(line) > 1]
 
 
-def unbroken(points: Floats) -> list[Floats]:
+def split_at_nan(points: Floats) -> list[Floats]:
     """Return the polylines between the NaN rows of points (n, k)."""
-    finite = all_finite(points, 1)
-    pieces = np.split(points, np.flatnonzero(~(finite[1:] & finite[:-1])) + 1)
+    is_finite = all_finite(points, 1)
+    is_connected = is_finite[1:] & is_finite[:-1]
+    pieces = np.split(points, np.flatnonzero(~is_connected) + 1)
     return [piece for piece in pieces if len(piece) > 1]
 
 
-def _even_steps(line: Floats) -> Floats:
-    """Return a polyline with steps neither much too short nor too long."""
+def _resample(line: Floats) -> Floats:
+    """Return a polyline (n, 3) on the sphere with steps between the two chord limits."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
-    if length[-1] < SHORTEST_CHORD:
+    if length[-1] < MIN_CHORD_RAD:
         return line[:0]
-    _, first = np.unique(np.floor(length / SHORTEST_CHORD), return_index=True)
-    kept = np.union1d(first, len(line) - 1)
-    at = np.union1d(length[kept], np.arange(0.0, length[-1], LONGEST_CHORD))
-    return unit_rows(
-        np.stack([np.interp(at, length[kept], column[kept]) for column in line.T], axis=1)
-    )
+    # Keep the first point of each piece of the smallest length, and the last point.
+    _, first_points = np.unique(np.floor(length / MIN_CHORD_RAD), return_index=True)
+    kept = np.union1d(first_points, len(line) - 1)
+    new_lengths = np.union1d(length[kept], np.arange(0.0, length[-1], MAX_CHORD_RAD))
+    components = [np.interp(new_lengths, length[kept], column[kept]) for column in line.T]
+    return unit_rows(np.stack(components, axis=1))

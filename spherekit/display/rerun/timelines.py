@@ -1,40 +1,65 @@
 """The timelines of a recording: the sample number, and the input or the time."""
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 
-from spherekit.arrays import Floats
+from spherekit.arrays import Floats, Integers
 from spherekit.geometry.vectors import max_abs
 
 SAMPLE = "sample"
-
+"""The timeline of sample numbers."""
 
 INPUT = "input_deg"
-
+"""The beginning of the name of the timeline of the input."""
 
 TIME = "time"
-"""A timeline of seconds, in place of the input where samples are times."""
+"""The timeline of seconds. It replaces that of the input if samples are times."""
+
+TICKS_PER_DEGREE = (1, 10, 100, 1000)
+"""The possible resolutions of the timeline of the input, which holds whole numbers only."""
+
+TICK_TOLERANCE = 1e-6
+"""Largest distance from a whole number of ticks of an input that counts as exact."""
 
 
-SCALES = (1, 10, 100, 1000)
-"""A viewer timeline holds whole numbers only; these are the units to a degree."""
+@dataclass(frozen=True)
+class InputTimeline:
+    """The timeline of the input of a recording.
 
-
-def input_timeline(inputs: Floats) -> tuple[str, int, bool]:
-    """Return the coarsest timeline on which all input angles (n,) rad are whole.
-
-    That is its name, such as ``input_deg`` or ``input_deg_x10``, its units to a degree, and
-    whether these are exact: even thousandths of a degree may round some of the samples.
+    Attributes
+    ----------
+    name
+        Its name, such as ``input_deg`` or ``input_deg_x10``.
+    ticks_per_degree
+        Its resolution.
+    is_exact
+        Whether all inputs are whole numbers of ticks. Thousandths of a degree may round
+        some of them.
     """
-    ticks = np.multiply.outer(SCALES, np.degrees(inputs))
-    fits = max_abs(ticks - np.rint(ticks), axis=1) <= 1e-6
-    exact = bool(np.any(fits))
-    scale = SCALES[np.argmax(fits) if exact else -1]
-    return INPUT if scale == 1 else f"{INPUT}_x{scale}", scale, exact
+
+    name: str
+    ticks_per_degree: int
+    is_exact: bool
 
 
-def input_scale(name: str) -> int | None:
-    """Return the scale of a timeline made here, or None for another timeline."""
-    scale = re.fullmatch(rf"{INPUT}(?:_x(\d+))?", name)
-    return int(scale[1] or 1) if scale else None
+def input_timeline(inputs: Floats) -> InputTimeline:
+    """Return the coarsest timeline on which all inputs (n,) rad are whole numbers."""
+    ticks = np.multiply.outer(TICKS_PER_DEGREE, np.degrees(inputs))
+    fits = max_abs(ticks - np.rint(ticks), axis=1) <= TICK_TOLERANCE
+    is_exact = bool(np.any(fits))
+    scale = TICKS_PER_DEGREE[np.argmax(fits) if is_exact else -1]
+    name = INPUT if scale == 1 else f"{INPUT}_x{scale}"
+    return InputTimeline(name, scale, is_exact)
+
+
+def ticks_per_degree(name: str) -> int | None:
+    """Return the resolution of a timeline of the input; None for another timeline."""
+    match = re.fullmatch(rf"{INPUT}(?:_x(\d+))?", name)
+    return int(match[1] or 1) if match else None
+
+
+def input_ticks(inputs: Floats, scale: int) -> Integers:
+    """Return inputs (n,) rad as whole numbers of ticks, `scale` of them per degree."""
+    return np.rint(np.degrees(inputs) * scale).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Opening a recording in a viewer window."""
+"""Opens a recording in a window of the viewer."""
 
 import os
 import subprocess
@@ -12,12 +12,12 @@ from spherekit.errors import OutputError
 
 @checked(OutputError)
 def open_viewer(recording: Path | str) -> str:
-    """Open a recording in a viewer of its own, which stays when this process ends.
+    """Open a recording in a new viewer, which stays open when this process ends.
 
     Returns
     -------
     str
-        Empty if a window was opened, otherwise what to do without a display.
+        Empty if a window was opened. Without a display, advice on what to do instead.
 
     Raises
     ------
@@ -42,6 +42,6 @@ def open_viewer(recording: Path | str) -> str:
 
 
 def has_display() -> bool:
-    """Return whether a window can be opened."""
+    """Return whether this computer has a display for windows."""
     displays = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
     return sys.platform in ("win32", "darwin") or any(displays)

@@ -1,4 +1,4 @@
-"""The viewer of the installed package as a program of its own, for a while."""
+"""Runs the viewer of the installed package rerun-sdk as a separate program."""
 
 import os
 import socket
@@ -14,48 +14,69 @@ from spherekit.conventions import AnyPath
 from spherekit.errors import OutputError
 
 HOST = "127.0.0.1"
-START_WITHIN = 30.0
-"""Seconds in which the viewer has to answer."""
+"""The address of this computer; nothing is served to others."""
+
+START_TIMEOUT_S = 30.0
+"""Time within which the viewer has to answer after its start."""
+
+RECORDING_HEADER = b"RRF"
+"""The first bytes of a recording."""
 
 
-RRD = b"RRF"
-"""What a recording has at its beginning."""
+def recording_at(file: AnyPath) -> Path:
+    """Return the path of a recording.
 
-
-def recording_at(given: AnyPath) -> Path:
-    """Return the path of a recording; `OutputError` if there is none."""
-    path, make = Path(given), "make one: run FILE --save X.rrd"
+    Raises
+    ------
+    OutputError
+        If there is no such file, or it is no recording.
+    """
+    path = Path(file)
+    hint = "make one: run FILE --save X.rrd"
     try:
         with path.open("rb") as stream:
-            start = stream.read(len(RRD))
+            start = stream.read(len(RECORDING_HEADER))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise OutputError(f"{path}: cannot be read: {reason}; {make}") from None
-    if start != RRD:
-        raise OutputError(f"{path}: is not a recording; {make}")
+        raise OutputError(f"{path}: cannot be read: {reason}; {hint}") from None
+    if start != RECORDING_HEADER:
+        raise OutputError(f"{path}: is not a recording; {hint}")
     return path
 
 
 def free_ports(count: int) -> list[int]:
-    """Return so many ports of this computer that nobody listens on."""
-    with ExitStack() as opened:
-        probes = [opened.enter_context(socket.socket()) for _ in range(count)]
+    """Return ports of this computer, different ones, on which no program listens."""
+    with ExitStack() as stack:
+        probes = [stack.enter_context(socket.socket()) for _ in range(count)]
         for probe in probes:
             probe.bind((HOST, 0))
         return [probe.getsockname()[1] for probe in probes]
 
 
 @contextmanager
-def program(
+def run_viewer(
     *words: str, messages: Any = subprocess.DEVNULL
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the viewer, whatever the PATH, until the block is left; it says `messages`."""
+    """Run the viewer until the block is left.
+
+    Parameters
+    ----------
+    words
+        Arguments of the program.
+    messages
+        A file for its error stream.
+
+    Raises
+    ------
+    OutputError
+        If the viewer is not installed.
+    """
     spec = find_spec("rerun_cli")
     if spec is None or spec.origin is None:
         raise OutputError("the viewer is missing; install the package rerun-sdk")
     binary = Path(spec.origin).parent / ("rerun.exe" if os.name == "nt" else "rerun")
-    # Silent, since log messages would appear in pictures; panics are still heard.
-    # CI keeps it from reporting home.
+    # Log messages would appear in pictures, so only errors are logged. With CI set, the
+    # viewer sends no statistics to its makers.
     process = subprocess.Popen(
         [str(binary), *words],
         stdin=subprocess.DEVNULL,
@@ -70,9 +91,9 @@ def program(
         process.wait()
 
 
-def listens(process: subprocess.Popen[bytes], port: int) -> bool:
+def wait_for_port(process: subprocess.Popen[bytes], port: int) -> bool:
     """Wait until a program listens at a port; return whether it does."""
-    deadline = time.monotonic() + START_WITHIN
+    deadline = time.monotonic() + START_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
         try:
             socket.create_connection((HOST, port), timeout=1.0).close()

@@ -1,4 +1,4 @@
-"""A recording in a web browser: the web build of the viewer, served on this computer."""
+"""Shows a recording in a web browser, with the web viewer served on this computer."""
 
 import time
 import webbrowser
@@ -11,17 +11,24 @@ from spherekit.display.rerun.viewer import has_display
 from spherekit.display.rerun.viewer_program import (
     HOST,
     free_ports,
-    listens,
-    program,
     recording_at,
+    run_viewer,
+    wait_for_port,
 )
 from spherekit.errors import OutputError
 
 
-def serve_web(recording: Path | str, say: Callable[[str], None]) -> None:
+def serve_web(recording: Path | str, announce: Callable[[str], None]) -> None:
     """Serve a recording on this computer until Ctrl-C, and open it in a browser.
 
-    `say` is told the address. Without a display no browser is opened.
+    Without a display no browser is opened.
+
+    Parameters
+    ----------
+    recording
+        Path of the recording.
+    announce
+        Called with the address of the page.
 
     Raises
     ------
@@ -29,24 +36,25 @@ def serve_web(recording: Path | str, say: Callable[[str], None]) -> None:
         If there is no such recording, or the server does not start.
     """
     with served(recording) as url, suppress(KeyboardInterrupt):
-        say(url)
+        announce(url)
         if has_display():
             webbrowser.open(url)
         while True:
-            time.sleep(3600.0)
+            time.sleep(3600.0)  # Ctrl-C ends the wait
 
 
 @contextmanager
 def served(recording: Path | str) -> Iterator[str]:
-    """Serve a recording within the context, and give the address of its page."""
+    """Serve a recording within a `with` block, whose value is the address of the page."""
     path = recording_at(recording)
-    page, data = free_ports(2)
-    ports = "--web-viewer-port", str(page), "--port", str(data)
-    with program(str(path.resolve()), "--serve-web", "--bind", HOST, *ports) as process:
-        if not listens(process, page):
+    page_port, data_port = free_ports(2)
+    words = [str(path.resolve()), "--serve-web", "--bind", HOST]
+    words += ["--web-viewer-port", str(page_port), "--port", str(data_port)]
+    with run_viewer(*words) as process:
+        if not wait_for_port(process, page_port):
             raise OutputError(
-                f"the viewer's web page did not answer at http://{HOST}:{page}/; "
+                f"the viewer's web page did not answer at http://{HOST}:{page_port}/; "
                 "`spherekit view X.rrd` opens a window, with --png it takes a picture"
             )
-        source = quote(f"rerun+http://{HOST}:{data}/proxy", safe="")
-        yield f"http://{HOST}:{page}?url={source}"
+        source = quote(f"rerun+http://{HOST}:{data_port}/proxy", safe="")
+        yield f"http://{HOST}:{page_port}?url={source}"

@@ -1,0 +1,252 @@
+"""The frame of a chart in a plane: axes with ticks, words and lines.
+
+The viewer has no charts over anything but time, so charts are drawn with lines and points.
+One unit of the plane is one pixel of the pictures in it, and y points down. A chart is
+`CHART_WIDTH` x `CHART_HEIGHT` units. The upper left corner of the frame is the origin. The
+legend stands to the right of the frame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.display.rerun.destination import Stills
+from spherekit.display.rerun.rerun_sdk import rr
+from spherekit.scenes import colours
+from spherekit.scenes.scene import Axis
+
+CHART_WIDTH = 930.0
+CHART_HEIGHT = 372.0
+
+LEFT_MARGIN = 92.0
+TOP_MARGIN = 32.0
+BOTTOM_MARGIN = 66.0
+"""Space around the frame for the words of the axes."""
+
+LEGEND_WIDTH = 235.0
+"""Width of one column of the legend."""
+
+FRAME_HEIGHT = CHART_HEIGHT - TOP_MARGIN - BOTTOM_MARGIN
+PORTRAIT_WIDTH = CHART_WIDTH - LEFT_MARGIN - LEGEND_WIDTH
+"""Width of the frame of a chart whose legend has one column."""
+
+CHART_BOUNDS = (
+    (-LEFT_MARGIN, CHART_WIDTH - LEFT_MARGIN),
+    (-TOP_MARGIN, CHART_HEIGHT - TOP_MARGIN),
+)
+"""The part of the plane (x and y range) that a view of a chart shows."""
+
+COLOUR_SCALE_BOUNDS = ((-40.0, CHART_WIDTH + 40.0), (-46.0, 62.0))
+"""The part of the plane that a view of a scale of colours shows."""
+
+COLOUR_SCALE_HEIGHT = 24
+"""Height of the bar of a scale of colours."""
+
+LABEL_DROP = 14.0
+"""Distance from a point down to the label that the viewer writes for it."""
+
+TICKS = 5
+"""Number of ticks of an axis, about."""
+
+TICK_ROUNDING = 1e-9
+"""Part of a tick step within which a value counts as a multiple of the step."""
+
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+"""Steps between ticks, times a power of ten."""
+
+ANGLE_STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 360.0)
+"""Steps (deg) between ticks of an axis of angles."""
+
+
+@dataclass(frozen=True)
+class FrameSide:
+    """An axis of a frame as it is drawn.
+
+    Attributes
+    ----------
+    title
+        The words of the axis; may be empty.
+    ticks
+        Position of each tick along the axis, from 0 to 1, and its text.
+    """
+
+    title: str
+    ticks: Sequence[tuple[float, str]]
+
+
+def frame_side(
+    title: str,
+    value_range: tuple[float, float],
+    is_degrees: bool = False,
+    is_logarithmic: bool = False,
+) -> FrameSide:
+    """Return the side of a frame for a range of values, with ticks at round values.
+
+    Parameters
+    ----------
+    title
+        The words of the axis.
+    value_range
+        Lowest and highest value.
+    is_degrees
+        Whether values are angles (deg), whose ticks are multiples of such as 30 or 45.
+    is_logarithmic
+        Whether the axis is logarithmic; its ticks are powers of ten.
+    """
+    low, high = value_range
+    if is_logarithmic:
+        log_low, log_high = np.log10(value_range)
+        powers = np.arange(
+            np.ceil(log_low - TICK_ROUNDING), np.floor(log_high + TICK_ROUNDING) + 1.0
+        )
+        texts = [f"1e{power:z.0f}" for power in powers]
+        fractions = (powers - log_low) / max(log_high - log_low, 1e-300)
+    else:
+        step, values = ticks(low, high, is_degrees)
+        texts = [tick_text(value, step) for value in values]
+        fractions = fraction_of_range(values, low, high)
+    return FrameSide(title, list(zip(fractions, texts, strict=True)))
+
+
+def axis_side(axis: Axis) -> FrameSide:
+    """Return the side of a frame for an axis of a scene."""
+    return frame_side(axis.words, axis.extent, axis.unit == "deg")
+
+
+def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) -> Stills:
+    """Yield the box of a frame with its grid lines, and the words at its axes.
+
+    Parameters
+    ----------
+    width
+        Width of the frame.
+    x, y
+        Its horizontal and vertical side.
+    has_grid
+        Whether lines are drawn at the ticks.
+    """
+    lines = [np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])]
+    words: list[tuple[float, float, str]] = []
+    for fraction, text in x.ticks:
+        if has_grid:
+            lines.append(np.array([[fraction, 0.0], [fraction, 1.0]]))
+        words.append((width * fraction, FRAME_HEIGHT + 4.0, text))
+    words.append((0.5 * width, FRAME_HEIGHT + 27.0, x.title))
+    for fraction, text in y.ticks:
+        if has_grid:
+            lines.append(np.array([[0.0, fraction], [1.0, fraction]]))
+        height = FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP
+        words.append((-0.5 * LEFT_MARGIN, height, text))
+    if y.title:
+        words.append((0.2 * width, -TOP_MARGIN, f"up: {y.title}"))
+    placed_lines = [place_in_frame(line, width) for line in lines]
+    yield "frame", draw_lines(placed_lines, colours.GRATICULE, 0.5)
+    yield "words", draw_words(words)
+
+
+def draw_colour_scale(low: float, high: float, label: str) -> Stills:
+    """Yield a horizontal scale of colours, `CHART_WIDTH` wide, with its words.
+
+    Parameters
+    ----------
+    low, high
+        The values at its ends.
+    label
+        The quantity with its unit.
+    """
+    scale = colours.heat_of(np.linspace(0.0, 1.0, round(CHART_WIDTH)))
+    yield "bar", rr.Image(np.tile(scale, (COLOUR_SCALE_HEIGHT, 1, 1)))
+    words = [
+        (CHART_WIDTH * fraction, 26.0, text)
+        for fraction, text in frame_side("", (low, high)).ticks
+    ]
+    words.append((0.5 * CHART_WIDTH, -44.0, label))
+    yield "words", draw_words(words)
+
+
+def ticks(low: float, high: float, is_degrees: bool) -> tuple[float, Floats]:
+    """Return a round step, and its multiples between two values, about `TICKS` of them."""
+    ideal_step = (high - low) / TICKS
+    if not 0.0 < ideal_step < np.inf:
+        return 1.0, np.array([low])
+    power = 10.0 ** np.floor(np.log10(ideal_step))
+    steps = [power * factor for factor in STEPS]
+    if is_degrees and ideal_step >= 1.0:
+        steps = [*ANGLE_STEPS, *(360.0 * power * factor for factor in STEPS)]
+    step = min(steps, key=lambda candidate: abs(np.log(candidate / ideal_step)))
+    first = np.ceil(low / step - TICK_ROUNDING)
+    last = np.floor(high / step + TICK_ROUNDING)
+    return step, np.arange(first, last + 1.0) * step
+
+
+def tick_text(value: float, step: float) -> str:
+    """Return the number at a tick with as many digits as the step between ticks has."""
+    if abs(value) < TICK_ROUNDING * step:
+        return "0"
+    if not 1e-4 <= step < 1e6:
+        return f"{value:.4g}"
+    digits = max(0, int(np.ceil(-np.log10(step) - TICK_ROUNDING)))
+    if abs(round(step * 10**digits) - step * 10**digits) > 1e-6:
+        digits += 1  # a step of 2.5 times a power of ten
+    return f"{value:.{digits}f}".replace("-", "\u2212")
+
+
+def fraction_of_range(values: Floats, low: float, high: float) -> Floats:
+    """Return where values lie in a range, 0 at its low and 1 at its high end."""
+    return (values - low) / (high - low if high > low else 1.0)
+
+
+def place_in_frame(points: Floats, width: float = PORTRAIT_WIDTH) -> Floats:
+    """Return points (..., 2) in the units of a chart, y down.
+
+    Parameters
+    ----------
+    points
+        Points with coordinates from 0 to 1 in the frame, y up.
+    width
+        Width of the frame.
+    """
+    return points * [width, -FRAME_HEIGHT] + [0.0, FRAME_HEIGHT]
+
+
+def vertical_lines(x: Floats) -> Floats:
+    """Return lines (n, 2, 2) from the top to the bottom of a frame at places x (n,)."""
+    ends = np.zeros((len(x), 2, 2))
+    ends[:, :, 0] = x[:, None]
+    ends[:, 1, 1] = FRAME_HEIGHT
+    return ends
+
+
+def draw_lines(
+    lines: Sequence[Floats], colour: colours.Colour, width: float = 1.0
+) -> rr.LineStrips2D:
+    """Return polylines (k, 2) of a width in points of the screen."""
+    return rr.LineStrips2D(lines, colors=colour, radii=rr.Radius.ui_points(width))
+
+
+def draw_words(
+    words: Sequence[tuple[float, float, str]],
+    colour: colours.Colour = colours.PALE,
+    is_shown: bool = True,
+) -> rr.Points2D:
+    """Return texts at places of a chart.
+
+    Parameters
+    ----------
+    words
+        Place (x, y) and text of each.
+    colour
+        Their colour.
+    is_shown
+        Whether the texts are always visible. Otherwise the viewer shows a text when its
+        place is pointed at.
+    """
+    return rr.Points2D(
+        np.reshape([(x, y) for x, y, _ in words], (-1, 2)),
+        labels=[text for *_, text in words],
+        colors=colour,
+        radii=0.0,
+        show_labels=is_shown,
+    )

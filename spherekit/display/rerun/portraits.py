@@ -1,0 +1,81 @@
+"""Portraits: curves and marks over two quantities, and a point that moves along them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.display.rerun import shapes
+from spherekit.display.rerun.chart_frame import (
+    PORTRAIT_WIDTH,
+    draw_frame,
+    draw_lines,
+    frame_side,
+    place_in_frame,
+)
+from spherekit.display.rerun.charts import MAX_SHOWN_LABELS, legend_places, legend_style
+from spherekit.display.rerun.destination import Stills
+from spherekit.display.rerun.rerun_sdk import rr
+from spherekit.scenes import colours
+from spherekit.scenes.plot_layout import MARGIN, MOST_KINDS
+from spherekit.scenes.scene import Portrait, Primitive, titled
+
+
+def with_margin(primitive: Primitive) -> Primitive:
+    """Return a primitive; a portrait gets a margin between its curves and its frame."""
+    if not isinstance(primitive, Portrait) or primitive.logarithmic:
+        return primitive
+    low, high = primitive.y_range
+    margin = MARGIN * (high - low)
+    return replace(primitive, y_range=(low - margin, high + margin))
+
+
+def draw_portrait(portrait: Portrait) -> Stills:
+    """Yield the frame of a portrait, its curves, marks and legend.
+
+    Kinds of marks, those with equal labels, are named in the legend. If there are too many
+    kinds, each mark has its label.
+    """
+    x = frame_side(
+        titled(portrait.x_label, portrait.x_unit),
+        portrait.x_range,
+        portrait.x_unit.startswith("deg"),
+        portrait.logarithmic,
+    )
+    y = frame_side(
+        titled(portrait.y_label, portrait.y_unit),
+        portrait.y_range,
+        portrait.y_unit.startswith("deg"),
+        portrait.logarithmic,
+    )
+    yield from draw_frame(PORTRAIT_WIDTH, x, y)
+    for number, curve in enumerate(portrait.curves):
+        points = portrait.framed(curve.points)
+        yield f"curve_{number}", draw_portrait_curve(points, colours.tone(curve.tone))
+
+    tone_of_kind = {mark.label: mark.tone for mark in portrait.marks}
+    has_few_kinds = len(tone_of_kind) <= MOST_KINDS
+    legend = {curve.label: curve.tone for curve in portrait.curves if curve.label}
+    if has_few_kinds:
+        legend |= tone_of_kind
+    if legend:
+        tints = [colours.tone(tone) for tone in legend.values()]
+        places = legend_places(PORTRAIT_WIDTH, len(legend))
+        yield "legend", legend_style(places, tints, list(legend))
+    if portrait.marks:
+        mark_points = np.array([mark.place for mark in portrait.marks])
+        yield (
+            "marks",
+            rr.Points2D(
+                place_in_frame(portrait.framed(mark_points)),
+                labels=[mark.label for mark in portrait.marks],
+                colors=[colours.tone(mark.tone) for mark in portrait.marks],
+                radii=rr.Radius.ui_points(4.0),
+                show_labels=not has_few_kinds and len(mark_points) <= MAX_SHOWN_LABELS,
+            ),
+        )
+
+
+def draw_portrait_curve(points: Floats, colour: colours.Colour) -> rr.LineStrips2D:
+    """Return a curve of a portrait from points (n, 2), from 0 to 1 in its frame."""
+    return draw_lines(shapes.split_at_nan(place_in_frame(points)), colour)
