@@ -184,14 +184,14 @@ traded = partial(trade, analysis="eksergian", rounds=1)
 def tables_of(made, analysis, setting, t, start):
     """Return the tables of a simulation by a setting, as an ordinary run gives them."""
     from spherekit.runs.sampling import sample_simulation
-    from spherekit.runs.simulation_measurement import tables_by
+    from spherekit.runs.simulation_measurement import compute_timed_tables
 
     done = simulate(
         made, start, float(t[-1]), tolerance=setting.tolerance, engine=setting.integrator
     )
     tracer = PositionAnalysis(made, None, 0, samples=2)
     course = sample_simulation(tracer, done, t, setting.tolerance)
-    return tables_by(course, create(analysis), Setting())[0]
+    return compute_timed_tables(course, create(analysis), Setting())[0]
 
 
 def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):

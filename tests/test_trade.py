@@ -19,9 +19,9 @@ from spherekit.runs.contract import Sweep
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.registry import create
 from spherekit.runs.sampling import make_sampling
-from spherekit.runs.simulation_measurement import plan_of, tables_by
+from spherekit.runs.simulation_measurement import compute_timed_tables, make_analysis_plan
 from spherekit.runs.trade import trade
-from spherekit.runs.trade_choice import WORTH, choose
+from spherekit.runs.trade_choice import MIN_SAMPLES_FOR_TRADE, choose
 from spherekit.runs.trade_files import read_trade
 from spherekit.runs.trade_measurement import compute_reference_tables, measure_deviations
 from spherekit.runs.trade_record import MARGIN, Measured
@@ -55,7 +55,7 @@ def in_fifty_digits(plan):
 
 def true_error(plan, setting, reference):
     """Return the largest scaled error of the table `poles`, everything in 50 digits."""
-    tables, _, _ = tables_by(plan.sampling, *plan.analyses, setting)
+    tables, _, _ = compute_timed_tables(plan.sampling, *plan.analyses, setting)
     data = tables["poles"]
     order = np.lexsort((data["sample"], data["assembly_mode"]))
     first = {name: np.asarray(values)[order] for name, values in data.items()}
@@ -100,7 +100,7 @@ CASES = {
 def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
     made = sk.load(name)
     found = trade(made, "poles", rounds=1, settings=settings(name), **CASES[name])
-    plan = plan_of(course(made, **CASES[name]), create("poles"))
+    plan = make_analysis_plan(course(made, **CASES[name]), create("poles"))
     reference = in_fifty_digits(plan)
     judged = 0
     for each in found.settings:
@@ -152,10 +152,10 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
         if chosen is None:
             assert all(MARGIN * each.error > tolerance for each in found.pareto)
             continue
-        plan = plan_of(course(made, samples, **given), create("poles"))
+        plan = make_analysis_plan(course(made, samples, **given), create("poles"))
         (motion,) = plan.sampling.blocks(samples)
         reference = compute_reference_tables(plan, motion)
-        tables, _, _ = tables_by(
+        tables, _, _ = compute_timed_tables(
             plan.sampling, *plan.analyses, chosen.setting, reference.pole_fields
         )
         for each in measure_deviations(plan, tables, reference.tables):
@@ -268,11 +268,12 @@ def test_a_short_run_makes_no_trade_and_says_what_it_reached(capsys):
     found = json.loads(capsys.readouterr().out)["accuracy"]
     assert found["met"] and found["setting"] == "numpy best"
     assert found["achieved_error"] < 1e-13 and found["check_rows"] == 62
-    assert f"fewer than {WORTH}" in found["why"]
+    assert f"fewer than {MIN_SAMPLES_FOR_TRADE}" in found["why"]
 
 
 def test_a_long_run_takes_the_cheapest_setting(capsys):
-    text = f"run four_bar -a poles:only=31 --samples {WORTH} --assembly-mode 0 --tol 1e-6"
+    count = MIN_SAMPLES_FOR_TRADE
+    text = f"run four_bar -a poles:only=31 --samples {count} --assembly-mode 0 --tol 1e-6"
     assert main(text.split()) == 0
     lines = capsys.readouterr().out.splitlines()
     (line,) = [x for x in lines if x.startswith("tolerance")]
@@ -315,7 +316,7 @@ def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
     capsys, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(
-        "spherekit.runs.simulation_measurement.TOLERANCES", [1e-4, 1e-7, 1e-11]
+        "spherekit.runs.simulation_measurement.TOLERANCES_RAD", [1e-4, 1e-7, 1e-11]
     )
     kept = stored_trade(tmp_path, *MOVED)
     capsys.readouterr()

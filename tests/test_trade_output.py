@@ -12,7 +12,7 @@ from spherekit.cli.main import main
 from spherekit.display.figures.contents import figures_of
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.trade_chart import scene
-from spherekit.runs.trade_record import Measured, Trade, seconds
+from spherekit.runs.trade_record import Measured, Trade, format_seconds
 from spherekit.runs.trade_text import as_text
 
 WORST = "poles.velocity_coefficient"
@@ -43,7 +43,7 @@ def made():
 def test_times_have_three_digits():
     shown = {4e-7: "0 us", 9.994e-4: "999 us", 9.996e-4: "1.00 ms", 0.0251: "25.1 ms"}
     shown |= {0.31: "310 ms", 0.9996: "1.00 s", 50.0: "50.0 s", 999.7: "1000 s"}
-    assert {value: seconds(value) for value in shown} == shown
+    assert {value: format_seconds(value) for value in shown} == shown
 
 
 def test_columns_of_times_end_at_the_right():

@@ -455,9 +455,9 @@ def _setting_for_tolerance(
         )
     if options.tol is None or (study.start is not None and not options.trade):
         return {}
-    from spherekit.runs.trade_choice import choose, stored_for
+    from spherekit.runs.trade_choice import choose, read_stored_trades
 
-    trades = stored_for(study, analyses, options.trade) if options.trade else []
+    trades = read_stored_trades(study, analyses, options.trade) if options.trade else []
     setting, accuracy = choose(study, analyses, options.tol, trades)
     return {"setting": setting, "accuracy": accuracy}
 

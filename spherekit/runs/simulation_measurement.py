@@ -1,10 +1,15 @@
-"""Integrators and tolerances of a simulation, measured against one in more digits."""
+"""Times and errors of the settings of a simulation, and the loop that measures settings.
+
+A simulation is compared with one in more digits than float64. The loop `measure_candidates`
+is also used for settings of samples (`spherekit.runs.trade`).
+"""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,24 +41,40 @@ from spherekit.tables.table import Tables
 from spherekit.tolerances import EPS
 from spherekit.velocities.pole_field import PoleField
 
-ROUNDS = 5
-"""Times every setting is run, each round in another order; the best counts."""
+DEFAULT_ROUNDS = 5
+"""Number of times that every setting is run; the best time counts.
+
+Larger: times that scatter less, in more time.
+"""
+
+MIN_ROUNDS = 2
+"""Number of rounds after which the measurement may end because of its budget.
+
+Smaller: a single disturbed round decides. Larger: the budget is exceeded by slow settings.
+"""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What is tried when settings are measured, and how long.
+    """The settings that are measured, and how long.
 
-    `settings` are those to try; by default all that apply to samples, or to a simulation.
-    Errors are measured at most at `checked` samples. Each setting is run in so many
-    `rounds` for its time, and after `guarantee` seconds no round begins.
+    Attributes
+    ----------
+    settings
+        Settings to measure; by default all that apply to samples, or to a simulation.
+    checked
+        Largest number of samples at which errors are measured.
+    rounds
+        Number of times that each setting is run. Each round has another order.
+    budget
+        Time (s) after which no further round begins.
     """
 
     unused = ("tolerance", "verify", "degrees")
 
     settings: Sequence[Setting] | None = None
     checked: int | None = None
-    rounds: int = ROUNDS
+    rounds: int = DEFAULT_ROUNDS
     budget: float = 30.0
 
     def __post_init__(self) -> None:
@@ -61,180 +82,290 @@ class Effort:
 
 
 INTEGRATORS: tuple[Integrator, ...] = ("numpy", "compiled")
+"""Integrators of a simulation that are measured."""
+
+TOLERANCES_RAD = [float(f"1e-{decade}") for decade in range(3, 16)]
+"""Tolerances (rad) of a simulation that are measured."""
 
 
-TOLERANCES = [float(f"1e-{decade}") for decade in range(3, 16)]
-"""Those of simulations."""
+@dataclass(frozen=True)
+class SettingMeasurement:
+    """The measured settings of an analysis, and the reference of their errors.
+
+    Attributes
+    ----------
+    reference
+        Words about the reference values.
+    floor
+        Error of the reference values.
+    reference_tables
+        Tables of the reference values.
+    settings
+        The settings with their times and errors.
+    """
+
+    reference: str
+    floor: float
+    reference_tables: Tables
+    settings: list[Measured]
 
 
-LEAST_ROUNDS = 2
+class TimedTables(NamedTuple):
+    """Tables of an analysis, and the processor times that they took.
+
+    Attributes
+    ----------
+    tables
+        The tables by name.
+    first_seconds
+        Time (s) before any sample.
+    seconds
+        Time (s) in all.
+    """
+
+    tables: Tables
+    first_seconds: float
+    seconds: float
 
 
-Found = tuple[str, float, Tables, list[Measured]]
-"""What the reference is in words, how well it is known, its tables, and the settings."""
+@dataclass(frozen=True)
+class Candidate:
+    """A setting, or a value of a parameter, whose time and error are measured.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    setting
+        The setting; None for a parameter.
+    run
+        Runs it once. The argument says whether its tables are compared with the reference;
+        otherwise only the times count.
+    """
+
+    name: str
+    setting: Setting | None
+    run: Callable[[bool], TimedTables]
 
 
-Timed = tuple[Tables, float, float]
-"""Tables, and processor times (s): before any sample, then that of everything."""
-
-
-Runner = Callable[[bool], Timed]
-"""Something that is run once, and timed. It is told whether its tables count, otherwise
-its times do."""
-
-
-def plan_of(
+def make_analysis_plan(
     sampling: Sampling, analysis: AbstractAnalysis, setting: Setting = ORDINARY
 ) -> RunPlan:
-    """Return the run of one analysis; `AnalysisError` for bad parameters."""
+    """Return the run of one analysis at some samples, with a setting.
+
+    An `AnalysisError` says if the parameters of the analysis are wrong.
+    """
     needs = declared(analysis, sampling.position_analysis.mechanism)
     return make_run_plan(sampling, [analysis], DeclaredNeeds((needs,), {}), setting=setting)
 
 
-def tables_by(
+def compute_timed_tables(
     sampling: Sampling,
     analysis: AbstractAnalysis,
     setting: Setting,
-    toward: Sequence[PoleField] = (),
-) -> Timed:
+    reference_fields: Sequence[PoleField] = (),
+) -> TimedTables:
     """Compute the tables of an analysis at all samples with a setting, and time it.
 
-    The signs of directions follow from the samples, not from a setting. To compare
-    errors they are turned `toward` those of a reference.
+    Parameters
+    ----------
+    sampling
+        The samples.
+    analysis
+        The analysis.
+    setting
+        The setting.
+    reference_fields
+        Poles of the reference, for each input. The senses of directions follow from the
+        samples, not from a setting. They are made equal to those of the reference, so that
+        errors can be compared. Without a reference they are left.
     """
-    started = time.process_time()
-    plan = plan_of(sampling, analysis, setting)
-    first = time.process_time() - started
+    start = time.process_time()
+    run_plan = make_analysis_plan(sampling, analysis, setting)
+    first_seconds = time.process_time() - start
 
-    def batches() -> Iterator[Batch]:
-        blocks = plan.source.blocks(plan.block_size)
-        for motion, fields, angles in plan.evaluate_blocks(blocks):
-            if toward:
-                modes = np.arange(len(motion.assembly_modes)) * len(sampling)
-                rows = motion.sample + np.repeat(modes, motion.samples)
-                fields = align_directions(fields, toward, rows)
-            yield plan.make_batch(analysis, motion, fields, angles)
+    def make_batches() -> Iterator[Batch]:
+        """Yield the batches of all blocks."""
+        blocks = run_plan.source.blocks(run_plan.block_size)
+        for motion, fields, angles in run_plan.evaluate_blocks(blocks):
+            if reference_fields:
+                # The reference has the samples of each mode one after another.
+                first_rows = np.arange(len(motion.assembly_modes)) * len(sampling)
+                rows = motion.sample + np.repeat(first_rows, motion.samples)
+                fields = align_directions(fields, reference_fields, rows)
+            yield run_plan.make_batch(analysis, motion, fields, angles)
 
-    tables = plan.join_tables(analysis, batches())
-    return tables, first, time.process_time() - started
+    tables = run_plan.join_tables(analysis, make_batches())
+    return TimedTables(tables, first_seconds, time.process_time() - start)
 
 
-def timing_loop(
-    ways: Sequence[tuple[str, Setting | None, Runner]],
-    judge: Callable[[Tables], Sequence[Deviation]],
-    longer: float,
+def measure_candidates(
+    candidates: Sequence[Candidate],
+    compare: Callable[[Tables], Sequence[Deviation]],
+    sample_ratio: float,
     effort: Effort,
 ) -> list[Measured]:
-    """Return every way with its error and its times over alternating rounds.
+    """Measure the error of every candidate, and its time over alternating rounds.
 
-    `ways` are their names, settings, and what runs them, `judge` says how far tables are
-    off, and the run that is wanted has `longer` times the samples.
+    Parameters
+    ----------
+    candidates
+        The settings or parameter values.
+    compare
+        Function that returns the deviations of tables from the reference.
+    sample_ratio
+        Number of samples of the run that is wanted, over that of the measured runs.
+    effort
+        Number of rounds, and the time after which no round begins.
+
+    Returns
+    -------
+    The candidates in their order. Those that fail have the reason.
     """
-    began = time.monotonic()
-    measured: dict[str, Measured] = {}
-    working = ProgressReporter("measuring settings")
-    for done, (name, setting, way) in enumerate(ways):
-        working.tell(f"{name}, {done + 1} of {len(ways)}".__str__)
+    start = time.monotonic()
+    measured_by_name: dict[str, Measured] = {}
+    progress = ProgressReporter("measuring settings")
+    for number, candidate in enumerate(candidates, 1):
+        progress.tell(f"{candidate.name}, {number} of {len(candidates)}".__str__)
         try:
-            tables, first, _ = way(True)
-            off = judge(tables)
+            timed_tables = candidate.run(True)
+            deviations = compare(timed_tables.tables)
         except SpherekitError as problem:
-            measured[name] = Measured(name, setting, reason=problem.fault)
+            measured_by_name[candidate.name] = Measured(
+                candidate.name, candidate.setting, reason=problem.fault
+            )
             continue
-        largest = worst(off) or Deviation("", np.nan, np.nan, 0, 0)
-        measured[name] = Measured(
-            name,
-            setting,
+        largest = worst(deviations) or Deviation("", np.nan, np.nan, 0, 0)
+        measured_by_name[candidate.name] = Measured(
+            candidate.name,
+            candidate.setting,
             error=largest.error,
             worst_column=largest.column,
             own_estimate=largest.estimate,
-            missing=sum(deviation.missing for deviation in off),
-            compile_seconds=first,
+            missing=sum(deviation.missing for deviation in deviations),
+            # The first run of a setting includes compiling. It is corrected below.
+            compile_seconds=timed_tables.first_seconds,
         )
-    alive = [(name, way) for name, _, way in ways if not measured[name].reason]
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name, _ in alive}
-    for number in range(effort.rounds):
-        if number >= LEAST_ROUNDS and time.monotonic() - began > effort.budget:
+
+    applicable = [item for item in candidates if not measured_by_name[item.name].reason]
+    # Times before any sample, and times of all samples, of each round.
+    first_seconds: dict[str, list[float]] = {item.name: [] for item in applicable}
+    sample_seconds: dict[str, list[float]] = {item.name: [] for item in applicable}
+    for round_number in range(effort.rounds):
+        if round_number >= MIN_ROUNDS and time.monotonic() - start > effort.budget:
             break
-        for name, way in alive if number % 2 == 0 else alive[::-1]:
-            _, first, seconds = way(False)
-            times[name].append((first, longer * (seconds - first)))
-            working.tell(f"{name}, round {number + 1} of {effort.rounds}".__str__)
-    for name, rounds in times.items():
-        made = measured[name].setting or ORDINARY
-        compiles = made.engine != "numpy" or made.integrator == "compiled"
-        before, after = np.array(rounds).T
-        first = float(np.min(before))
-        measured[name] = replace(
-            measured[name],
-            seconds=first + np.min(after),
-            seconds_median=first + np.median(after),
-            first_seconds=first,
-            compile_seconds=max(measured[name].compile_seconds - first, 0.0) * compiles,
+        # Alternating orders, so that a machine that becomes slower favours none.
+        order = applicable if round_number % 2 == 0 else applicable[::-1]
+        for candidate in order:
+            timed_tables = candidate.run(False)
+            seconds = timed_tables.seconds - timed_tables.first_seconds
+            first_seconds[candidate.name].append(timed_tables.first_seconds)
+            sample_seconds[candidate.name].append(sample_ratio * seconds)
+            progress.tell(
+                f"{candidate.name}, round {round_number + 1} of {effort.rounds}".__str__
+            )
+
+    for name, seconds_of_rounds in sample_seconds.items():
+        setting = measured_by_name[name].setting or ORDINARY
+        compiles = setting.engine != "numpy" or setting.integrator == "compiled"
+        least_first_seconds = float(np.min(first_seconds[name]))
+        compile_seconds = measured_by_name[name].compile_seconds - least_first_seconds
+        measured_by_name[name] = replace(
+            measured_by_name[name],
+            seconds=least_first_seconds + np.min(seconds_of_rounds),
+            seconds_median=least_first_seconds + np.median(seconds_of_rounds),
+            first_seconds=least_first_seconds,
+            compile_seconds=max(compile_seconds, 0.0) * compiles,
         )
-    return list(measured.values())
+    return list(measured_by_name.values())
 
 
-def measured(plan: RunPlan, study: Study, effort: Effort) -> Found:
-    """Return integrators and tolerances with their times and errors.
+def measure_simulation_settings(
+    run_plan: RunPlan, study: Study, effort: Effort
+) -> SettingMeasurement:
+    """Measure integrators and tolerances of a simulation.
 
-    `plan` has the samples of the study's simulation. The reference is a simulation in
-    more digits than float64; where none can be made, the tightest float64 one, and the
-    words say why.
+    The reference is a simulation in more digits than float64. If there is none, it is the
+    float64 simulation with the tightest tolerance, and the words say why.
+
+    Parameters
+    ----------
+    run_plan
+        The run with the samples of the study's simulation.
+    study
+        The study.
+    effort
+        The settings that are measured, and how long.
     """
     settings = effort.settings or [
         Setting(integrator=integrator, tolerance=tolerance)
         for integrator in INTEGRATORS
-        for tolerance in TOLERANCES
+        for tolerance in TOLERANCES_RAD
         if tolerance >= MIN_TOLERANCE_BY_ENGINE[integrator]
     ]
-    best, sampling, compiling = _tightest(plan, study)
+    tightest = _simulate_tightest(run_plan, study)
+    reference_fields: tuple[PoleField, ...]
     try:
-        reference = _in_many_digits(plan, study, sampling)
-        tables = reference.tables
-        poles = reference.pole_fields
+        reference = _compute_exact_tables(run_plan, study, tightest.sampling)
+        reference_tables = reference.tables
+        reference_fields = reference.pole_fields
         words = f"a simulation in {FEWEST} digits{reference.lacking}"
-        near = []
+        reference_deviations: list[Deviation] = []
     except EngineError as reason:
-        poles = ()
-        tables, *_ = _simulated_tables(plan, study, best)
-        other = replace(best, tolerance=10.0 * MIN_TOLERANCE_BY_ENGINE[best.integrator])
-        near = measure_deviations(plan, _simulated_tables(plan, study, other)[0], tables)
+        reference_fields = ()
+        best = tightest.setting
+        reference_tables = _simulate_tables(run_plan, study, best).tables
+        # The error of the reference is estimated with a tolerance that is ten times larger.
+        looser = replace(best, tolerance=10.0 * MIN_TOLERANCE_BY_ENGINE[best.integrator])
+        reference_deviations = measure_deviations(
+            run_plan, _simulate_tables(run_plan, study, looser).tables, reference_tables
+        )
         words = (
-            f"simulation {best}, known to {_largest(near):.1e} from {other} "
-            f"({reason.fault})"
+            f"simulation {best}, known to {_largest_error(reference_deviations):.1e} from "
+            f"{looser} ({reason.fault})"
         )
         settings = [setting for setting in settings if setting != best]
 
-    def way(setting: Setting, judged: bool) -> Timed:
-        return _simulated_tables(plan, study, setting, poles if judged else ())
+    def run_setting(setting: Setting, is_compared: bool) -> TimedTables:
+        """Run the simulation once with a setting."""
+        fields = reference_fields if is_compared else ()
+        return _simulate_tables(run_plan, study, setting, fields)
 
-    floors = {deviation.column: deviation.error for deviation in near}
+    floors = {deviation.column: deviation.error for deviation in reference_deviations}
 
-    def judge(given: Tables) -> list[Deviation]:
+    def compare(tables: Tables) -> list[Deviation]:
+        """Return the deviations of tables, not below the error of the reference."""
+        deviations = measure_deviations(run_plan, tables, reference_tables)
         return [
             replace(item, error=max(item.error, floors.get(item.column, EPS)))
-            for item in measure_deviations(plan, given, tables)
+            for item in deviations
         ]
 
-    ways = [(str(setting), setting, partial(way, setting)) for setting in settings]
-    results = timing_loop(ways, judge, study.count / len(plan.sampling), effort)
-    results = [
-        replace(result, compile_seconds=compiling)
-        if result.setting and result.setting.integrator == "compiled" and not result.reason
-        else result
-        for result in results
+    candidates = [
+        Candidate(str(setting), setting, partial(run_setting, setting))
+        for setting in settings
     ]
-    return words, _largest(near), tables, results
+    sample_ratio = study.count / len(run_plan.sampling)
+    results = []
+    for measured in measure_candidates(candidates, compare, sample_ratio, effort):
+        setting = measured.setting
+        is_compiled = setting is not None and setting.integrator == "compiled"
+        if is_compiled and not measured.reason:
+            # All compiled settings share the functions that were compiled first.
+            measured = replace(measured, compile_seconds=tightest.compile_seconds)
+        results.append(measured)
+    return SettingMeasurement(
+        words, _largest_error(reference_deviations), reference_tables, results
+    )
 
 
-def _solved(plan: RunPlan, study: Study, setting: Setting) -> Sampling:
-    """Return the simulation of a study by a setting, over the times of a run."""
-    sampling = plan.sampling
+def _simulate(run_plan: RunPlan, study: Study, setting: Setting) -> Sampling:
+    """Return the samples of a study's simulation with a setting, at the times of a run."""
+    sampling = run_plan.sampling
     assert study.start is not None and setting.tolerance is not None
     assert sampling.duration is not None
     simulation = simulate(
-        plan.mechanism,
+        run_plan.mechanism,
         study.start,
         sampling.duration,
         torque=study.driving_torque,
@@ -246,34 +377,78 @@ def _solved(plan: RunPlan, study: Study, setting: Setting) -> Sampling:
     return sample_simulation(sampling.position_analysis, simulation, t, setting.tolerance)
 
 
-def _simulated_tables(
-    plan: RunPlan, study: Study, setting: Setting, toward: Sequence[PoleField] = ()
-) -> Timed:
-    """Return the tables of a simulation by a setting, see `tables_by`."""
-    started = time.process_time()
-    sampling = _solved(plan, study, setting)
-    solving = time.process_time() - started
-    if toward and len(sampling) != len(toward[0].status):
-        toward = ()
-    tables, _, seconds = tables_by(sampling, plan.analyses[0], ORDINARY, toward)
-    return tables, solving, solving + seconds
+def _simulate_tables(
+    run_plan: RunPlan,
+    study: Study,
+    setting: Setting,
+    reference_fields: Sequence[PoleField] = (),
+) -> TimedTables:
+    """Return the tables of a simulation with a setting, as `compute_timed_tables`.
+
+    The time before any sample is that of the simulation.
+    """
+    start = time.process_time()
+    sampling = _simulate(run_plan, study, setting)
+    simulation_seconds = time.process_time() - start
+    # A simulation that ends early has other samples than the reference.
+    if reference_fields and len(sampling) != len(reference_fields[0].status):
+        reference_fields = ()
+    (analysis,) = run_plan.analyses
+    timed_tables = compute_timed_tables(sampling, analysis, ORDINARY, reference_fields)
+    return TimedTables(
+        timed_tables.tables,
+        first_seconds=simulation_seconds,
+        seconds=simulation_seconds + timed_tables.seconds,
+    )
 
 
-def _tightest(plan: RunPlan, study: Study) -> tuple[Setting, Sampling, float]:
-    """Return the tightest setting, its simulation, and what compiling took (s)."""
-    setting, compiled = (
+@dataclass(frozen=True)
+class _TightestSimulation:
+    """The simulation with the smallest tolerance.
+
+    Attributes
+    ----------
+    setting
+        Its setting.
+    sampling
+        Its samples.
+    compile_seconds
+        Time (s) for compiling, 0 without a compiler.
+    """
+
+    setting: Setting
+    sampling: Sampling
+    compile_seconds: float
+
+
+def _simulate_tightest(run_plan: RunPlan, study: Study) -> _TightestSimulation:
+    """Simulate with the smallest tolerance, by the compiled integrator if there is one."""
+    numpy_setting, compiled_setting = (
         Setting(integrator=integrator, tolerance=MIN_TOLERANCE_BY_ENGINE[integrator])
         for integrator in INTEGRATORS
     )
     with suppress(EngineError):
-        sampling = _solved(plan, study, compiled)
+        sampling = _simulate(run_plan, study, compiled_setting)
         assert sampling.simulation is not None
-        return compiled, sampling, sampling.simulation.engine.compile_seconds
-    return setting, _solved(plan, study, setting), 0.0
+        compile_seconds = sampling.simulation.engine.compile_seconds
+        return _TightestSimulation(compiled_setting, sampling, compile_seconds)
+    sampling = _simulate(run_plan, study, numpy_setting)
+    return _TightestSimulation(numpy_setting, sampling, 0.0)
 
 
-def _in_many_digits(plan: RunPlan, study: Study, sampling: Sampling) -> ReferenceTables:
+def _compute_exact_tables(
+    run_plan: RunPlan, study: Study, sampling: Sampling
+) -> ReferenceTables:
     """Return the tables at the times of a simulation from one in more digits.
+
+    Parameters
+    ----------
+    run_plan
+        The run with one analysis.
+    study
+        The study.
+    sampling
+        The samples of the float64 simulation that is refined.
 
     Raises
     ------
@@ -281,29 +456,32 @@ def _in_many_digits(plan: RunPlan, study: Study, sampling: Sampling) -> Referenc
         If there is none; see `spherekit.dynamics.reference_simulation.refined`.
     """
     simulation = sampling.simulation
-    end = plan.sampling.duration
+    end = run_plan.sampling.duration
     assert simulation is not None and study.start is not None and end is not None
     assert sampling.t is not None
     exact = refined(simulation, study.start, end)
     (motion,) = sampling.blocks(len(sampling))
-    (states, *derived), (driven,) = exact.at(sampling.t), simulation.driven
-    turns = np.round((floats(states) - motion.values) / TURN)
+    # Variables, then their first and second derivatives by time.
+    states, *derivatives = exact.at(sampling.t)
+    (driven,) = simulation.driven
+    # The variables of the motion are in other revolutions than those of the simulation.
+    revolutions = np.round((floats(states) - motion.values) / TURN)
     with exact.arithmetic.within():
-        values = floats(states - exactly(turns) * (2 * pi()))
+        values = floats(states - exactly(revolutions) * (2 * pi()))
     inputs = states[:, [driven]]
     values[:, driven] = floats(inputs)[:, 0]
-    rates = [floats(x[:, [driven]]) for x in derived]
+    input_rates = [floats(derivative[:, [driven]]) for derivative in derivatives]
     if exact.kind == "sticking":
         # Dry friction jumps here, so nothing that depends on it is compared.
-        stuck = sampling.t >= min(float(exact.end), simulation.end.t)
-        for rate in rates:
-            rate[stuck] = np.nan
-    timing = Timing(np.minimum(sampling.t, float(exact.end)), *rates)
+        sticks = sampling.t >= min(float(exact.end), simulation.end.t)
+        for rate in input_rates:
+            rate[sticks] = np.nan
+    timing = Timing(np.minimum(sampling.t, float(exact.end)), *input_rates)
     motion = replace(motion, values=values, inputs=floats(inputs), timing=timing)
-    run_plan = plan_of(sampling, plan.analyses[0])
-    return compute_reference_tables(run_plan, motion, inputs)
+    (analysis,) = run_plan.analyses
+    return compute_reference_tables(make_analysis_plan(sampling, analysis), motion, inputs)
 
 
-def _largest(near: Sequence[Deviation]) -> float:
-    """Return the largest error, the rounding of float64 where there is none."""
-    return max((deviation.error for deviation in near), default=EPS)
+def _largest_error(deviations: Sequence[Deviation]) -> float:
+    """Return the largest error, the rounding error of float64 if there is none."""
+    return max((deviation.error for deviation in deviations), default=EPS)

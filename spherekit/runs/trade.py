@@ -1,6 +1,7 @@
 """Measurement of the trade of speed for accuracy, for one analysis of one mechanism.
 
-`trade` is the public function. `places` chooses the samples at which errors are measured.
+`trade` is the public function. It measures either the settings of a run, at samples or in a
+simulation, or the values of parameters that the analysis declares.
 """
 
 import time
@@ -18,7 +19,7 @@ from spherekit.errors import AnalysisError
 from spherekit.files.study import DEFAULT_TOLERANCE, Study
 from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.proof.balls import FEWEST as DIGITS
+from spherekit.proof.balls import FEWEST as REFERENCE_DIGITS
 from spherekit.runs import batch_runner
 from spherekit.runs.contract import AbstractAnalysis, Sweep
 from spherekit.runs.evaluation_options import ENGINES, ORDINARY, Setting
@@ -27,17 +28,18 @@ from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.runner import run
 from spherekit.runs.sampling import Sampling, make_sampling
 from spherekit.runs.simulation_measurement import (
+    Candidate,
     Effort,
-    Found,
-    Timed,
-    measured,
-    plan_of,
-    tables_by,
-    timing_loop,
+    SettingMeasurement,
+    TimedTables,
+    compute_timed_tables,
+    make_analysis_plan,
+    measure_candidates,
+    measure_simulation_settings,
 )
 from spherekit.runs.study_options import Subject, study_of, takes
 from spherekit.runs.table_deviation import Deviation, scale_words
-from spherekit.runs.trade_files import run_of
+from spherekit.runs.trade_files import describe_run
 from spherekit.runs.trade_measurement import (
     compute_reference_tables,
     measure_deviations,
@@ -49,45 +51,96 @@ from spherekit.tolerances import EPS
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import ROUTES, Request
 
-PEAKS = 8
-"""Places of worst conditioning around which more samples are taken, in every step."""
+MAX_REFINED_PEAKS = 8
+"""Number of largest peaks of the error bounds around which samples are added in each step.
+
+Larger: fewer large errors are missed, in more time.
+"""
+
+MAX_CHECKED_SAMPLES = 361
+"""Largest number of samples at which errors are measured, before peaks are refined.
+
+Larger: fewer large errors are missed, in more time.
+"""
+
+MAX_CHECKED_ROWS = 1500
+"""Largest number of rows, samples of all assembly modes, at which errors are measured.
+
+It is exceeded if less than `MIN_CHECKED_SAMPLES` samples would remain. Larger: more time
+for mechanisms with many modes.
+"""
+
+MIN_CHECKED_SAMPLES = 31
+"""Number of samples at which errors are measured however many modes there are.
+
+Also the number of samples of a run that compares values of a parameter. Smaller: large
+errors are missed.
+"""
+
+KERNEL_SAMPLE_FACTOR = 4
+"""Rows of a run that is timed with a kernel, in units of the fewest rows of a kernel.
+
+Larger: times that scatter less, in more time.
+"""
 
 
-def places(sampling: Sampling, most: int, wanted: Request) -> Indices:
-    """Return numbers of samples: `most` evenly, and more where axes are least certain.
+def choose_check_samples(sampling: Sampling, even_count: int, request: Request) -> Indices:
+    """Return numbers of samples at which errors are measured.
 
-    There errors of rounding and of functions read from nodes are largest. Between the
-    samples beside each peak of the error bounds the middle ones are added, until
-    neighbours are reached.
+    They are spread evenly, and refined where pole axes are least certain. Errors of
+    rounding and of interpolation are largest there. Between the samples next to each peak
+    of the error bounds the middle ones are added, until these are neighbours.
+
+    Parameters
+    ----------
+    sampling
+        The samples of the run.
+    even_count
+        Number of samples that are spread evenly.
+    request
+        The poles of the first input. Without poles, or with several inputs, nothing is
+        refined.
     """
     q = sampling.inputs[:, 0]
-    spread = np.linspace(0, len(q) - 1, most).astype(np.intp)
-    rows = np.unique([*spread, np.argmin(q), np.argmax(q)])
-    if sampling.inputs.shape[1] > 1 or not wanted.poles:
+    even_rows = np.linspace(0, len(q) - 1, even_count).astype(np.intp)
+    rows = np.unique([*even_rows, np.argmin(q), np.argmax(q)])
+    if sampling.inputs.shape[1] > 1 or not request.poles:
         return rows
-    more = rows
-    while len(more):
+    new_rows = rows
+    while len(new_rows):
         motion = sampling.motion_at(rows)
-        field = evaluate(motion, wanted, route="conditioned")
-        bound = np.fmax.reduce([np.zeros(len(motion)), *field.direction_error.values()])
-        sides = np.pad(bound.reshape(-1, len(rows)), ((0, 0), (1, 1)), constant_values=-1.0)
-        bound, left, right = sides[:, 1:-1], sides[:, :-2], sides[:, 2:]
-        which, at = np.nonzero((bound >= left) & (bound >= right))
-        at = at[np.argsort(bound[which, at])[::-1][:PEAKS]]
-        gaps = np.unique(np.clip([at - 1, at], 0, len(rows) - 2))
-        more = np.setdiff1d((rows[gaps] + rows[gaps + 1]) // 2, rows)
-        rows = np.union1d(rows, more)
+        field = evaluate(motion, request, route="conditioned")
+        bounds = [np.zeros(len(motion)), *field.direction_error.values()]
+        # (modes, samples), with a column of -1 on both sides.
+        bound_of_mode = np.fmax.reduce(bounds).reshape(-1, len(rows))
+        padded = np.pad(bound_of_mode, ((0, 0), (1, 1)), constant_values=-1.0)
+        bound = padded[:, 1:-1]
+        is_peak = (bound >= padded[:, :-2]) & (bound >= padded[:, 2:])
+        mode, peak = np.nonzero(is_peak)
+        largest = np.argsort(bound[mode, peak])[::-1][:MAX_REFINED_PEAKS]
+        peak = peak[largest]
+        # Gaps before and after each peak.
+        gaps = np.unique(np.clip([peak - 1, peak], 0, len(rows) - 2))
+        middles = (rows[gaps] + rows[gaps + 1]) // 2
+        new_rows = np.setdiff1d(middles, rows)
+        rows = np.union1d(rows, new_rows)
     return rows
 
 
-def at_places(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
-    """Return a sampling with a part of the samples of another, given by their numbers."""
+def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
+    """Return a sampling with a part of the samples of another one.
+
+    Parameters
+    ----------
+    sampling
+        The samples.
+    rows
+        Numbers of the samples that are taken.
+    search
+        Whether assembly modes are searched.
+    """
     position_analysis = sampling.position_analysis
-    only = (
-        position_analysis.assembly_modes[0].number
-        if len(position_analysis.assembly_modes) == 1
-        else None
-    )
+    modes = position_analysis.assembly_modes
     q = sampling.inputs[rows]
     timing = sampling.timing
     return replace(
@@ -95,7 +148,7 @@ def at_places(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
         position_analysis=PositionAnalysis(
             position_analysis.mechanism,
             None,
-            only,
+            modes[0].number if len(modes) == 1 else None,
             search,
             path=q,
             crossings=position_analysis.crossings,
@@ -104,15 +157,6 @@ def at_places(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
         shape=(len(q),),
         timing=None if timing is None else timing.rows(rows),
     )
-
-
-CHECKED = 361
-"""Most samples at which errors are measured, and"""
-
-CHECKED_ROWS = 1500
-"""most rows, samples of all assembly modes, unless the samples would be too few."""
-
-FEWEST = 31
 
 
 @takes(Effort)
@@ -148,202 +192,325 @@ def trade(
     chosen = create(analysis) if isinstance(analysis, str) else analysis
     sweeps = [sweep for sweep in chosen.trades if sweep.applies(study.mechanism)]
     if sweeps:
-        return _of_parameters(study, chosen, sweeps, effort)
-    few = study
+        return _trade_parameters(study, chosen, sweeps, effort)
+    shortened_study = study
     if study.start is not None:
-        few = replace(study, samples=min(study.count, effort.checked or CHECKED))
-    plan = plan_of(make_sampling(few), chosen)
-    if not reads_poles(plan):
+        sample_count = min(study.count, effort.checked or MAX_CHECKED_SAMPLES)
+        shortened_study = replace(study, samples=sample_count)
+    run_plan = make_analysis_plan(make_sampling(shortened_study), chosen)
+    if not reads_poles(run_plan):
         raise AnalysisError(
             f"{chosen.name}: reads no poles, rates or positions of the samples and "
             "declares no parameter that trades speed for accuracy (`trades`); there is "
             "nothing to measure"
         )
     if study.start is not None:
-        return _trade(plan, study, measured(plan, study, effort))
-    return _of_samples(plan, study, effort)
+        measurement = measure_simulation_settings(run_plan, study, effort)
+        return _make_trade(run_plan, study, measurement)
+    return _trade_samples(run_plan, study, effort)
 
 
-def _of_samples(plan: RunPlan, study: Study, effort: Effort) -> Trade:
-    """Return the settings of samples against reference values.
+def _choose_sampling(run_plan: RunPlan, study: Study, effort: Effort) -> Sampling:
+    """Return the samples at which the errors of settings are measured.
 
-    The ordinary one is timed at successive samples, so many that a kernel gives their rows
-    where it gives those of the run that is wanted. Errors are measured at fewer.
+    They are those of the run, or fewer over the same range.
     """
-    (analysis,), whole = plan.analyses, plan.sampling
-    total = len(whole)
-    modes = len(whole.position_analysis.assembly_modes)
-    most = min(CHECKED, effort.checked or max(FEWEST, CHECKED_ROWS // modes))
-    long = None
-    if whole.shape == (total,) and total * modes >= batch_runner.MIN_KERNEL_ROWS:
-        long = at_places(
-            whole,
-            np.arange(min(total, 4 * batch_runner.MIN_KERNEL_ROWS // modes)),
-            study.search,
-        )
-    sampling = whole
-    axes = len(whole.shape)
-    if total > most and axes > 1:
-        side = max(2, int(most ** (1.0 / axes)))
-        sampling = make_sampling(
-            replace(study, samples=tuple(min(count, side) for count in whole.shape))
-        )
-    elif total > most:
-        sampling = at_places(whole, places(whole, most, plan.requests[0]), study.search)
-    plan = plan_of(sampling, analysis)
+    sampling = run_plan.sampling
+    total = len(sampling)
+    mode_count = len(sampling.position_analysis.assembly_modes)
+    default_count = max(MIN_CHECKED_SAMPLES, MAX_CHECKED_ROWS // mode_count)
+    count = min(MAX_CHECKED_SAMPLES, effort.checked or default_count)
+    if total <= count:
+        return sampling
+    axis_count = len(sampling.shape)
+    if axis_count > 1:
+        # A coarser grid.
+        side = max(2, int(count ** (1.0 / axis_count)))
+        samples = tuple(min(axis_samples, side) for axis_samples in sampling.shape)
+        return make_sampling(replace(study, samples=samples))
+    rows = choose_check_samples(sampling, count, run_plan.requests[0])
+    return take_samples(sampling, rows, study.search)
+
+
+def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
+    """Return the samples at which the ordinary setting is timed, None for those of errors.
+
+    If a kernel evaluates the rows of the run, it has to evaluate those of the measurement
+    too. There have to be enough successive samples.
+    """
+    sampling = run_plan.sampling
+    total = len(sampling)
+    mode_count = len(sampling.position_analysis.assembly_modes)
+    min_rows = batch_runner.MIN_KERNEL_ROWS
+    if sampling.shape != (total,) or total * mode_count < min_rows:
+        return None
+    count = min(total, KERNEL_SAMPLE_FACTOR * min_rows // mode_count)
+    return take_samples(sampling, np.arange(count), study.search)
+
+
+def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
+    """Return the measured settings of a run at samples.
+
+    The reference values are solutions of the closure equations in more digits.
+
+    Parameters
+    ----------
+    run_plan
+        The run that is wanted, with one analysis.
+    study
+        Its study.
+    effort
+        The settings that are measured, and how long.
+    """
+    (analysis,) = run_plan.analyses
+    kernel_sampling = _choose_kernel_sampling(run_plan, study)
+    sampling = _choose_sampling(run_plan, study, effort)
+    checked_plan = make_analysis_plan(sampling, analysis)
     motion = sampling.motion_at(np.arange(len(sampling)))
-    reference = compute_reference_tables(plan, motion)
-    right = reference.tables
-    poles = reference.pole_fields
-    every = effort.settings or [
+    reference = compute_reference_tables(checked_plan, motion)
+    settings = effort.settings or [
         *(Setting(route=route) for route in ROUTES),
         *(Setting(engine=engine) for engine in ENGINES if engine != "numpy"),
     ]
 
-    def way(setting: Setting, judged: bool) -> Timed:
-        if judged or long is None or setting != ORDINARY:
-            return tables_by(sampling, analysis, setting, poles if judged else ())
-        tables, first, seconds = tables_by(long, analysis, setting)
-        return tables, first, first + (seconds - first) * len(sampling) / len(long)
+    def run_setting(setting: Setting, is_compared: bool) -> TimedTables:
+        """Run the analysis once with a setting."""
+        if is_compared or kernel_sampling is None or setting != ORDINARY:
+            fields = reference.pole_fields if is_compared else ()
+            return compute_timed_tables(sampling, analysis, setting, fields)
+        timed_tables = compute_timed_tables(kernel_sampling, analysis, setting)
+        # Converted to the number of samples at which errors are measured.
+        sample_seconds = timed_tables.seconds - timed_tables.first_seconds
+        sample_seconds = sample_seconds * len(sampling) / len(kernel_sampling)
+        return timed_tables._replace(seconds=timed_tables.first_seconds + sample_seconds)
 
-    results = timing_loop(
-        [(str(setting), setting, partial(way, setting)) for setting in every],
-        lambda tables: measure_deviations(plan, tables, right),
+    measured_settings = measure_candidates(
+        [
+            Candidate(str(setting), setting, partial(run_setting, setting))
+            for setting in settings
+        ],
+        lambda tables: measure_deviations(checked_plan, tables, reference.tables),
         study.count / len(sampling),
         effort,
     )
-    return _trade(
-        plan,
-        study,
-        (
-            f"the closure equations in {DIGITS} digits{reference.lacking}",
-            EPS,
-            right,
-            results,
-        ),
+    measurement = SettingMeasurement(
+        f"the closure equations in {REFERENCE_DIGITS} digits{reference.lacking}",
+        EPS,
+        reference.tables,
+        measured_settings,
     )
+    return _make_trade(checked_plan, study, measurement)
 
 
-def _trade(plan: RunPlan, study: Study, result: Found) -> Trade:
-    words, floor, reference, measures = result
-    (analysis,), sampling = plan.analyses, plan.sampling
-    scales = {x.column: x.scale for x in measure_deviations(plan, reference, reference)}
-    columns = [
-        (name, scale_words(column), scales[name])
-        for table in plan.tables_of(analysis)
-        for column in table.columns
-        if (name := f"{table.name}.{column.name}") in scales
-    ]
+def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement) -> Trade:
+    """Return the trade of measured settings.
+
+    Parameters
+    ----------
+    run_plan
+        The run at which errors were measured, with one analysis.
+    study
+        The run that is wanted.
+    measurement
+        The settings.
+    """
+    (analysis,) = run_plan.analyses
+    sampling = run_plan.sampling
+    # The reference is compared with itself to learn the scales of the columns.
+    reference_tables = measurement.reference_tables
+    deviations = measure_deviations(run_plan, reference_tables, reference_tables)
+    scales = {deviation.column: deviation.scale for deviation in deviations}
+    columns = []
+    for table in run_plan.tables_of(analysis):
+        for column in table.columns:
+            name = f"{table.name}.{column.name}"
+            if name in scales:
+                columns.append((name, scale_words(column), scales[name]))
     return Trade(
-        plan.mechanism.name,
-        analysis.name,
-        study.count,
-        len(sampling),
-        len(sampling) * len(sampling.position_analysis.assembly_modes),
-        words,
-        floor,
-        int(plan.needs[0].derivatives),
-        tuple(columns),
-        tuple(measures),
-        run_of(study, analysis),
+        mechanism=run_plan.mechanism.name,
+        analysis=analysis.name,
+        samples=study.count,
+        checked=len(sampling),
+        rows=len(sampling) * len(sampling.position_analysis.assembly_modes),
+        reference=measurement.reference,
+        floor=measurement.floor,
+        derivatives=int(run_plan.needs[0].derivatives),
+        columns=tuple(columns),
+        settings=tuple(measurement.settings),
+        made_for=describe_run(study, analysis),
     )
 
 
-def _of_parameters(
+def _trade_parameters(
     study: Study, analysis: AbstractAnalysis, sweeps: Sequence[Sweep], effort: Effort
 ) -> Trade:
-    """Return the values of an analysis's own parameters against the most accurate."""
-    every: list[Measured] = []
-    tightest: list[str] = []
+    """Return the measured values of the parameters that an analysis declares.
+
+    Parameters
+    ----------
+    study
+        The run that is wanted.
+    analysis
+        The analysis.
+    sweeps
+        The parameters with their values. The last value of each is the reference.
+    effort
+        How long is measured.
+    """
+    all_measured: list[Measured] = []
+    reference_names: list[str] = []
     columns: dict[str, tuple[str, float]] = {}
     for sweep in sweeps:
-        ways = [
-            (f"{sweep.parameter}={x:g}", None, partial(_swept, study, analysis, sweep, x))
-            for x in sweep.values
+        candidates = [
+            Candidate(
+                f"{sweep.parameter}={value:g}",
+                None,
+                partial(_run_with_value, study, analysis, sweep, value),
+            )
+            for value in sweep.values
         ]
-        tightest.append(ways[-1][0])
-        reference = ways.pop()[2](True)[0]
-        judge = partial(_compared, sweep, reference)
-        every += timing_loop(ways, judge, 1.0, effort)
-        (same,) = judge(reference)
+        reference_candidate = candidates.pop()
+        reference_names.append(reference_candidate.name)
+        reference = reference_candidate.run(True).tables
+        compare = partial(_compare_sweep_column, sweep, reference)
+        all_measured += measure_candidates(candidates, compare, 1.0, effort)
+        # The reference is compared with itself to learn the scale.
+        (deviation,) = compare(reference)
         words = "absolute rad" if sweep.places else "over the largest"
-        columns.setdefault(same.column, (words, same.scale))
+        columns.setdefault(deviation.column, (words, deviation.scale))
+    finite_errors = [item.error for item in all_measured if np.isfinite(item.error)]
     return Trade(
-        study.mechanism.name,
-        analysis.name,
-        study.count,
-        1,
-        1,
-        f"the tightest: {', '.join(tightest)}",
-        min((x.error for x in every if np.isfinite(x.error)), default=EPS),
-        None,
-        tuple((name, *how) for name, how in columns.items()),
-        tuple(every),
-        run_of(study, analysis),
+        mechanism=study.mechanism.name,
+        analysis=analysis.name,
+        samples=study.count,
+        checked=1,
+        rows=1,
+        reference=f"the tightest: {', '.join(reference_names)}",
+        floor=min(finite_errors, default=EPS),
+        derivatives=None,
+        columns=tuple((name, words, scale) for name, (words, scale) in columns.items()),
+        settings=tuple(all_measured),
+        made_for=describe_run(study, analysis),
     )
 
 
-def _swept(
-    study: Study, analysis: AbstractAnalysis, sweep: Sweep, value: Any, _: bool
-) -> Timed:
-    """Run an analysis with one value of a parameter."""
-    started = time.process_time()
-    samples = min(study.count, FEWEST)
-    changed = dict(sweep.beside)
+def _run_with_value(
+    study: Study, analysis: AbstractAnalysis, sweep: Sweep, value: Any, is_compared: bool
+) -> TimedTables:
+    """Run an analysis with one value of a parameter.
+
+    Parameters
+    ----------
+    study
+        The run that is wanted; fewer of its samples are computed.
+    analysis
+        The analysis.
+    sweep
+        The parameter, and the table that is compared.
+    value
+        The value of the parameter.
+    is_compared
+        Not used. It makes this the function of a `Candidate`.
+    """
+    start = time.process_time()
+    sample_count = min(study.count, MIN_CHECKED_SAMPLES)
+    parameters = dict(sweep.beside)
     if sweep.parameter == "samples":
-        samples = value
+        sample_count = value
     else:
-        changed[sweep.parameter] = value
-    few = replace(study, samples=samples)
-    result = run(few, replace(analysis, **changed))  # type: ignore[type-var]
+        parameters[sweep.parameter] = value
+    result = run(
+        replace(study, samples=sample_count),
+        replace(analysis, **parameters),  # type: ignore[type-var]
+    )
     if result.failures:
         raise AnalysisError(result.failures[analysis.name])
     data = arrays(result.results[analysis.name].data[sweep.table])
-    seconds = time.process_time() - started
-    return {sweep.table: data}, seconds, seconds
+    seconds = time.process_time() - start
+    return TimedTables({sweep.table: data}, first_seconds=seconds, seconds=seconds)
 
 
-def _compared(sweep: Sweep, reference: Tables, given: Tables) -> list[Deviation]:
-    """Return the deviation of the column of a sweep from the reference.
+def _compare_sweep_column(
+    sweep: Sweep, reference: Tables, tables: Tables
+) -> list[Deviation]:
+    """Return the deviation of the column of a parameter from the reference.
 
-    Each number is compared with the nearest in a row that matches, from either side: of
-    places as angles (rad), of others over the largest of the reference.
+    Each number is compared with the nearest one in a row with the same texts, in both
+    directions. Positions are compared as angles (rad). Other numbers are compared relative
+    to the largest one of the reference.
+
+    Parameters
+    ----------
+    sweep
+        The parameter, with the column that is compared.
+    reference, tables
+        Tables with the most accurate value of the parameter, and with another one.
     """
     from scipy.spatial import cKDTree
 
-    right, ours = (_by_key(sweep, arrays(x[sweep.table])) for x in (reference, given))
-    scale, estimate, off = 1.0, np.nan, [EPS]
+    reference_numbers = _group_numbers(sweep, arrays(reference[sweep.table]))
+    numbers = _group_numbers(sweep, arrays(tables[sweep.table]))
+    scale = 1.0
     if not sweep.places:
-        scale = max((max_abs(x) for x in right.values()), default=0.0) or 1.0
-    every = ours | right if sweep.places else right
-    shared = right.keys() & ours.keys()
-    around: Facts = {"boxsize": TURN} if sweep.places else {}
-    for key in shared:
-        both = [right[key], ours[key]]
+        # The scale is 1 if all numbers are 0.
+        sizes = [max_abs(values) for values in reference_numbers.values()]
+        scale = max(sizes, default=0.0) or 1.0
+    errors = [EPS]
+    shared_keys = reference_numbers.keys() & numbers.keys()
+    tree_options: Facts = {"boxsize": TURN} if sweep.places else {}
+    for key in shared_keys:
+        both = [reference_numbers[key], numbers[key]]
         if sweep.places:
-            both = [x % TURN % TURN for x in both]  # what is next below none is a turn
-        for one, other in (both, both[::-1]):
-            nearest, _ = cKDTree(one, **around).query(other)
-            off += np.divide(nearest, scale).tolist()
-    missing = sum(len(numbers) for key, numbers in every.items() if key not in shared)
+            # A tiny negative angle modulo a turn is rounded to a turn, which is outside of
+            # the periodic box. The second operation makes it 0.
+            both = [values % TURN % TURN for values in both]
+        for first, second in (both, both[::-1]):
+            distances, _ = cKDTree(first, **tree_options).query(second)
+            errors += np.divide(distances, scale).tolist()
+    # A position without counterpart on either side is missing. Other numbers are missing
+    # only if the reference has them.
+    expected = numbers | reference_numbers if sweep.places else reference_numbers
+    missing = sum(len(values) for key, values in expected.items() if key not in shared_keys)
+    estimate = np.nan
     if sweep.error:
-        numbers, errors = (given[sweep.table][x] for x in (sweep.column, sweep.error))
-        largest = np.nanmax(np.abs(numbers), initial=0.0) or 1.0
-        estimate = np.nanmax(errors, initial=0.0) / largest
-    name = f"{sweep.table}.{sweep.column}"
-    return [Deviation(name, max(off), scale, len(off) - 1 + missing, missing, estimate)]
+        column = tables[sweep.table][sweep.column]
+        estimates = tables[sweep.table][sweep.error]
+        largest = np.nanmax(np.abs(column), initial=0.0) or 1.0
+        estimate = np.nanmax(estimates, initial=0.0) / largest
+    return [
+        Deviation(
+            column=f"{sweep.table}.{sweep.column}",
+            error=max(errors),
+            scale=scale,
+            compared=len(errors) - 1 + missing,
+            missing=missing,
+            estimate=estimate,
+        )
+    ]
 
 
-def _by_key(sweep: Sweep, data: TableArrays) -> dict[Names, Floats]:
-    """Return the numbers (n, columns) of a sweep's column by the texts that match.
+def _group_numbers(sweep: Sweep, data: TableArrays) -> dict[Names, Floats]:
+    """Return the finite numbers of a column, by the texts of their rows.
 
-    That of each input where it is one of inputs.
+    Parameters
+    ----------
+    sweep
+        Names the column, and the columns with the texts. There can be one column of numbers
+        for each input, whose names begin alike.
+    data
+        The table.
+
+    Returns
+    -------
+    Arrays (n, columns) by the texts.
     """
-    names = [x for x in data if x == sweep.column or x.startswith(f"{sweep.column}_")]
-    numbers = np.stack([data[name] for name in names], axis=1)
-    texts = [data[name].astype(str) for name in sweep.match]
-    made: dict[Names, list[Floats]] = {}
-    for number, *key in zip(numbers, *texts, strict=True):
-        if all_finite(number):
-            made.setdefault(tuple(key), []).append(number)
-    return {key: np.array(rows) for key, rows in made.items()}
+    names = [
+        name for name in data if name == sweep.column or name.startswith(f"{sweep.column}_")
+    ]
+    rows = np.stack([data[name] for name in names], axis=1)
+    text_columns = [data[name].astype(str) for name in sweep.match]
+    numbers_by_texts: dict[Names, list[Floats]] = {}
+    for row, *texts in zip(rows, *text_columns, strict=True):
+        if all_finite(row):
+            numbers_by_texts.setdefault(tuple(texts), []).append(row)
+    return {texts: np.array(numbers) for texts, numbers in numbers_by_texts.items()}

@@ -9,37 +9,58 @@ from spherekit.runs.trade_record import Measured, Trade
 from spherekit.runs.trade_text import as_text
 from spherekit.scenes.scene import Axis, Mark, PlaneCurve, Portrait, Scene, Text
 
-FRONT, EVALUATED, TOLERANCE = 1, 0, 5
-"""Tones: of settings that no other beats, of other settings, of the tolerance."""
+FRONT_TONE = 1
+"""Tone of settings that no other setting beats."""
 
+SETTING_TONE = 0
+"""Tone of the other settings."""
 
-LEAST = 1e-17
+TOLERANCE_TONE = 5
+"""Tone of the tolerance and of its setting."""
+
+MIN_LOGARITHM_ARGUMENT = 1e-17
+"""Least time (s) and error in the chart, since 0 has no logarithm."""
+
+FRAME_MARGIN_RATIO = 0.06
+"""Margin around the points, as a part of their range in decades."""
+
+MIN_FRAME_MARGIN_DECADES = 0.1
+"""Least margin around the points, in decades."""
 
 
 def scene(trade: Trade, tolerance: float | None = None) -> Scene:
-    """Return the chart with a mark for each setting, and the table.
+    """Return the chart with a numbered mark for each setting, and the table.
 
-    Settings are numbered; a tolerance is a line, and its choice a mark.
+    Parameters
+    ----------
+    trade
+        The trade.
+    tolerance
+        A tolerance that is drawn as a line, with a mark at its setting.
     """
-    counting = [candidate for candidate in trade.settings if candidate.counts]
-    points = _points(counting)
-    (left, bottom), (right, top) = _frame(points)
+    settings = [candidate for candidate in trade.settings if candidate.counts]
+    points = _make_points(settings)
+    (left, bottom), (right, top) = _find_frame(points)
     curves = [
-        PlaneCurve(_points(trade.pareto), FRONT, "no other is quicker and as accurate")
+        PlaneCurve(
+            _make_points(trade.pareto),
+            FRONT_TONE,
+            "no other is quicker and as accurate",
+        )
     ]
     marks = []
-    for numbered, (measured, place) in enumerate(zip(counting, points, strict=True), 1):
-        tone = FRONT if measured in trade.pareto else EVALUATED
-        marks.append(Mark(str(numbered), place, tone))
-        words = f"{numbered}: {measured.name}, {measured.error:.1e}"
-        curves.append(PlaneCurve(place[None], tone, words))
+    for number, (measured, point) in enumerate(zip(settings, points, strict=True), 1):
+        tone = FRONT_TONE if measured in trade.pareto else SETTING_TONE
+        marks.append(Mark(str(number), point, tone))
+        label = f"{number}: {measured.name}, {measured.error:.1e}"
+        curves.append(PlaneCurve(point[None], tone, label))
     if tolerance is not None:
         line = np.array([[left, tolerance], [right, tolerance]])
-        curves.append(PlaneCurve(line, TOLERANCE, f"tolerance {tolerance:g}"))
+        curves.append(PlaneCurve(line, TOLERANCE_TONE, f"tolerance {tolerance:g}"))
         chosen = trade.cheapest(tolerance)
         if chosen is not None:
-            (place,) = _points([chosen])
-            marks.append(Mark("taken", place, TOLERANCE))
+            (point,) = _make_points([chosen])
+            marks.append(Mark("taken", point, TOLERANCE_TONE))
     chart = Portrait(
         "trade/chart",
         "work and precision",
@@ -54,25 +75,25 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         marks=marks,
         logarithmic=True,
     )
-    words = f"```\n{as_text(trade, tolerance)}\n```"
+    table = f"```\n{as_text(trade, tolerance)}\n```"
     return Scene(
         "Trade",
-        (chart, Text("trade/table", "Trade", words)),
+        (chart, Text("trade/table", "Trade", table)),
         (Axis("setting", "", np.zeros(1)),),
         "trade",
     )
 
 
-def _points(counting: Sequence[Measured]) -> Floats:
-    """Return (n, 2) times and errors."""
-    rows = [(measured.total, measured.error) for measured in counting]
-    return np.maximum(np.reshape(rows, (-1, 2)), LEAST)
+def _make_points(settings: Sequence[Measured]) -> Floats:
+    """Return the times (s) and errors (n, 2) of settings."""
+    rows = [(measured.total, measured.error) for measured in settings]
+    return np.maximum(np.reshape(rows, (-1, 2)), MIN_LOGARITHM_ARGUMENT)
 
 
-def _frame(points: Floats) -> tuple[Floats, Floats]:
-    """Return the round times and the powers of ten that hold all points with some room."""
+def _find_frame(points: Floats) -> tuple[Floats, Floats]:
+    """Return the lower left and the upper right corner (2,) around points (n, 2)."""
     if not len(points):
         return np.array([0.1, 0.1]), np.array([1.0, 1.0])
     low, high = np.log10([points.min(axis=0), points.max(axis=0)])
-    room = np.maximum(0.06 * (high - low), 0.1)
-    return 10.0 ** (low - room), 10.0 ** (high + room)
+    margin = np.maximum(FRAME_MARGIN_RATIO * (high - low), MIN_FRAME_MARGIN_DECADES)
+    return 10.0 ** (low - margin), 10.0 ** (high + margin)

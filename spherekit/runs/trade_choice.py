@@ -1,7 +1,8 @@
-"""The setting of a run that is to meet a tolerance, and what it reaches at check rows."""
+"""Chooses the setting of a run for a tolerance, and measures the error that it reaches."""
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,28 +13,42 @@ from spherekit.files.study import Study
 from spherekit.runs.contract import Analyses
 from spherekit.runs.evaluation_options import ORDINARY, Setting
 from spherekit.runs.run_identity import differences
+from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.sampling import make_sampling
-from spherekit.runs.simulation_measurement import plan_of
+from spherekit.runs.simulation_measurement import make_analysis_plan
 from spherekit.runs.table_deviation import Deviation, worst
 from spherekit.runs.trade import trade
-from spherekit.runs.trade_files import read_trade, run_of
+from spherekit.runs.trade_files import describe_run, read_trade
 from spherekit.runs.trade_measurement import measure_run, reads_poles
-from spherekit.runs.trade_record import MARGIN, Trade, check_tolerance, recommended
+from spherekit.runs.trade_record import (
+    MARGIN,
+    Cost,
+    Trade,
+    check_tolerance,
+    choose_most_accurate_fast_option,
+)
 from spherekit.storage.json_data import finite_or_none
 from spherekit.wording import listing
 
-WORTH = 50_000
-"""Samples from which on a short trade costs little beside the run; below, none is made."""
+MIN_SAMPLES_FOR_TRADE = 50_000
+"""Number of samples from which on a short trade is made.
 
-CHECKED = 121
-"""Samples of a short trade."""
+It costs little compared with such a run. Larger: runs use the ordinary setting although
+another one is faster. Smaller: the trade takes a large part of the time of the run.
+"""
 
-SHORT = {
+SHORT_TRADE_SAMPLES = 121
+"""Number of samples of a short trade.
+
+Larger: more certain errors and times, in more time.
+"""
+
+SHORT_TRADE_OPTIONS = {
     "settings": (ORDINARY, Setting(route="conditioned"), Setting(engine="compiled")),
-    "checked": CHECKED,
+    "checked": SHORT_TRADE_SAMPLES,
     "rounds": 1,
 }
-"""How a short trade is made."""
+"""Options of `trade` with which a short trade is made."""
 
 
 @checked(AnalysisError)
@@ -45,11 +60,29 @@ def choose(
 ) -> tuple[Setting, Facts]:
     """Return the cheapest setting with errors within a tolerance, and what it reaches.
 
-    Trades that are `stored` decide, if there are any. Else with fewer than `WORTH` samples
-    the ordinary setting is taken, with more a short trade decides. Where none meets the
-    tolerance, the most accurate is taken, and it is not `met`. Errors are scaled as
-    `spherekit.runs.trade_measurement` says: the largest that a trade measured, and at check
-    rows of the run itself, None where there is none. Of a simulation no rows are checked.
+    Trades that are `stored` decide, if there are any. Otherwise a short trade decides for
+    `MIN_SAMPLES_FOR_TRADE` samples or more, and the ordinary setting is used for fewer. If
+    no setting meets the tolerance, the most accurate is used, and the result is not `met`.
+
+    Parameters
+    ----------
+    study
+        The run.
+    analyses
+        Its analyses.
+    tolerance
+        Largest error of a column, scaled as `spherekit.runs.trade_measurement` describes.
+    stored
+        Trades of the analyses that were made before.
+
+    Returns
+    -------
+    setting
+        The setting.
+    record
+        For the summary of the run: the setting, why it was chosen, the largest error that a
+        trade measured, and the error at some rows of the run itself. None stands for an
+        unknown error. No rows of a simulation are checked.
 
     Raises
     ------
@@ -58,49 +91,66 @@ def choose(
     """
     check_tolerance(study.mechanism.name, tolerance)
     trades = list(stored)
-    plans = []
+    run_plans: list[RunPlan] = []
     if study.start is None:
         sampling = make_sampling(study)
         for analysis in analyses:
-            with suppress(AnalysisError, PluginError):  # the run says what fails
-                plan = plan_of(sampling, analysis)
-                if not analysis.trades and reads_poles(plan):
-                    plans.append(plan)
-    if not stored and study.count >= WORTH:
-        for plan in plans:
+            # The run itself reports errors of an analysis.
             with suppress(AnalysisError, PluginError):
-                if plan.requests[0].poles:
-                    trades.append(trade(study, plan.analyses[0], **SHORT))
-    setting, predicted, why = (
-        _of_trades(trades, tolerance, "stored" if stored else "short")
-        if trades
-        else (ORDINARY, np.nan, f"fewer than {WORTH} samples: no trade was made")
-    )
-    collected: list[Deviation] = []
-    rows = 0
-    for plan in plans:
+                run_plan = make_analysis_plan(sampling, analysis)
+                if not analysis.trades and reads_poles(run_plan):
+                    run_plans.append(run_plan)
+    if not stored and study.count >= MIN_SAMPLES_FOR_TRADE:
+        for run_plan in run_plans:
+            with suppress(AnalysisError, PluginError):
+                if run_plan.requests[0].poles:
+                    (analysis,) = run_plan.analyses
+                    trades.append(trade(study, analysis, **SHORT_TRADE_OPTIONS))
+    if trades:
+        choice = _choose_from_trades(trades, tolerance, "stored" if stored else "short")
+    else:
+        reason = f"fewer than {MIN_SAMPLES_FOR_TRADE} samples: no trade was made"
+        choice = SettingChoice(ORDINARY, np.nan, reason)
+
+    deviations: list[Deviation] = []
+    row_count = 0
+    for run_plan in run_plans:
         with suppress(AnalysisError, PluginError):
-            deviations, rows = measure_run(
-                plan_of(plan.sampling, plan.analyses[0], setting)
+            (analysis,) = run_plan.analyses
+            plan_with_setting = make_analysis_plan(
+                run_plan.sampling, analysis, choice.setting
             )
-            collected += deviations
-    largest = worst(collected)
-    achieved = np.nan if largest is None else largest.error
-    return setting, {
+            run_deviations, row_count = measure_run(plan_with_setting)
+            deviations += run_deviations
+    largest = worst(deviations)
+    achieved_error = np.nan if largest is None else largest.error
+    decisive_error = achieved_error if row_count else choice.error
+    return choice.setting, {
         "tolerance": tolerance,
-        "setting": str(setting),
-        "what": setting.describe(),
-        "why": why,
-        "predicted_error": finite_or_none(predicted),
-        "achieved_error": finite_or_none(achieved),
+        "setting": str(choice.setting),
+        "what": choice.setting.describe(),
+        "why": choice.reason,
+        "predicted_error": finite_or_none(choice.error),
+        "achieved_error": finite_or_none(achieved_error),
         "worst_column": "" if largest is None else largest.column,
-        "check_rows": rows,
-        "met": bool((achieved if rows else predicted) <= tolerance),
+        "check_rows": row_count,
+        "met": bool(decisive_error <= tolerance),
     }
 
 
-def stored_for(study: Study, analyses: Analyses, places: Sequence[str]) -> list[Trade]:
+def read_stored_trades(
+    study: Study, analyses: Analyses, paths: Sequence[str]
+) -> list[Trade]:
     """Return the trades of the analyses of a study's run, read from folders or files.
+
+    Parameters
+    ----------
+    study
+        The run.
+    analyses
+        Its analyses.
+    paths
+        Folders or files with one trade each.
 
     Raises
     ------
@@ -108,28 +158,30 @@ def stored_for(study: Study, analyses: Analyses, places: Sequence[str]) -> list[
         If one was made for another run, or an analysis has none.
     """
     trades: dict[str, Trade] = {}
-    for place in places:
-        record = read_trade(place)
-        named = [analysis for analysis in analyses if analysis.name == record.analysis]
-        if not named:
+    for path in paths:
+        stored_trade = read_trade(path)
+        of_name = [item for item in analyses if item.name == stored_trade.analysis]
+        if not of_name:
             raise AnalysisError(
-                f"{place}: the trade is of analysis {record.analysis}, which is not run; "
-                f"the run has {listing(analysis.name for analysis in analyses)}: leave "
-                "this --trade out"
+                f"{path}: the trade is of analysis {stored_trade.analysis}, which is not "
+                f"run; the run has {listing(item.name for item in analyses)}: leave this "
+                "--trade out"
             )
-        now = run_of(study, named[0])
-        if differs := differences(record.made_for, now):
+        run_description = describe_run(study, of_name[0])
+        if differing := differences(stored_trade.made_for, run_description):
             raise AnalysisError(
-                f"{place}: the trade was made for another run ({differs}); make it for "
-                f"this one with: spherekit trade {now['mechanism']} -a {now['analysis']} "
-                f"-o {place} and the options of the run, or leave --trade out"
+                f"{path}: the trade was made for another run ({differing}); make it for "
+                f"this one with: spherekit trade {run_description['mechanism']} -a "
+                f"{run_description['analysis']} -o {path} and the options of the run, or "
+                "leave --trade out"
             )
-        if all(measured.setting is None for measured in record.settings):
+        if all(measured.setting is None for measured in stored_trade.settings):
             raise AnalysisError(
-                f"{place}: the trade is of parameters of {record.analysis}, not of ways to "
-                "run it; give the parameter with -a NAME:key=value, and leave --trade out"
+                f"{path}: the trade is of parameters of {stored_trade.analysis}, not of "
+                "ways to run it; give the parameter with -a NAME:key=value, and leave "
+                "--trade out"
             )
-        trades[record.analysis] = record
+        trades[stored_trade.analysis] = stored_trade
     lacking = [analysis.name for analysis in analyses if analysis.name not in trades]
     if lacking:
         raise AnalysisError(
@@ -139,32 +191,61 @@ def stored_for(study: Study, analyses: Analyses, places: Sequence[str]) -> list[
     return list(trades.values())
 
 
-def _of_trades(
+@dataclass(frozen=True)
+class SettingChoice:
+    """A setting that was chosen for a run.
+
+    Attributes
+    ----------
+    setting
+        The setting.
+    error
+        Largest error that a trade measured; NaN without a trade.
+    reason
+        Why it was chosen.
+    """
+
+    setting: Setting
+    error: float
+    reason: str
+
+
+def _choose_from_trades(
     trades: Sequence[Trade], tolerance: float, kind: str
-) -> tuple[Setting, float, str]:
-    """Return the cheapest setting that meets a tolerance in all trades, its error, why."""
-    counting = [
-        {x.setting: x for x in record.settings if x.setting and x.counts}
+) -> SettingChoice:
+    """Return the cheapest setting that meets a tolerance in all trades.
+
+    Parameters
+    ----------
+    trades
+        One trade for each analysis. Only settings that all of them contain are considered.
+    tolerance
+        Largest scaled error.
+    kind
+        What the trades are called in the reason.
+    """
+    measured_by_setting = [
+        {item.setting: item for item in record.settings if item.setting and item.counts}
         for record in trades
     ]
-    measured = {
-        setting: (
-            sum(x[setting].total for x in counting),
-            max(x[setting].error for x in counting),
-        )
-        for setting in counting[0]
-        if all(setting in others for others in counting)
+    costs: dict[Setting, Cost] = {}
+    for setting in measured_by_setting[0]:
+        if all(setting in measured for measured in measured_by_setting):
+            measured_of_setting = [measured[setting] for measured in measured_by_setting]
+            costs[setting] = Cost(
+                seconds=sum(item.total for item in measured_of_setting),
+                error=max(item.error for item in measured_of_setting),
+            )
+    origin = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
+    if not costs:
+        return SettingChoice(ORDINARY, np.nan, f"no setting {origin} gives all rows")
+    sufficient_costs = {
+        setting: cost for setting, cost in costs.items() if MARGIN * cost.error <= tolerance
     }
-    good = {s: m for s, m in measured.items() if MARGIN * m[1] <= tolerance}
-    of = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
-    if not measured:
-        return ORDINARY, np.nan, f"no setting {of} gives all rows"
-    chosen, why = (
-        (recommended(good), f"the cheapest {of}")
-        if good
-        else (
-            min(measured, key=lambda setting: measured[setting][1]),
-            f"no setting {of} meets the tolerance; the most accurate",
-        )
-    )
-    return chosen, measured[chosen][1], why
+    if sufficient_costs:
+        setting = choose_most_accurate_fast_option(sufficient_costs)
+        reason = f"the cheapest {origin}"
+    else:
+        setting = min(costs, key=lambda candidate: costs[candidate].error)
+        reason = f"no setting {origin} meets the tolerance; the most accurate"
+    return SettingChoice(setting, costs[setting].error, reason)

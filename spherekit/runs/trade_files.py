@@ -14,24 +14,33 @@ from spherekit.planning.assembly_plan import driven_at
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.run_state import describe_analyses, hash_array
-from spherekit.runs.trade_record import COLUMN, STORED, Measured, Trade
+from spherekit.runs.trade_record import ATTRIBUTE_BY_KEY, COLUMN_KEYS, Measured, Trade
 from spherekit.version import __version__
 
-FILE = "trade.json"
+TRADE_FILE = "trade.json"
+"""Name of the file with a trade in a folder."""
 
 
-def run_of(study: Study, analysis: AbstractAnalysis) -> Facts:
-    """Return what a trade for a study's run depends on, ready for JSON."""
+def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
+    """Return everything that a trade for a run depends on, as data for JSON.
+
+    Parameters
+    ----------
+    study
+        The run.
+    analysis
+        The analysis of the trade.
+    """
     mechanism = driven_at(study.mechanism)
     path = study.path
-    ((_, version, given),) = describe_analyses([analysis])
+    ((_, version, analysis_parameters),) = describe_analyses([analysis])
     return {
         "spherekit": __version__,
         "mechanism": mechanism.name,
         "mechanism_hash": mechanism_hash(mechanism),
         "analysis": analysis.name,
         "analysis_version": version,
-        "parameters": given,
+        "parameters": analysis_parameters,
         "inputs": mechanism.input_pairs,
         "samples": "x".join(map(str, study.shape)),
         "input_values": None if path is None else hash_array(path),
@@ -57,32 +66,37 @@ def read_trade(path: AnyPath) -> Trade:
         If there is none, or it cannot be read.
     """
     file = Path(path)
-    again = f"write one with: spherekit trade FILE -a NAME -o {path}"
+    advice = f"write one with: spherekit trade FILE -a NAME -o {path}"
     try:
         if file.is_dir():
-            file = file / FILE
+            file = file / TRADE_FILE
         if file.exists() and not file.is_file():
             raise ValueError("a folder or a device, not a regular file")
-        return _trade(json.loads(file.read_bytes()))
+        return _make_trade(json.loads(file.read_bytes()))
     except FileNotFoundError:
-        raise AnalysisError(f"{file}: there is no trade; {again}") from None
+        raise AnalysisError(f"{file}: there is no trade; {advice}") from None
     except (OSError, KeyError, TypeError, ValueError) as problem:
         raise AnalysisError(
-            f"{file}: is not a trade that this version reads ({problem!r}); {again}"
+            f"{file}: is not a trade that this version reads ({problem!r}); {advice}"
         ) from None
 
 
-def _trade(data: Facts) -> Trade:
+def _make_trade(data: Facts) -> Trade:
+    """Return a trade from the data of `Trade.as_dict`."""
     return Trade(
-        columns=tuple(tuple(column[key] for key in COLUMN) for column in data["columns"]),
-        settings=tuple(map(_measured, data["settings"])),
-        **{name: data[key] for key, name in STORED.items()},
+        columns=tuple(
+            tuple(column[key] for key in COLUMN_KEYS) for column in data["columns"]
+        ),
+        settings=tuple(map(_make_measured, data["settings"])),
+        **{name: data[key] for key, name in ATTRIBUTE_BY_KEY.items()},
     )
 
 
-def _measured(row: Facts) -> Measured:
-    given: Facts = {
-        x.name: np.nan if row[x.name] is None else row[x.name] for x in fields(Measured)
+def _make_measured(row: Facts) -> Measured:
+    """Return the times and errors of a setting from data in which NaN is None."""
+    values: Facts = {
+        item.name: np.nan if row[item.name] is None else row[item.name]
+        for item in fields(Measured)
     }
-    given["setting"] = None if row["setting"] is None else Setting(**row["setting"])
-    return Measured(**given)
+    values["setting"] = None if row["setting"] is None else Setting(**row["setting"])
+    return Measured(**values)

@@ -1,12 +1,12 @@
-"""What a trade found: settings with their times and errors, and the cheapest of them."""
+"""The result of a trade: settings with their times and errors, and the cheapest of them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 
-from spherekit.argument_validation import checked as judged
+from spherekit.argument_validation import checked as check_arguments
 from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError
 from spherekit.runs.evaluation_options import Setting
@@ -17,25 +17,48 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-Way = TypeVar("Way")
-
 MARGIN = 4.0
-"""A setting is recommended for a tolerance this many times its measured error, for errors
-are measured at some of the samples, and rounding scatters from one to the next."""
+"""Ratio of a tolerance to the largest measured error with which a setting meets it.
 
-ALIKE = 1.1
-"""Times within this factor are taken as the same: they scatter as much."""
+Errors are measured at some of the samples only, and rounding errors differ from sample to
+sample. Larger: more expensive settings are recommended. Smaller: the errors of the whole
+run may exceed the tolerance.
+"""
+
+EQUAL_TIME_FACTOR = 1.1
+"""Ratio of times up to which two settings count as equally fast.
+
+Measured times scatter by about this factor. Larger: a slower setting can be recommended.
+Smaller: the recommendation changes from one measurement to the next.
+"""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One setting: what it took and how far its tables were off.
+    """The times and errors of one setting.
 
-    `seconds` and `seconds_median` are the best and the median time of the run that is
-    wanted, of which `first_seconds` come before any sample; `compile_seconds` come once.
-    `error` is the largest scaled deviation, of `worst_column`; `own_estimate` the
-    analysis's own. `missing` numbers were not given though they exist. `reason` says why
-    the setting does not apply, then all else is NaN. `setting` is None for a parameter.
+    Attributes
+    ----------
+    name
+        Name of the setting.
+    setting
+        The setting; None for a parameter of the analysis.
+    seconds, seconds_median
+        Best and median processor time (s) of the run that is wanted, without compiling.
+    first_seconds
+        The part of these times (s) that is spent before any sample.
+    compile_seconds
+        Time (s) for compiling, which is spent once.
+    error
+        Largest scaled deviation of a column.
+    worst_column
+        The column with this deviation.
+    own_estimate
+        Error that the analysis itself estimates.
+    missing
+        Number of results that the reference has and this setting does not.
+    reason
+        Why the setting does not apply; empty if it does. All numbers are then NaN.
     """
 
     name: str
@@ -61,26 +84,60 @@ class Measured:
         return not self.reason and not self.missing and bool(np.isfinite(self.error))
 
 
-def recommended(measured: Mapping[Way, tuple[float, float]]) -> Way:
-    """Return the most accurate of the ways that are about as quick as the quickest.
+class Cost(NamedTuple):
+    """The processor time (s) of a setting, and its largest scaled error."""
 
-    `measured` has the time and the error of each.
+    seconds: float
+    error: float
+
+
+Option = TypeVar("Option")
+
+
+def choose_most_accurate_fast_option(costs: Mapping[Option, Cost]) -> Option:
+    """Return the most accurate of the options that are about as fast as the fastest.
+
+    Parameters
+    ----------
+    costs
+        Time and error of each option. Options with equal errors are compared by time.
     """
-    limit = ALIKE * min(time for time, _ in measured.values())
-    alike = [way for way, (time, _) in measured.items() if time <= limit]
-    return min(alike, key=lambda way: measured[way][::-1])
+    limit = EQUAL_TIME_FACTOR * min(cost.seconds for cost in costs.values())
+    fast_options = [option for option, cost in costs.items() if cost.seconds <= limit]
+    return min(
+        fast_options, key=lambda option: (costs[option].error, costs[option].seconds)
+    )
 
 
 @dataclass(frozen=True)
 class Trade:
-    """Settings of one analysis of one mechanism, measured.
+    """The measured settings of one analysis of one mechanism.
 
-    `samples` are those asked for, `checked` those at which errors were measured, `rows`
-    the configurations behind these. `columns` says how the errors of each column are
-    measured, `reference` what they are measured against, and `floor` how well that is
-    known itself. `derivatives` is the order of the rates' derivatives that the analysis
-    reads, and no more is computed; None where no rates are. `made_for` says which run it
-    was made for, see `spherekit.runs.trade_record`; `draw` makes its figure.
+    Attributes
+    ----------
+    mechanism, analysis
+        Names of the mechanism and of the analysis.
+    samples
+        Number of samples of the run that is wanted.
+    checked
+        Number of samples at which errors were measured.
+    rows
+        Number of configurations at these samples.
+    reference
+        Words about the reference values.
+    floor
+        Error of the reference values.
+    derivatives
+        Order of the derivatives of the rates that the analysis reads; None if it reads no
+        rates.
+    columns
+        Name, words about the scale, and scale of the errors of each column.
+    settings
+        The settings.
+    made_for
+        The run for which the trade was made, see `spherekit.runs.trade_files`.
+    draw
+        Function that draws the figure.
     """
 
     mechanism: str
@@ -111,8 +168,8 @@ class Trade:
     def pareto(self) -> tuple[Measured, ...]:
         """The settings that no other beats in both time and error, the quickest first."""
         best: list[Measured] = []
-        counting = [candidate for candidate in self.settings if candidate.counts]
-        for measured in sorted(counting, key=lambda item: (item.total, item.error)):
+        candidates = [candidate for candidate in self.settings if candidate.counts]
+        for measured in sorted(candidates, key=lambda item: (item.total, item.error)):
             if not best or measured.error < best[-1].error:
                 best.append(measured)
         return tuple(best)
@@ -128,14 +185,14 @@ class Trade:
             If the tolerance is not a positive number.
         """
         check_tolerance(self.mechanism, tolerance)
-        within = {
-            measured: (measured.total, measured.error)
+        costs = {
+            measured: Cost(measured.total, measured.error)
             for measured in self.pareto
             if MARGIN * measured.error <= tolerance
         }
-        return recommended(within) if within else None
+        return choose_most_accurate_fast_option(costs) if costs else None
 
-    @judged(AnalysisError)
+    @check_arguments(AnalysisError)
     def plot(self, tolerance: float | None = None, columns: Columns = 2) -> "Figure":
         """Return the work-precision figure, for one or two columns of a journal.
 
@@ -154,29 +211,35 @@ class Trade:
         return self.draw(self, tolerance, columns)
 
     def as_dict(self, tolerance: float | None = None) -> Facts:
-        """Return everything ready for JSON."""
+        """Return the trade as data for JSON, with the setting for a tolerance."""
         chosen = None if tolerance is None else self.cheapest(tolerance)
-        return {key: getattr(self, name) for key, name in STORED.items()} | {
+        values = {key: getattr(self, name) for key, name in ATTRIBUTE_BY_KEY.items()}
+        return values | {
             "margin": MARGIN,
-            "columns": [dict(zip(COLUMN, row, strict=True)) for row in self.columns],
-            "settings": [
-                {
-                    **{k: None if x != x else x for k, x in asdict(measured).items()},
-                    "what": "" if measured.setting is None else measured.setting.describe(),
-                    "applies": not measured.reason,
-                    "microseconds_per_sample": finite_or_none(
-                        1e6 * (measured.seconds - measured.first_seconds) / self.samples
-                    ),
-                    "pareto": measured in self.pareto,
-                }
-                for measured in self.settings
-            ],
+            "columns": [dict(zip(COLUMN_KEYS, row, strict=True)) for row in self.columns],
+            "settings": [self._setting_as_dict(measured) for measured in self.settings],
             "tolerance": tolerance,
             "recommended": None if chosen is None else chosen.name,
         }
 
+    def _setting_as_dict(self, measured: Measured) -> Facts:
+        """Return one setting as data for JSON. NaN becomes None."""
+        # Only NaN differs from itself.
+        values = {
+            key: None if value != value else value
+            for key, value in asdict(measured).items()
+        }
+        seconds_per_sample = (measured.seconds - measured.first_seconds) / self.samples
+        return {
+            **values,
+            "what": "" if measured.setting is None else measured.setting.describe(),
+            "applies": not measured.reason,
+            "microseconds_per_sample": finite_or_none(1e6 * seconds_per_sample),
+            "pareto": measured in self.pareto,
+        }
 
-STORED = {
+
+ATTRIBUTE_BY_KEY = {
     "mechanism": "mechanism",
     "analysis": "analysis",
     "made_for": "made_for",
@@ -187,8 +250,10 @@ STORED = {
     "reference_error": "floor",
     "derivatives": "derivatives",
 }
-"""Under which names a trade is stored, and what of it."""
-COLUMN = "column", "measured", "scale"
+"""Attributes of `Trade` by the keys under which files store them."""
+
+COLUMN_KEYS = ("column", "measured", "scale")
+"""Keys under which files store the entries of `Trade.columns`."""
 
 
 def check_tolerance(mechanism: str, tolerance: float) -> None:
@@ -200,11 +265,19 @@ def check_tolerance(mechanism: str, tolerance: float) -> None:
         )
 
 
-def seconds(value: float) -> str:
-    """Return a time with three digits; those of one unit align."""
+def format_seconds(value: float) -> str:
+    """Return a time (s) as text with three digits, in us, ms or s.
+
+    The limits are chosen so that a rounded number never has four digits.
+    """
     if value < 0.9995e-3:
         return f"{1e6 * value:.0f} us"
     if value >= 999.5:
         return f"{value:.0f} s"
-    number, unit = (1e3 * value, "ms") if value < 0.9995 else (value, "s")
+    if value < 0.9995:
+        number = 1e3 * value
+        unit = "ms"
+    else:
+        number = value
+        unit = "s"
     return f"{number:#.3g}".rstrip(".") + f" {unit}"

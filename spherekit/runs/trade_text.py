@@ -1,31 +1,37 @@
-"""A trade as text and as a table of values."""
+"""A trade as text, and as a table of values."""
 
 import numpy as np
 
 from spherekit.conventions import Names
-from spherekit.runs.trade_record import MARGIN, Measured, Trade, seconds
+from spherekit.runs.trade_record import MARGIN, Measured, Trade, format_seconds
 from spherekit.tables.table_files import format_csv
 from spherekit.wording import without_numbers
 
 HEADINGS = ("", "setting", "error", "worst column", "time", "median", "compiling")
+"""Headings of the columns of the text."""
 
+ALIGNMENTS = "<<<<>>>"
+"""Alignment of each column: to the left or to the right."""
 
-SIDES = "<<<<>>>"
-"""On which side of their columns the cells are."""
+MIN_LISTED_COMPILE_SECONDS = 1e-3
+"""Time (s) for compiling below which its cell is empty."""
 
 
 def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return the table for people, the columns' scales, and the recommendation."""
-    settings = (_cells(x, x in trade.pareto) for x in trade.settings if not x.reason)
-    rows = [HEADINGS, *settings]
+    front = trade.pareto
+    rows: list[Names] = [HEADINGS]
+    for measured in trade.settings:
+        if not measured.reason:
+            rows.append(_make_cells(measured, is_on_front=measured in front))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [_heading(trade)]
+    lines = [_make_heading(trade)]
     for row in rows:
-        made = (
-            f"{cell:{side}{width}}"
-            for cell, side, width in zip(row, SIDES, widths, strict=True)
-        )
-        lines.append("  ".join(made).rstrip())
+        cells = [
+            f"{cell:{alignment}{width}}"
+            for cell, alignment, width in zip(row, ALIGNMENTS, widths, strict=True)
+        ]
+        lines.append("  ".join(cells).rstrip())
     lines.append(
         "*: no other is quicker and as accurate. Times are processor times of the whole "
         "run, the best of the rounds and their median; compiling comes once."
@@ -36,77 +42,90 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         for measured in trade.settings
         if np.isfinite(measured.own_estimate)
     ]
-    ways: dict[str, list[str]] = {}
-    for name, how, scale in trade.columns:
-        size = "" if how.startswith("absolute") else f" ({scale:.3g})"
-        ways.setdefault(f"{how}{size}", []).append(name)
-    lines += [f"error of {', '.join(names)}: {how}" for how, names in ways.items()]
-    lines += _not_applying(trade)
+    columns_by_scale: dict[str, list[str]] = {}
+    for column, scale_words, scale in trade.columns:
+        size = "" if scale_words.startswith("absolute") else f" ({scale:.3g})"
+        columns_by_scale.setdefault(f"{scale_words}{size}", []).append(column)
+    lines += [
+        f"error of {', '.join(columns)}: {scale_words}"
+        for scale_words, columns in columns_by_scale.items()
+    ]
+    lines += _list_inapplicable_settings(trade)
     if tolerance is not None:
-        lines.append(advice(trade, tolerance))
+        lines.append(advise(trade, tolerance))
     return "\n".join(lines)
 
 
-def _heading(trade: Trade) -> str:
-    what = f"{trade.mechanism}, {trade.analysis}"
+def _make_heading(trade: Trade) -> str:
+    """Return the first line of the text: what was measured, and against what."""
+    subject = f"{trade.mechanism}, {trade.analysis}"
     if trade.derivatives is None:
-        return f"{what}: parameters of its own, against {trade.reference}"
+        return f"{subject}: parameters of its own, against {trade.reference}"
     orders = "rates and derivatives" if trade.derivatives else "rates, no derivatives"
     return (
-        f"{what}: {trade.samples} samples, {orders}; times by {trade.checked} of them, "
+        f"{subject}: {trade.samples} samples, {orders}; times by {trade.checked} of them, "
         f"errors at {trade.rows} rows against {trade.reference}"
     )
 
 
-def advice(trade: Trade, tolerance: float) -> str:
-    """Return what to take for a tolerance."""
+def advise(trade: Trade, tolerance: float) -> str:
+    """Return a sentence with the setting to choose for a tolerance."""
     best = trade.cheapest(tolerance)
     if best is not None:
         return (
             f"for {tolerance:g}: {best.name}, error {best.error:.1e} (taken where "
-            f"{MARGIN:g} times that is within), {seconds(best.total)} with "
+            f"{MARGIN:g} times that is within), {format_seconds(best.total)} with "
             "compiling"
         )
     if not trade.pareto:
         return f"for {tolerance:g}: no setting gives all numbers"
-    reached = trade.pareto[-1]
+    most_accurate = trade.pareto[-1]
     return (
         f"for {tolerance:g}: no setting meets it with a margin of {MARGIN:g}; the best "
-        f"reached is {reached.error:.1e}, by {reached.name}"
+        f"reached is {most_accurate.error:.1e}, by {most_accurate.name}"
     )
 
 
 def as_csv(trade: Trade) -> str:
-    """Return all settings, a row each, with a heading."""
+    """Return all settings as CSV, a row each, with a heading."""
     rows = trade.as_dict()["settings"]
     columns = [name for name in rows[0] if name != "setting"]
-    return format_csv(
-        [columns, *([row[name] for name in columns] for row in rows)]
-    ).decode()
+    values = [[row[name] for name in columns] for row in rows]
+    return format_csv([columns, *values]).decode()
 
 
-def _cells(measured: Measured, front: bool) -> Names:
+def _make_cells(measured: Measured, is_on_front: bool) -> Names:
+    """Return the cells of a setting; it has a star if no other setting beats it."""
+    error = f"{measured.error:.1e}"
+    if measured.missing:
+        error += f" ({measured.missing} missing)"
+    is_compiled = measured.compile_seconds > MIN_LISTED_COMPILE_SECONDS
     return (
-        "*" if front else "",
+        "*" if is_on_front else "",
         measured.name,
-        f"{measured.error:.1e}"
-        + (f" ({measured.missing} missing)" if measured.missing else ""),
+        error,
         measured.worst_column,
-        seconds(measured.seconds),
-        seconds(measured.seconds_median),
-        seconds(measured.compile_seconds) if measured.compile_seconds > 1e-3 else "",
+        format_seconds(measured.seconds),
+        format_seconds(measured.seconds_median),
+        format_seconds(measured.compile_seconds) if is_compiled else "",
     )
 
 
-def _not_applying(trade: Trade) -> list[str]:
+def _list_inapplicable_settings(trade: Trade) -> list[str]:
     """Return the settings that do not apply, a line for each reason.
 
-    Reasons are one that differ in numbers, or in the name of their setting, only.
+    Reasons that differ only in numbers or in the name of their setting share a line.
     """
-    alike: dict[str, tuple[str, list[str]]] = {}
+    # By the reason without numbers: the first reason, and the names of its settings.
+    settings_by_reason: dict[str, tuple[str, list[str]]] = {}
     for measured in trade.settings:
         if measured.reason:
-            why = measured.reason.replace(f" {measured.name} ", " ")
-            why = why.removeprefix(f"{trade.mechanism}: ")
-            alike.setdefault(without_numbers(why), (why, []))[1].append(measured.name)
-    return [f"does not apply: {', '.join(names)}: {why}" for why, names in alike.values()]
+            reason = measured.reason.replace(f" {measured.name} ", " ")
+            reason = reason.removeprefix(f"{trade.mechanism}: ")
+            key = without_numbers(reason)
+            _, names = settings_by_reason.setdefault(key, (reason, []))
+            names.append(measured.name)
+    return [
+        f"does not apply: {', '.join(names)}: {reason}"
+        for reason, names in settings_by_reason.values()
+    ]
