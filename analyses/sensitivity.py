@@ -36,30 +36,71 @@ from .common import (
     row_columns,
 )
 
-DEG = np.pi / 180.0
-EQUAL = 1e-9
-"""Shares that differ by less, relative, are equal: sizes mirror each other."""
-ROUNDING = 1e-12
-"""A quantity whose spread over the deviation of sizes is less does not hang on them."""
-BEYOND = 0.1
-"""Where the spread of draws is off by this part, the first order is not enough."""
-SHOWN = 6
-"""Quantities whose derivatives are drawn, and sizes of each."""
+DEGREE = np.pi / 180.0
+"""One degree in rad."""
+EQUAL_SHARE_RATIO = 1e-9
+"""Shares of the variance that differ by a smaller part are equal, as those of sizes that
+mirror each other are. Smaller: rounding decides which of them is listed."""
+INDEPENDENT_SPREAD_RATIO = 1e-12
+"""A quantity whose spread is a smaller part of the deviation of sizes does not depend on
+them. Larger: weak dependences are reported as none; smaller: rounding is reported."""
+FIRST_ORDER_TOLERANCE = 0.1
+"""If the spread of draws differs from the first order by this part of it, both are
+reported."""
+MAX_LISTED = 6
+"""Sizes that are listed, quantities whose derivatives are drawn, and sizes of each."""
 
 
 @dataclass(frozen=True)
-class Spread:
-    """Quantities (c, n), their gradients (sizes, c, n), and what deviations do to them.
+class Tolerances:
+    """Deviations of c quantities in n rows, to first order and of draws.
 
-    `shares` (sizes, c, n) of the variance are those of the sizes, `tolerances` (c, n) by
-    the columns of the table.
+    Attributes
+    ----------
+    spread, worst
+        (c, n) standard deviation and worst case, to first order.
+    drawn_spread, drawn_worst
+        (c, n) standard deviation and largest deviation of the draws.
+    lost
+        (c, n) part of the draws that cannot be assembled.
+    matters_most
+        (c, n) keys of the sizes with the largest share, joined by plus signs.
+    share
+        (c, n) that share of the variance.
+    """
+
+    spread: Floats
+    worst: Floats
+    drawn_spread: Floats
+    drawn_worst: Floats
+    lost: Floats
+    matters_most: NDArray[np.str_]
+    share: Floats
+
+
+@dataclass(frozen=True)
+class SensitivityResult:
+    """Quantities of a batch, their derivatives, and what deviations of sizes do to them.
+
+    Attributes
+    ----------
+    sensitivity
+        The quantities and sizes.
+    values
+        (c, n) values of the quantities.
+    gradients
+        (sizes, c, n) derivatives of the quantities by the sizes.
+    shares
+        (sizes, c, n) parts of the variance that the sizes cause.
+    tolerances
+        The deviations of the quantities.
     """
 
     sensitivity: Sensitivity
     values: Floats
     gradients: Floats
     shares: Floats
-    tolerances: Mapping[str, NDArray[Any]]
+    tolerances: Tolerances
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,8 +114,8 @@ class SensitivityAnalysis(AbstractAnalysis):
     the standard deviation of a ``normal`` `distribution`, or the largest one of a
     ``uniform`` one, of every size; `deviations` has those of single numbers, such as
     ``links.3.arc:0.02+mass.4.mass:0.01``, in degrees or in the unit of the number, and
-    masses and loads that it does not name are exact. `draws` mechanisms are drawn beside
-    the first order, at each row; 0 for none.
+    masses and loads that it does not name are exact. In addition to the first order,
+    `draws` random mechanisms are computed at each row; 0 for none.
     """
 
     name = "sensitivity"
@@ -151,7 +192,8 @@ class SensitivityAnalysis(AbstractAnalysis):
 
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return configurations with their times; refuse what has no derivative."""
-        sensitivity, _ = self._asked(mechanism)
+        sensitivity = self._sensitivity(mechanism)
+        self._size_deviations(sensitivity)
         return Needs(
             tracer=True,
             time=len(mechanism.inputs) == 1 or sensitivity.timed,
@@ -159,194 +201,268 @@ class SensitivityAnalysis(AbstractAnalysis):
             links=sensitivity.links,
         )
 
-    def _asked(self, mechanism: Mechanism) -> tuple[Sensitivity, SizeDeviations]:
-        sensitivity = Sensitivity(mechanism, _split(self.by), _split(self.of))
-        sizes = sensitivity.deviating(self.deviation * DEG, self._singly())
-        return sensitivity, SizeDeviations(sizes, self.distribution, self.draws)
+    def _sensitivity(self, mechanism: Mechanism) -> Sensitivity:
+        """Return the quantities and sizes of a mechanism."""
+        return Sensitivity(mechanism, _split_terms(self.by), _split_terms(self.of))
 
-    def _singly(self) -> dict[str, float]:
-        """Return the deviations of single numbers by their keys."""
-        made = {}
-        for part in _split(self.deviations):
-            key, _, number = part.rpartition(":")
+    def _size_deviations(self, sensitivity: Sensitivity) -> SizeDeviations:
+        """Return the distribution of the deviations of the sizes."""
+        deviations = sensitivity.deviating(
+            self.deviation * DEGREE, self._deviation_of_key()
+        )
+        return SizeDeviations(deviations, self.distribution, self.draws)
+
+    def _deviation_of_key(self) -> dict[str, float]:
+        """Return the deviations of single numbers by their keys.
+
+        Raises
+        ------
+        AnalysisError
+            If the parameter `deviations` is not valid.
+        """
+        deviation_of_key: dict[str, float] = {}
+        for term in _split_terms(self.deviations):
+            key, _, number = term.rpartition(":")
             try:
-                made[key] = float(number)
+                deviation_of_key[key] = float(number)
             except ValueError:
                 raise AnalysisError(
-                    f'deviations: "{part}": write KEY:DEVIATION, such as links.3.arc:0.02'
+                    f'deviations: "{term}": write KEY:DEVIATION, such as links.3.arc:0.02'
                 ) from None
-        return made
+        return deviation_of_key
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch."""
-        made = self._found(batch)
-        names = made.sensitivity.quantities
-        keys = made.sensitivity.keys
+        result = self._result(batch)
+        tolerances = result.tolerances
+        quantities = result.sensitivity.quantities
+        keys = result.sensitivity.keys
         status = batch.status.copy()
-        lost = ~np.all(np.isfinite(made.gradients), axis=(0, 1))
-        status[(status == Status.OK) & lost] = Status.ILL_CONDITIONED
-        every = [name for name in names for _ in keys]
+        has_no_derivative = ~np.all(np.isfinite(result.gradients), axis=(0, 1))
+        status[(status == Status.OK) & has_no_derivative] = Status.ILL_CONDITIONED
+        # Rows of the table: row, quantity, size; the last one changes fastest.
+        quantity_of_rows = [name for name in quantities for _ in keys]
         return {
             "sensitivity": {
-                **repeat_rows(row_columns(batch), every, "quantity"),
-                "size": np.tile(np.array(keys), len(names) * len(batch)),
-                "value": np.repeat(made.values.T.ravel(), len(keys)),
-                "derivative": np.transpose(made.gradients, (2, 1, 0)).ravel(),
-                "status": np.repeat(status, len(every)),
+                **repeat_rows(row_columns(batch), quantity_of_rows, "quantity"),
+                "size": np.tile(np.array(keys), len(quantities) * len(batch)),
+                "value": np.repeat(result.values.T.ravel(), len(keys)),
+                "derivative": np.transpose(result.gradients, (2, 1, 0)).ravel(),
+                "status": np.repeat(status, len(quantity_of_rows)),
             },
             "tolerances": {
-                **repeat_rows(row_columns(batch), names, "quantity"),
-                **{name: part.T.ravel() for name, part in made.tolerances.items()},
-                "status": np.repeat(status, len(names)),
+                **repeat_rows(row_columns(batch), quantities, "quantity"),
+                "spread": tolerances.spread.T.ravel(),
+                "worst": tolerances.worst.T.ravel(),
+                "drawn_spread": tolerances.drawn_spread.T.ravel(),
+                "drawn_worst": tolerances.drawn_worst.T.ravel(),
+                "lost": tolerances.lost.T.ravel(),
+                "matters_most": tolerances.matters_most.T.ravel(),
+                "share": tolerances.share.T.ravel(),
+                "status": np.repeat(status, len(quantities)),
             },
         }
 
-    def _found(self, batch: Batch) -> Spread:
-        return batch.once("sensitivity", lambda: self._spread(batch))
+    def _result(self, batch: Batch) -> SensitivityResult:
+        """Return derivatives and tolerances of a batch, which are computed once."""
+        return batch.once("sensitivity", lambda: self._compute_result(batch))
 
-    def _spread(self, batch: Batch) -> Spread:
-        sensitivity, deviations = self._asked(batch.mechanism)
-        samples = _samples(batch, sensitivity)
+    def _compute_result(self, batch: Batch) -> SensitivityResult:
+        """Return derivatives and tolerances of a batch."""
+        sensitivity = self._sensitivity(batch.mechanism)
+        deviations = self._size_deviations(sensitivity)
+        samples = _input_samples(batch, sensitivity)
         configurations = continue_load_angles(batch).values
         with np.errstate(all="ignore"):
             values, gradients = sensitivity.at(samples, configurations)
-            failed = batch.status != Status.OK
-            values[:, failed] = np.nan
-            gradients[~np.isfinite(gradients) | failed] = np.nan
+            has_failed = batch.status != Status.OK
+            values[:, has_failed] = np.nan
+            gradients[~np.isfinite(gradients) | has_failed] = np.nan
+            # Deviations of sizes are independent, so that their variances are added.
             squares = (gradients * deviations.spread[:, None, None]) ** 2
             variance = np.sum(squares, axis=0)
-            shares = np.where(np.sqrt(variance) > self._least, squares / variance, np.nan)
-        drawn = np.full((3, *variance.shape), np.nan)
+            is_dependent = np.sqrt(variance) > self._zero_spread
+            shares = np.where(is_dependent, squares / variance, np.nan)
+        drawn_moments = np.full((3, *variance.shape), np.nan)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
-            scattered = sensitivity.scattered(
+            drawn_values = sensitivity.scattered(
                 samples[rows], configurations[rows], deviations.draws(len(sensitivity.keys))
             )
-            drawn[:, :, rows] = _moments(scattered - values[:, rows, None])
-        tolerances = {
-            "spread": np.sqrt(variance),
-            "worst": np.einsum("scn,s->cn", np.abs(gradients), deviations.worst),
-            **dict(zip(("drawn_spread", "drawn_worst", "lost"), drawn, strict=True)),
-            "matters_most": _most(sensitivity.keys, shares),
-            "share": np.max(shares, axis=0),
-        }
-        return Spread(sensitivity, values, gradients, shares, tolerances)
+            drawn_moments[:, :, rows] = _moments(drawn_values - values[:, rows, None])
+        drawn_spread, drawn_worst, lost = drawn_moments
+        tolerances = Tolerances(
+            spread=np.sqrt(variance),
+            # s: size, c: quantity, n: row
+            worst=np.einsum("scn,s->cn", np.abs(gradients), deviations.worst),
+            drawn_spread=drawn_spread,
+            drawn_worst=drawn_worst,
+            lost=lost,
+            matters_most=_sizes_that_matter_most(sensitivity.keys, shares),
+            share=np.max(shares, axis=0),
+        )
+        return SensitivityResult(sensitivity, values, gradients, shares, tolerances)
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the largest spread of each quantity, and what makes most of it."""
-        made = self._found(batch)
-        sensitivity = made.sensitivity
-        off = made.tolerances
-        figures = {}
-        for k, (name, spread) in enumerate(
-            zip(sensitivity.quantities, off["spread"], strict=True)
-        ):
-            if np.any(np.isfinite(spread)):
-                row = np.nanargmax(spread)
-                figures[name] = {
-                    "spread": float(spread[row]),
-                    "q": batch.inputs[row].tolist(),
-                    "size": sensitivity.keys[np.argmax(made.shares[:, k, row])],
-                }
-                if self.draws:
-                    figures[name]["drawn"] = float(off["drawn_spread"][k, row])
-                    figures[name]["lost"] = float(off["lost"][k, row])
-        said = self._said(figures, self._varied(sensitivity.keys))
+        """Return the largest spread of each quantity, and the size that causes most."""
+        result = self._result(batch)
+        sensitivity = result.sensitivity
+        tolerances = result.tolerances
+        summary: dict[str, dict[str, Any]] = {}
+        for number, name in enumerate(sensitivity.quantities):
+            spread = tolerances.spread[number]
+            if not np.any(np.isfinite(spread)):
+                continue
+            row = np.nanargmax(spread)
+            summary[name] = {
+                "spread": float(spread[row]),
+                "q": batch.inputs[row].tolist(),
+                "size": sensitivity.keys[np.argmax(result.shares[:, number, row])],
+            }
+            if self.draws:
+                summary[name]["drawn"] = float(tolerances.drawn_spread[number, row])
+                summary[name]["lost"] = float(tolerances.lost[number, row])
+        findings = self._make_findings(summary, self._describe_sizes(sensitivity.keys))
         if not sensitivity.left_out or self.by:
-            return said
-        words = (
-            f"sizes of {listing(f'links.{x}' for x in sensitivity.left_out)} are left out: "
+            return findings
+        left_out = listing(f"links.{link}" for link in sensitivity.left_out)
+        warning = (
+            f"sizes of {left_out} are left out: "
             "two of its axes are on one line, and what opens an arc of 0 has no derivative"
         )
-        return replace(said, warnings=(words,))
+        return replace(findings, warnings=(warning,))
 
     def joined(self, before: Findings, now: Findings) -> Findings:
-        """Return the largest spreads of all blocks."""
+        """Return the largest spreads of two blocks of rows."""
         largest = merge_largest(before.figures, now.figures, "spread")
-        return replace(self._said(largest, now.remarks[-1]), warnings=now.warnings)
+        # The last remark says which sizes deviate.
+        findings = self._make_findings(largest, now.remarks[-1])
+        return replace(findings, warnings=now.warnings)
 
-    def _varied(self, keys: Sequence[str]) -> str:
-        singly = [part.replace(":", " by ") for part in _split(self.deviations)]
-        but = f", but {listing(singly)}" if singly else ""
+    def _describe_sizes(self, keys: Sequence[str]) -> str:
+        """Return which sizes deviate, and by how much, in words."""
+        exceptions = [term.replace(":", " by ") for term in _split_terms(self.deviations)]
+        except_for = f", but {listing(exceptions)}" if exceptions else ""
         return (
-            f"every size off by {self.deviation:g} deg{but} ({self.distribution}): "
-            f"{listing(keys, SHOWN)}"
+            f"every size off by {self.deviation:g} deg{except_for} ({self.distribution}): "
+            f"{listing(keys, MAX_LISTED)}"
         )
 
     @property
-    def _least(self) -> float:
-        return ROUNDING * self.deviation * DEG
+    def _zero_spread(self) -> float:
+        """The spread up to which a quantity does not depend on the sizes."""
+        return INDEPENDENT_SPREAD_RATIO * self.deviation * DEGREE
 
-    def _said(self, figures: Mapping[str, Mapping[str, Any]], varied: str) -> Findings:
-        still = [name for name in figures if figures[name]["spread"] <= self._least]
-        remarks = [
-            f"{name}: standard deviation up to {_size(largest['spread'], name)}"
-            f"{_otherwise(largest, name)}, at the sample q = "
-            f"{listing(f'{q:.4g}' for q in np.degrees(largest['q']))} deg, most of it from "
-            f"{largest['size']}"
-            for name, largest in figures.items()
-            if name not in still
+    def _make_findings(
+        self, summary: Mapping[str, Mapping[str, Any]], sizes: str
+    ) -> Findings:
+        """Return the findings with a sentence about each quantity.
+
+        Parameters
+        ----------
+        summary
+            The record of the largest spread of each quantity.
+        sizes
+            Which sizes deviate, in words.
+        """
+        independent = [
+            name for name in summary if summary[name]["spread"] <= self._zero_spread
         ]
-        if still:
-            remarks.append(f"{listing(still)}: changed by none of the sizes varied")
-        return Findings(figures=figures, remarks=(*remarks, varied))
+        remarks = []
+        for name, record in summary.items():
+            if name in independent:
+                continue
+            inputs = listing(f"{q:.4g}" for q in np.degrees(record["q"]))
+            remarks.append(
+                f"{name}: standard deviation up to "
+                f"{_format_deviation(record['spread'], name)}"
+                f"{_describe_draws(record, name)}, at the sample q = "
+                f"{inputs} deg, most of it from {record['size']}"
+            )
+        if independent:
+            remarks.append(f"{listing(independent)}: changed by none of the sizes varied")
+        return Findings(figures=summary, remarks=(*remarks, sizes))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return the spread of each quantity, and the derivatives that make most of it."""
-        made = self._found(batch)
-        keys = made.sensitivity.keys
-        curves = []
-        squares = made.shares * made.tolerances["spread"] ** 2
-        for name, spread in zip(
-            made.sensitivity.quantities, made.tolerances["spread"], strict=True
-        ):
+        """Return the spread of each quantity, and the derivatives that cause most of it."""
+        result = self._result(batch)
+        spreads = result.tolerances.spread
+        quantities = result.sensitivity.quantities
+        spread_plots = []
+        for name, spread in zip(quantities, spreads, strict=True):
             title = f"spread of {name}"
             unit = ""
             if _is_angle(name):
                 title = "standard deviation"
                 unit = "rad"
-            curves.append(plot_series("spread", name, title, spread, unit))
+            spread_plots.append(plot_series("spread", name, title, spread, unit))
+
+        # Which derivatives are drawn depends on the assembly mode.
+        squares = result.shares * spreads**2
         scenes = []
         for mode, rows in batch.assembly_mode_rows().items():
-            more = [
-                plot_series(
-                    f"derivative_{name}",
-                    keys[size],
-                    f"derivative of {name} by",
-                    made.gradients[size, k, rows],
-                )
-                for k, name in enumerate(made.sensitivity.quantities[:SHOWN])
-                for size in _largest(squares[:, k, rows])
-            ]
-            plain = (replace(one, values=one.values[rows]) for one in curves)
-            scenes.append(Scene(mode, (*plain, *more)))
+            plots = [replace(plot, values=plot.values[rows]) for plot in spread_plots]
+            for number, name in enumerate(quantities[:MAX_LISTED]):
+                for size in _find_largest_sizes(squares[:, number, rows]):
+                    plots.append(
+                        plot_series(
+                            f"derivative_{name}",
+                            result.sensitivity.keys[size],
+                            f"derivative of {name} by",
+                            result.gradients[size, number, rows],
+                        )
+                    )
+            scenes.append(Scene(mode, tuple(plots)))
         return tuple(scenes)
 
 
-def _largest(squares: Floats) -> list[int]:
-    """Return the sizes (at most `SHOWN`) with the largest shares, in their order."""
-    return sorted(np.argsort(-np.nansum(squares, axis=1), kind="stable")[:SHOWN])
+def _find_largest_sizes(squares: Floats) -> list[int]:
+    """Return the numbers of at most `MAX_LISTED` sizes with the largest variances, sorted.
+
+    `squares` (sizes, n) are the variances that the sizes cause in n rows.
+    """
+    order = np.argsort(-np.nansum(squares, axis=1), kind="stable")
+    return sorted(order[:MAX_LISTED])
 
 
-def _most(keys: Sequence[str], shares: Floats) -> NDArray[np.str_]:
-    """Return the sizes of the largest shares (sizes, c, n), as (c, n) texts."""
-    equal = shares >= np.max(shares, axis=0) * (1.0 - EQUAL)
-    order = np.argsort(keys)
-    made = np.empty(shares.shape[1:], object)
-    for place in np.ndindex(made.shape):
-        made[place] = "+".join(keys[k] for k in order if equal[(k, *place)])
-    return made.astype(str)
+def _sizes_that_matter_most(keys: Sequence[str], shares: Floats) -> NDArray[np.str_]:
+    """Return the keys of the sizes with the largest share of the variance.
+
+    Parameters
+    ----------
+    keys
+        Keys of the sizes.
+    shares
+        (sizes, c, n) parts of the variance of c quantities in n rows.
+
+    Returns
+    -------
+    (c, n) texts. Keys with equal shares are joined by plus signs in alphabetical order.
+    """
+    is_largest = shares >= np.max(shares, axis=0) * (1.0 - EQUAL_SHARE_RATIO)
+    alphabetical = np.argsort(keys)
+    texts = np.empty(shares.shape[1:], object)
+    for quantity, row in np.ndindex(texts.shape):
+        largest = [keys[k] for k in alphabetical if is_largest[k, quantity, row]]
+        texts[quantity, row] = "+".join(largest)
+    return texts.astype(str)
 
 
 def _is_angle(name: str) -> bool:
+    """Return whether a quantity is an angle, by the beginning of its column's name."""
     return name.startswith(("theta_", "transmission_angle_"))
 
 
-def _split(text: str) -> tuple[str, ...]:
-    return tuple(part for part in text.split("+") if part)
+def _split_terms(text: str) -> tuple[str, ...]:
+    """Return the terms of a text that are joined by plus signs."""
+    return tuple(term for term in text.split("+") if term)
 
 
-def _samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
+def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
+    """Return inputs, rates, accelerations and time (n, 3 inputs + 1) of a batch.
+
+    With several inputs and quantities that do not depend on the motion, the inputs rest.
+    """
     if batch.inputs.shape[1] > 1 and not sensitivity.timed:
         return sensitivity.at_rest(batch.inputs)
     return np.column_stack(
@@ -354,33 +470,59 @@ def _samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
     )
 
 
-def _moments(off: Floats) -> Floats:
-    """Return standard deviation, largest size and share of NaN of deviations (..., n)."""
-    closed = np.isfinite(off)
-    count = np.sum(closed, axis=-1)
+def _moments(deviations: Floats) -> Floats:
+    """Return statistics of the deviations of draws.
+
+    Parameters
+    ----------
+    deviations
+        (..., draws) deviations, NaN for draws that cannot be assembled.
+
+    Returns
+    -------
+    (3, ...) standard deviation, largest size, and part of the draws that are NaN.
+    """
+    is_assembled = np.isfinite(deviations)
+    count = np.sum(is_assembled, axis=-1)
     with np.errstate(all="ignore"):
-        mean = np.nansum(off, axis=-1) / count
-        variance = np.nansum(off * off, axis=-1) / count - mean * mean
+        mean = np.nansum(deviations, axis=-1) / count
+        mean_square = np.nansum(deviations * deviations, axis=-1) / count
+        variance = mean_square - mean * mean
+        # Rounding can make a variance of zero slightly negative.
         spread = np.sqrt(np.maximum(variance, 0.0))
-        worst = np.max(np.where(closed, np.abs(off), 0.0), axis=-1)
-    return np.stack([spread, worst, 1.0 - count / off.shape[-1]])
+        sizes = np.where(is_assembled, np.abs(deviations), 0.0)
+        worst = np.max(sizes, axis=-1)
+    lost = 1.0 - count / deviations.shape[-1]
+    return np.stack([spread, worst, lost])
 
 
-def _otherwise(largest: Mapping[str, Any], name: str) -> str:
-    """Return what the draws say where the first order is not enough."""
-    if "drawn" not in largest:
+def _describe_draws(record: Mapping[str, Any], name: str) -> str:
+    """Return the spread of the draws in words, if the first order is not accurate enough.
+
+    Parameters
+    ----------
+    record
+        The record of a quantity in the summary.
+    name
+        The quantity.
+    """
+    if "drawn" not in record:
         return ""
-    drawn = largest["drawn"]
-    lost = largest["lost"]
-    if abs(drawn - largest["spread"]) < BEYOND * largest["spread"] and not lost:
+    drawn = record["drawn"]
+    lost = record["lost"]
+    tolerance = FIRST_ORDER_TOLERANCE * record["spread"]
+    if abs(drawn - record["spread"]) < tolerance and not lost:
         return ""
     if lost == 1.0:
         return " to first order (none of the draws can be assembled)"
-    words = f" to first order (of the draws {_size(drawn, name)}"
-    return words + (f", {lost:.0%} of them cannot be assembled)" if lost else ")")
+    text = f" to first order (of the draws {_format_deviation(drawn, name)}"
+    if lost:
+        text += f", {lost:.0%} of them cannot be assembled"
+    return text + ")"
 
 
-def _size(value: float, name: str) -> str:
+def _format_deviation(value: float, name: str) -> str:
+    """Return a deviation of a quantity as text, of angles (rad) in degrees."""
     if _is_angle(name):
         return f"{np.degrees(value):.3g} deg"
     return f"{value:.3g}"

@@ -30,6 +30,7 @@ from spherekit.plugin import (
 from spherekit.plugin.rotations import (
     EndOrientation,
     PoseFinder,
+    TimeScaling,
     chosen_output,
     dead_centre,
     mid_plane_form,
@@ -41,17 +42,18 @@ from spherekit.plugin.rotations import (
 
 from ..common import MID_PLANE_COLUMNS, TILT_TORSION_COLUMNS
 from ..output_poses import read_end, read_pose
-from .scenes import FoundRotation, mid_planes
+from .scenes import RotationResult, mid_planes
 
-ENDS: Mapping[Status, str] = {
+MEANING_OF_END: Mapping[Status, str] = {
     Status.OUT_OF_REACH: "the output link cannot turn further; choose another pose",
     Status.AT_SINGULARITY: "the loops stop fixing the links there; choose another way",
     Status.OFF_PROFILE: "a contact runs off its profile; choose a nearer pose",
     Status.MODE_LOST: "no verified step leads on; choose another way",
 }
-"""What it means that a rotation ends before its whole angle."""
-FEASIBLE = 1e-9
-"""A rotation that departs by less (rad) is one about a fixed axis."""
+"""Why a rotation ends before its whole angle, by its status."""
+FIXED_AXIS_TOLERANCE_RAD = 1e-9
+"""A rotation that deviates by less is one about a fixed axis. Larger: rotations about a
+moving axis count as feasible; smaller: rounding makes rotations infeasible."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,7 +133,13 @@ class EquivalentRotation(AbstractAnalysis):
     cycle: float = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the tracer, whose solver assembles the start; refuse bad parameters."""
+        """Return the need for the position analysis, whose solver assembles the start.
+
+        Raises
+        ------
+        AnalysisError
+            If a parameter is not valid for the mechanism.
+        """
         chosen_output(mechanism, self.output or None)
         inputs = mechanism.input_pairs
         if len(inputs) > 3:
@@ -150,230 +158,279 @@ class EquivalentRotation(AbstractAnalysis):
                 f"{self.name}: theta: found {'+'.join(map(str, self.theta))}, needs angles "
                 "in degrees from 0 to that of the rotation"
             )
-        limits = self.speed or None, self.acceleration or None
         try:
-            schedule_limits(inputs, *limits, self.shape, self.cycle or None)
+            schedule_limits(
+                inputs,
+                self.speed or None,
+                self.acceleration or None,
+                self.shape,
+                self.cycle or None,
+            )
         except SolveError as problem:
             raise AnalysisError(f"{self.name}: {problem}") from None
         return Needs(tracer=True)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of the rotation and of its schedule."""
-        result = self._found(batch)
+        result = self._result(batch)
         mechanism = batch.mechanism
-        at = result.samples
-        rows = result.rows
-        azimuth, tilt, torsion = tilt_torsion(at.orientation).T
-        first = {
-            "sample": np.arange(len(at.theta)),
-            "theta": at.theta,
+        samples = result.samples
+        azimuth, tilt, torsion = tilt_torsion(samples.orientation).T
+        rotation_columns = {
+            "sample": np.arange(len(samples.theta)),
+            "theta": samples.theta,
             "azimuth": azimuth,
             "tilt": tilt,
             "torsion": torsion,
-            **input_columns(mechanism, at.inputs),
-            **input_columns(mechanism, at.rates, "dq_dtheta"),
-            "orientation_error": at.orientation_error,
-            "drift": at.drift,
-            "type_2": at.type_2,
-            "status": at.status,
+            **input_columns(mechanism, samples.inputs),
+            **input_columns(mechanism, samples.rates, "dq_dtheta"),
+            "orientation_error": samples.orientation_error,
+            "drift": samples.drift,
+            "type_2": samples.type_2,
+            "status": samples.status,
         }
-        if result.form is not None:
-            mirrors = mirror_angles(mid_planes(result.form, at.orientation))
-            first["phi"], first["gamma"], _ = mirrors
-        second = (
-            []
-            if rows is None
-            else [
+        if result.architecture is not None:
+            normals = mid_planes(result.architecture, samples.orientation)
+            phi, gamma, _ = mirror_angles(normals)
+            rotation_columns["phi"] = phi
+            rotation_columns["gamma"] = gamma
+        schedule_parts = []
+        trajectory = result.trajectory
+        if trajectory is not None:
+            schedule_parts.append(
                 {
-                    "t": rows.t,
-                    "theta": rows.theta,
-                    **input_columns(mechanism, rows.inputs),
-                    **input_columns(mechanism, rows.rates, "dq"),
-                    **input_columns(mechanism, rows.accelerations, "ddq"),
-                    "type_2": rows.type_2,
-                    "status": rows.status,
+                    "t": trajectory.t,
+                    "theta": trajectory.theta,
+                    **input_columns(mechanism, trajectory.inputs),
+                    **input_columns(mechanism, trajectory.rates, "dq"),
+                    **input_columns(mechanism, trajectory.accelerations, "ddq"),
+                    "type_2": trajectory.type_2,
+                    "status": trajectory.status,
                 }
-            ]
-        )
-        one, other = self.tables
+            )
+        rotation_table, schedule_table = self.tables
         return {
-            one.name: one.stacked(mechanism, [first]),
-            other.name: other.stacked(mechanism, second),
+            rotation_table.name: rotation_table.stacked(mechanism, [rotation_columns]),
+            schedule_table.name: schedule_table.stacked(mechanism, schedule_parts),
         }
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page with the rotation, and one with its schedule if there is one."""
-        told = self.findings(batch)
-        mode = f"from {self.start}, mode {told.figures['start']['mode']}, to {self.end}"
-        lines = "# Equivalent rotation", mode, *told.remarks, *told.warnings
-        return self._found(batch).pages("\n\n".join(lines))
+        findings = self.findings(batch)
+        mode = findings.figures["start"]["mode"]
+        paragraphs = [
+            "# Equivalent rotation",
+            f"from {self.start}, mode {mode}, to {self.end}",
+            *findings.remarks,
+            *findings.warnings,
+        ]
+        return self._result(batch).scenes("\n\n".join(paragraphs))
 
     def findings(self, batch: Batch) -> Findings:
-        """Return axis, angle, feasibility, places of type II, and the duration."""
-        result = self._found(batch)
-        turn, at, start = result.turn, result.samples, result.start
-        orientation_error = _largest(at.orientation_error)
-        failed = ~np.isin(at.status, (Status.OK, Status.AT_SINGULARITY))
-        kept = orientation_error < FEASIBLE and not np.any(failed)
-        figures: dict[str, Any] = {
+        """Return axis, angle, feasibility, positions of type II, and the duration."""
+        result = self._result(batch)
+        rotation = result.rotation
+        samples = result.samples
+        start = result.start
+        orientation_error = _largest_finite(samples.orientation_error)
+        has_failed = ~np.isin(samples.status, (Status.OK, Status.AT_SINGULARITY))
+        keeps_axis = orientation_error < FIXED_AXIS_TOLERANCE_RAD
+        is_feasible = rotation.end == Status.OK and keeps_axis and not np.any(has_failed)
+        summary: dict[str, Any] = {
             "output": result.output.name,
-            "axis": turn.axis.tolist(),
-            "angle_rad": turn.angle,
-            "feasible": bool(turn.end == Status.OK and kept),
-            "failed_rows": int(np.sum(failed)),
-            "reached_rad": turn.reached,
-            "end": Status(turn.end).name,
+            "axis": rotation.axis.tolist(),
+            "angle_rad": rotation.angle,
+            "feasible": bool(is_feasible),
+            "failed_rows": int(np.sum(has_failed)),
+            "reached_rad": rotation.reached,
+            "end": Status(rotation.end).name,
             "largest_orientation_error_rad": orientation_error,
-            "largest_drift_rad": _largest(at.drift),
-            "crossings_rad": list(turn.crossings),
+            "largest_drift_rad": _largest_finite(samples.drift),
+            "crossings_rad": list(rotation.crossings),
             "start": {
-                "mode": str(start.labels[result.number]),
-                "number": result.number,
+                "mode": str(start.labels[result.start_number]),
+                "number": result.start_number,
                 "configurations": [
-                    {"mode": start.labels[k], "inputs_rad": inputs.tolist()}
-                    for k, inputs in enumerate(start.inputs)
+                    {"mode": start.labels[number], "inputs_rad": inputs.tolist()}
+                    for number, inputs in enumerate(start.inputs)
                 ],
             },
         }
-        told = [(turn.axis, f"link {result.output.relative_to}")]
-        if result.form is not None:
-            told.append((turn.axis @ result.form.frame, "the mirror (x0, y0, z0)"))
-            figures["axis_in_mirror_axes"] = told[1][0].tolist()
-        about = ", ".join(
+        axis_by_frame = {f"link {result.output.relative_to}": rotation.axis}
+        if result.architecture is not None:
+            axis_in_mirror = rotation.axis @ result.architecture.frame
+            axis_by_frame["the mirror (x0, y0, z0)"] = axis_in_mirror
+            summary["axis_in_mirror_axes"] = axis_in_mirror.tolist()
+        axes = ", ".join(
             f"({', '.join(f'{x:.6f}' for x in axis)}) in axes of {frame}"
-            for axis, frame in told
+            for frame, axis in axis_by_frame.items()
         )
-        remarks = [f"{np.degrees(turn.angle):.6g} deg about {about}"]
+        remarks = [f"{np.degrees(rotation.angle):.6g} deg about {axes}"]
         end = result.end
         if isinstance(end, EndOrientation) and end.count > 1:
-            figures["end_pose"] = {"end_mode": end.number, "orientations": end.count}
+            summary["end_pose"] = {"end_mode": end.number, "orientations": end.count}
             of_start = ", that of the start's mode" if end.has_start_mode else ""
             remarks.append(
                 f"the end is end_mode={end.number} of {end.count} orientations{of_start}"
             )
         if result.schedule is not None:
-            most, taken = result.schedule.binding, f"{result.schedule.duration:.6g} s"
-            set_by = f"{most.quantity} of {most.input} at {most.t:.6g} s"
-            figures["schedule"] = {
-                "shape": self.shape,
-                "duration_s": result.schedule.duration,
-                "cycle_s": result.schedule.cycle,
-                "set_by": set_by,
-                "extremes": [
-                    {
-                        "input": extreme.input,
-                        "quantity": extreme.quantity,
-                        "value": extreme.value,
-                        "unit": "rad/s" if extreme.quantity == "speed" else "rad/s2",
-                        "t_s": extreme.t,
-                        "theta_rad": extreme.theta,
-                    }
-                    for extreme in result.schedule.extremes
-                ],
-            }
-            remarks.append(f"it takes {taken} within the limits, set by {set_by}")
-        return Findings(figures, tuple(_warnings(result, failed)), tuple(remarks))
+            schedule_record = self._schedule_record(result.schedule)
+            summary["schedule"] = schedule_record
+            remarks.append(
+                f"it takes {result.schedule.duration:.6g} s within the limits, set by "
+                f"{schedule_record['set_by']}"
+            )
+        warnings = tuple(_warnings(result, has_failed))
+        return Findings(summary, warnings, tuple(remarks))
 
-    def _found(self, batch: Batch) -> FoundRotation:
-        return batch.once("found", lambda: self._rotation(batch))
+    def _schedule_record(self, schedule: TimeScaling) -> dict[str, Any]:
+        """Return the record of a schedule in the summary."""
+        binding = schedule.binding
+        return {
+            "shape": self.shape,
+            "duration_s": schedule.duration,
+            "cycle_s": schedule.cycle,
+            "set_by": f"{binding.quantity} of {binding.input} at {binding.t:.6g} s",
+            "extremes": [
+                {
+                    "input": extreme.input,
+                    "quantity": extreme.quantity,
+                    "value": extreme.value,
+                    "unit": "rad/s" if extreme.quantity == "speed" else "rad/s2",
+                    "t_s": extreme.t,
+                    "theta_rad": extreme.theta,
+                }
+                for extreme in schedule.extremes
+            ],
+        }
 
-    def _rotation(self, batch: Batch) -> FoundRotation:
+    def _result(self, batch: Batch) -> RotationResult:
+        """Return the rotation and its schedule, which are computed once."""
+        return batch.once("found", lambda: self._compute_result(batch))
+
+    def _compute_result(self, batch: Batch) -> RotationResult:
+        """Return the rotation and its schedule.
+
+        Raises
+        ------
+        SolveError
+            If the start or the end cannot be assembled, or `theta` exceeds the rotation.
+        """
         mechanism = batch.mechanism
+        solver = batch.tracer.solver
         inputs = batch.moving_inputs
         output = chosen_output(mechanism, self.output or None)
         try:
-            form = mid_plane_form(mechanism, output.name)
+            architecture = mid_plane_form(mechanism, output.name)
         except ModelError:
-            form = None
-        finder = PoseFinder(batch.tracer.solver, output, form)
-        end = read_end(self.end, inputs, f"{self.name}: end")
+            architecture = None
+        finder = PoseFinder(solver, output, architecture)
+        end_pose = read_end(self.end, inputs, f"{self.name}: end")
         try:
             start = finder.candidates(read_pose(self.start, inputs, "start"))
-            number = start.number_of(self.mode)
+            start_number = start.number_of(self.mode)
         except SolveError as problem:
             raise SolveError(f"start: {problem}") from None
-        resolved_end = finder.resolve_end(start, number, end, self.end_mode)
-        turn = finder.rotation(start, number, resolved_end)
-        theta = np.linspace(0.0, turn.angle, self.samples)
+        end = finder.resolve_end(start, start_number, end_pose, self.end_mode)
+        rotation = finder.rotation(start, start_number, end)
+        theta = np.linspace(0.0, rotation.angle, self.samples)
         if self.theta:
             theta = np.radians(self.theta)
-            if not np.max(theta) <= turn.angle:
+            if not np.max(theta) <= rotation.angle:
                 raise SolveError(
                     f"theta: {max(self.theta):g} deg is beyond the rotation, whose angle "
-                    f"is {np.degrees(turn.angle):.9g} deg"
+                    f"is {np.degrees(rotation.angle):.9g} deg"
                 )
         schedule = None
-        unscheduled = ""
-        speed, acceleration = (
-            np.radians(limit or np.inf) for limit in (self.speed, self.acceleration)
-        )
-        if (self.speed or self.acceleration) and turn.end != Status.OK:
-            unscheduled = "the mechanism does not follow all the way"
-        elif self.speed or self.acceleration:
-            try:
-                how = self.shape, self.cycle or None
-                schedule = time_optimal(turn, speed, acceleration, *how)
-            except SolveError as problem:
-                unscheduled = str(problem)
-        return FoundRotation(
-            mechanism,
-            lambda values: batch.tracer.solver.closure.at(values).rotations,
-            output,
-            start,
-            number,
-            resolved_end,
-            turn,
-            turn.at(theta),
-            form,
-            schedule,
-            None if schedule is None else schedule.table(self.samples),
-            unscheduled,
+        why_no_schedule = ""
+        if self.speed or self.acceleration:
+            if rotation.end != Status.OK:
+                why_no_schedule = "the mechanism does not follow all the way"
+            else:
+                try:
+                    schedule = time_optimal(
+                        rotation,
+                        np.radians(self.speed or np.inf),
+                        np.radians(self.acceleration or np.inf),
+                        self.shape,
+                        self.cycle or None,
+                    )
+                except SolveError as problem:
+                    why_no_schedule = str(problem)
+        return RotationResult(
+            mechanism=mechanism,
+            orient_links=lambda values: solver.closure.at(values).rotations,
+            output=output,
+            start=start,
+            start_number=start_number,
+            end=end,
+            rotation=rotation,
+            samples=rotation.at(theta),
+            architecture=architecture,
+            schedule=schedule,
+            trajectory=None if schedule is None else schedule.table(self.samples),
+            why_no_schedule=why_no_schedule,
         )
 
 
-def _warnings(result: FoundRotation, failed: NDArray[np.bool_]) -> Iterator[str]:
-    """Yield what is not as it was asked for; `failed` are rows of the samples."""
-    turn = result.turn
-    at = result.samples
-    orientation_error = _largest(at.orientation_error)
-    if turn.end != Status.OK:
-        dead = dead_centre(turn)
+def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator[str]:
+    """Yield warnings about a rotation.
+
+    They concern its early end, failed rows, a moving axis, singularities of type II, and a
+    missing schedule.
+
+    Parameters
+    ----------
+    result
+        The rotation.
+    has_failed
+        (n,) whether a sample has no configuration.
+    """
+    rotation = result.rotation
+    samples = result.samples
+    orientation_error = _largest_finite(samples.orientation_error)
+    if rotation.end != Status.OK:
+        input_at_dead_centre = dead_centre(rotation)
+        cause = ""
+        if input_at_dead_centre:
+            cause = f"input {input_at_dead_centre} is at a dead centre there: "
         yield (
-            f"the rotation ends at {np.degrees(turn.reached):.6g} of "
-            f"{np.degrees(turn.angle):.6g} deg: {Status(turn.end).name}, "
-            + (f"input {dead} is at a dead centre there: " if dead else "")
-            + ENDS[Status(turn.end)]
-            + _other_ends(result)
+            f"the rotation ends at {np.degrees(rotation.reached):.6g} of "
+            f"{np.degrees(rotation.angle):.6g} deg: {Status(rotation.end).name}, "
+            f"{cause}{MEANING_OF_END[Status(rotation.end)]}{_suggest_other_ends(result)}"
         )
-    elif np.any(failed):
-        first = np.argmax(failed)
+    elif np.any(has_failed):
+        first = np.argmax(has_failed)
         yield (
-            f"{np.sum(failed)} of {len(failed)} rows failed, the first at theta = "
-            f"{np.degrees(at.theta[first]):.6g} deg: {Status(at.status[first]).name}"
+            f"{np.sum(has_failed)} of {len(has_failed)} rows failed, the first at theta = "
+            f"{np.degrees(samples.theta[first]):.6g} deg: "
+            f"{Status(samples.status[first]).name}"
         )
-    if not orientation_error < FEASIBLE:
-        worst = np.nanargmax(at.orientation_error)
+    if not orientation_error < FIXED_AXIS_TOLERANCE_RAD:
+        worst = np.nanargmax(samples.orientation_error)
         yield (
             "the output link does not turn about a fixed axis: nearest to it, it "
             f"departs by up to {np.degrees(orientation_error):.4g} deg, at theta = "
-            f"{np.degrees(at.theta[worst]):.4g} deg, and its axis by "
-            f"{np.degrees(_largest(at.drift)):.4g} deg"
+            f"{np.degrees(samples.theta[worst]):.4g} deg, and its axis by "
+            f"{np.degrees(_largest_finite(samples.drift)):.4g} deg"
         )
-    for place in turn.crossings:
-        where = f"theta = {np.degrees(place):.4f} deg"
-        for name, q in zip(turn.inputs, turn.at([place]).inputs[0], strict=True):
+    for theta in rotation.crossings:
+        location = f"theta = {np.degrees(theta):.4f} deg"
+        (inputs,) = rotation.at([theta]).inputs
+        for name, q in zip(rotation.inputs, inputs, strict=True):
             if np.isfinite(q):
-                where += f", {name} = {np.degrees(q) + 0.0:.4f}"
+                # Adding zero turns a negative zero into zero.
+                location += f", {name} = {np.degrees(q) + 0.0:.4f}"
         yield (
-            f"the rotation meets a type II singularity at {where}, where the "
+            f"the rotation meets a type II singularity at {location}, where the "
             "inputs do not hold the mechanism"
         )
-    if result.unscheduled:
-        yield f"there is no schedule: {result.unscheduled}"
+    if result.why_no_schedule:
+        yield f"there is no schedule: {result.why_no_schedule}"
 
 
-def _other_ends(result: FoundRotation) -> str:
-    """Return what to say of the other orientations of an end that is not reached."""
+def _suggest_other_ends(result: RotationResult) -> str:
+    """Return which other orientations an end has that the rotation does not reach."""
     end = result.end
     if not isinstance(end, EndOrientation) or end.count < 2:
         return ""
@@ -385,5 +442,6 @@ def _other_ends(result: FoundRotation) -> str:
     )
 
 
-def _largest(values: Floats) -> float:
+def _largest_finite(values: Floats) -> float:
+    """Return the largest finite value of an array, at least 0."""
     return float(np.max(values[np.isfinite(values)], initial=0.0))

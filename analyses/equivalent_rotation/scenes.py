@@ -1,4 +1,4 @@
-"""What the analysis `equivalent_rotation` shows: the mechanism on its way, and in time."""
+"""Scenes of the analysis `equivalent_rotation`, over the angle and over time."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -33,139 +33,228 @@ from spherekit.plugin.rotations import (
     link_axes,
 )
 
-DRAWN = 181
-"""Points with which the whole rotation is drawn."""
-PATH_TONE = 0
-LOST_TONE = 2
-PLANE_TONES = {0: 1, -1: 4}
-ENDS = (0, "start"), (-1, "end")
+POINTS_OF_ARC = 181
+"""Points with which arcs of the output and great circles are drawn. Larger: smoother."""
+PATH_COLOUR = 0
+"""Number of the colour of arcs of the output."""
+SINGULARITY_COLOUR = 2
+"""Number of the colour of singularities of type II."""
 
 
 @dataclass(frozen=True)
-class FoundRotation:
-    """A rotation with its samples, its schedule in `rows`, or why there is none of these.
+class _RotationEnd:
+    """The start or the end of a rotation, as it is drawn.
 
-    `end` is the orientation that is chosen at the end, or the axis and the angle.
-    `place` gives orientations (n, links, 3, 3) in ground axes at values (n, variables);
-    `form` is the mechanism's mid-plane symmetric architecture.
+    Attributes
+    ----------
+    name
+        Its name.
+    row
+        Its row among the samples, 0 or -1.
+    plane_colour
+        Number of the colour of the mid-plane there.
+    """
+
+    name: str
+    row: int
+    plane_colour: int
+
+
+ROTATION_ENDS = (_RotationEnd("start", 0, 1), _RotationEnd("end", -1, 4))
+"""Both ends of a rotation."""
+
+
+@dataclass(frozen=True)
+class RotationResult:
+    """A rotation about a fixed axis, with samples and schedule.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism.
+    orient_links
+        Function that returns the orientations (n, links, 3, 3) of all links in ground axes
+        at configurations (n, variables).
+    output
+        The output that is turned.
+    start, start_number
+        The configurations of the start, and the number of the one that is used.
+    end
+        The orientation at the end, or the axis and the angle.
+    rotation
+        The rotation.
+    samples
+        The rotation at the sampled angles.
+    architecture
+        The mid-plane symmetric architecture of the mechanism, or None.
+    schedule, trajectory
+        The rotation in time, and its rows; None if there is no schedule.
+    why_no_schedule
+        Why there is no schedule although one is wanted, or an empty text.
     """
 
     mechanism: Mechanism
-    place: Callable[[Floats], Floats]
+    orient_links: Callable[[Floats], Floats]
     output: Output
     start: PoseCandidates
-    number: int
+    start_number: int
     end: EndOrientation | AtRotation
-    turn: FixedAxisRotation
+    rotation: FixedAxisRotation
     samples: RotationSamples
-    form: MidPlaneArchitecture | None
+    architecture: MidPlaneArchitecture | None
     schedule: TimeScaling | None
-    rows: Trajectory | None
-    unscheduled: str
+    trajectory: Trajectory | None
+    why_no_schedule: str
 
-    def pages(self, words: str) -> tuple[Scene, ...]:
-        """Return the page on which row k is sample k, and one evenly spread over time.
+    def scenes(self, text: str) -> tuple[Scene, ...]:
+        """Return a page over the angle of rotation and, with a schedule, one over time.
 
-        The words stand beside both.
+        Parameters
+        ----------
+        text
+            The findings in Markdown, which are added to both pages.
         """
         samples = self.samples
-        rows = self.rows
-        lost = np.array(self.turn.crossings)[:, None]
-        errors = "error of orientation about the fixed axis"
+        crossings = np.array(self.rotation.crossings)[:, None]
+        title = "error of orientation about the fixed axis"
         parts: list[Primitive] = [
-            *self._stage(samples),
-            *self._driving("q", "driving angles", samples.inputs, "rad"),
-            *self._driving("dq_dtheta", "rates of driving angles by theta", samples.rates),
-            InputMarks("marks/lost", "type II", lost, LOST_TONE),
+            *self._draw_mechanism(samples),
+            *self._plot_inputs("q", "driving angles", samples.inputs, "rad"),
+            *self._plot_inputs(
+                "dq_dtheta", "rates of driving angles by theta", samples.rates
+            ),
+            InputMarks("marks/lost", "type II", crossings, SINGULARITY_COLOUR),
             Series(
                 "plots/orientation_error",
                 "orientation_error",
-                errors,
+                title,
                 samples.orientation_error,
                 "rad",
             ),
-            Series("plots/drift", "drift of the axis", errors, samples.drift, "rad"),
+            Series("plots/drift", "drift of the axis", title, samples.drift, "rad"),
             Series("plots/type_2", "type_2", "transmission measure", samples.type_2),
-            Text("words", "Rotation", words),
+            Text("words", "Rotation", text),
         ]
-        page = Scene(
-            "Equivalent rotation", tuple(parts), (Axis("theta", "rad", samples.theta),)
-        )
-        if rows is None:
+        angle_axis = Axis("theta", "rad", samples.theta)
+        page = Scene("Equivalent rotation", tuple(parts), (angle_axis,))
+        if self.trajectory is None:
             return (page,)
-        step = rows.t[-1] / (len(rows.t) - 1)
-        ddq = rows.accelerations
-        words += f"\n\nRow k of this page is at k x {step:.6g} s."
-        timed = (
-            *self._stage(self.turn.at(rows.theta)),
-            *self._driving("q", "driving angles in time", rows.inputs, "rad"),
-            *self._driving("dq", "driving speeds", rows.rates, "rad/s"),
-            *self._driving("ddq", "driving accelerations", ddq, "rad/s2"),
-            Text("words", "Rotation", words),
-        )
-        over = Axis("time", "s", rows.t)
-        return page, Scene("Equivalent rotation in time", timed, (over,))
+        return (page, self._time_scene(self.trajectory, text))
 
-    def _driving(
-        self, kind: str, group: str, values: Floats, unit: str = ""
+    def _time_scene(self, trajectory: Trajectory, text: str) -> Scene:
+        """Return the page over time; its text explains the time of its rows."""
+        time_step = trajectory.t[-1] / (len(trajectory.t) - 1)
+        accelerations = trajectory.accelerations
+        text += f"\n\nRow k of this page is at k x {time_step:.6g} s."
+        parts = (
+            *self._draw_mechanism(self.rotation.at(trajectory.theta)),
+            *self._plot_inputs("q", "driving angles in time", trajectory.inputs, "rad"),
+            *self._plot_inputs("dq", "driving speeds", trajectory.rates, "rad/s"),
+            *self._plot_inputs("ddq", "driving accelerations", accelerations, "rad/s2"),
+            Text("words", "Rotation", text),
+        )
+        time_axis = Axis("time", "s", trajectory.t)
+        return Scene("Equivalent rotation in time", parts, (time_axis,))
+
+    def _plot_inputs(
+        self, path: str, title: str, values: Floats, unit: str = ""
     ) -> list[Series]:
-        """Return the plots of values (n, inputs) of the driven pairs."""
+        """Return a plot of the driven pairs.
+
+        Parameters
+        ----------
+        path, title
+            Path and title of the plot.
+        values, unit
+            (n, inputs) values of the driven pairs, and their unit.
+        """
         return [
-            Series(f"plots/{kind}/{pair}", pair, group, values[:, k], unit)
-            for k, pair in enumerate(self.turn.inputs)
+            Series(f"plots/{path}/{pair}", pair, title, values[:, number], unit)
+            for number, pair in enumerate(self.rotation.inputs)
         ]
 
-    def _stage(self, samples: RotationSamples) -> Iterator[Primitive]:
+    def _draw_mechanism(self, samples: RotationSamples) -> Iterator[Primitive]:
         """Yield the links, the axis, arcs of the output, and mid-planes."""
         mechanism = self.mechanism
-        placed = self.place(samples.values)
-        base = placed[:, mechanism.link_number[self.output.relative_to]]
-        yield from link_bodies(mechanism, placed)
-        yield Arrow("axis", "axis of the rotation", base @ self.turn.axis, False)
-        link = mechanism.link_number[self.output.link]
-        directions = link_axes(mechanism)[self.output.link]
+        orientations = self.orient_links(samples.values)
+        reference = orientations[:, mechanism.link_number[self.output.relative_to]]
+        yield from link_bodies(mechanism, orientations)
+        axis = reference @ self.rotation.axis
+        yield Arrow("axis", "axis of the rotation", axis, False)
+        yield from self._draw_output_arcs()
+        if self.architecture is not None:
+            normals = mid_planes(self.architecture, samples.orientation)
+            normals = np.matvec(reference @ self.architecture.frame, normals)
+            finite_normals = _finite_rows(normals)
+            for end in ROTATION_ENDS if len(finite_normals) else ():
+                circle = _great_circle_points(finite_normals[end.row])
+                yield SphereCurves(
+                    f"mid_plane/{end.name}",
+                    f"mid-plane, {end.name}",
+                    [circle],
+                    end.plane_colour,
+                )
+            yield GreatCircle("mid_plane/now", "mid-plane", normals)
+
+    def _draw_output_arcs(self) -> Iterator[SphereCurves]:
+        """Yield the arcs of directions of the output, with singularities of type II.
+
+        The directions are that of the output, or all axes of its link.
+        """
+        link = self.mechanism.link_number[self.output.link]
+        directions = link_axes(self.mechanism)[self.output.link]
         if self.output.direction is not None:
             directions = {self.output.name: np.array(self.output.direction)}
-        whole, lost = (
-            self.place(self.turn.at(theta).values)[:, link]
-            for theta in (np.linspace(0.0, self.turn.angle, DRAWN), self.turn.crossings)
-        )
+        theta = np.linspace(0.0, self.rotation.angle, POINTS_OF_ARC)
+        arc_samples = self.rotation.at(theta)
+        arc_orientations = self.orient_links(arc_samples.values)[:, link]
+        crossing_samples = self.rotation.at(self.rotation.crossings)
+        crossing_orientations = self.orient_links(crossing_samples.values)[:, link]
         for name, direction in directions.items():
-            path = _finite(whole @ direction)
+            path = _finite_rows(arc_orientations @ direction)
             if len(path):
-                marks = [Mark(word, path[k], PATH_TONE) for k, word in ENDS]
-                label = f"arc of {name}"
-                yield SphereCurves(f"arc/{name}", label, [path], PATH_TONE, marks)
-        if len(lost):
-            name = "type II singularity"
-            tips = lost @ next(iter(directions.values()))
-            marks = [Mark(name, tip, LOST_TONE) for tip in _finite(tips)]
-            yield SphereCurves("lost", name, [], LOST_TONE, marks)
-        if self.form is not None:
-            normals = mid_planes(self.form, samples.orientation)
-            moving = np.matvec(base @ self.form.frame, normals)
-            finite = _finite(moving)
-            for k, name in ENDS if len(finite) else ():
-                circle = [_circle(finite[k])]
-                label = f"mid-plane, {name}"
-                yield SphereCurves(f"mid_plane/{name}", label, circle, PLANE_TONES[k])
-            yield GreatCircle("mid_plane/now", "mid-plane", moving)
+                marks = [
+                    Mark(end.name, path[end.row], PATH_COLOUR) for end in ROTATION_ENDS
+                ]
+                yield SphereCurves(
+                    f"arc/{name}", f"arc of {name}", [path], PATH_COLOUR, marks
+                )
+        if len(crossing_orientations):
+            label = "type II singularity"
+            first_direction = next(iter(directions.values()))
+            points = _finite_rows(crossing_orientations @ first_direction)
+            marks = [Mark(label, point, SINGULARITY_COLOUR) for point in points]
+            yield SphereCurves("lost", label, [], SINGULARITY_COLOUR, marks)
 
 
-def _finite(vectors: Floats) -> Floats:
+def _finite_rows(vectors: Floats) -> Floats:
+    """Return the rows of vectors (n, 3) that are not NaN."""
     return vectors[np.isfinite(vectors[:, 0])]
 
 
-def mid_planes(form: MidPlaneArchitecture, orientations: Floats) -> Floats:
-    """Return the mid-planes (n, 3) of orientations (n, 3, 3), NaN where these are."""
+def mid_planes(architecture: MidPlaneArchitecture, orientations: Floats) -> Floats:
+    """Return the normals of the mid-planes of orientations.
+
+    Parameters
+    ----------
+    architecture
+        The mid-plane symmetric architecture.
+    orientations
+        (n, 3, 3) orientations of the output link, NaN in failed rows.
+
+    Returns
+    -------
+    (n, 3) unit normals in mirror axes, NaN in failed rows.
+    """
     normals = np.full((len(orientations), 3), np.nan)
     finite = np.isfinite(orientations[:, 0, 0])
-    normals[finite], _ = form.normals(orientations[finite])
+    normals[finite], _ = architecture.normals(orientations[finite])
     return normals
 
 
-def _circle(normal: Floats) -> Floats:
-    """Return points (k, 3) of the great circle about a normal (3,)."""
-    across = np.linalg.svd(normal[None])[2][1:]
-    turn = np.linspace(0.0, 2.0 * np.pi, DRAWN)
-    return np.stack([np.cos(turn), np.sin(turn)], axis=1) @ across
+def _great_circle_points(normal: Floats) -> Floats:
+    """Return points (`POINTS_OF_ARC`, 3) of the great circle with a normal (3,)."""
+    _, _, right = np.linalg.svd(normal[None])
+    plane_basis = right[1:]
+    angle = np.linspace(0.0, 2.0 * np.pi, POINTS_OF_ARC)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1) @ plane_basis
