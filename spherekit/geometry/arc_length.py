@@ -98,6 +98,7 @@ class ArcLength:
         """Interpolant of the parameter minus its linear part, as a function of s."""
 
         def deviation(s: Floats) -> Floats:
+            """Return u - s du/ds (n, 1), with the mean of du/ds, at arc lengths (n,)."""
             # Solve the equation s(x) = s on the panel that contains each arc length.
             panel = np.searchsorted(self.starts[1:-1], s, side="right")
             target = s - self.starts[panel]

@@ -34,9 +34,14 @@ start, although its arc length is then almost the whole length."""
 
 @dataclass(frozen=True)
 class CurveSamples:
-    """Arc lengths (n,) of samples of a curve (rad), and the frame rotation between them.
+    """Samples of a curve between which its frame rotates by equal angles.
 
-    The frame rotates by `frame_step` (rad) from one sample to the next.
+    Attributes
+    ----------
+    arc_lengths
+        (n,) arc lengths (rad) of the samples.
+    frame_step
+        Angle (rad) by which the frame rotates from one sample to the next.
     """
 
     arc_lengths: Floats

@@ -176,11 +176,20 @@ the point, 6 to the geodesic curvature k and 7 to dk/ds."""
 
 
 def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative:
-    """Return the derivative of the curve on a path, or of the same curve run backwards."""
+    """Return the derivative of a curve at fixed arc lengths.
+
+    Parameters
+    ----------
+    variation
+        The path of the curve, with its derivative by the design variable.
+    backwards
+        Whether the curve runs against the path.
+    """
     path = variation.path
     table = variation.table
 
     def evaluate(s: Floats) -> Floats:
+        """Return the derivatives (8, n) at arc lengths (n,), see `CurveDerivative`."""
         direction = -1.0 if backwards else 1.0
         arc_length = direction * s
         # Whole lengths are added to reach the range of the table. An open curve that runs

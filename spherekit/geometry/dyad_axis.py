@@ -49,7 +49,7 @@ class HalfAngle:
 
 
 def triple_square(
-    near: HalfAngle, far: HalfAngle, sum_square: Any, difference_square: Any
+    first_arc: HalfAngle, second_arc: HalfAngle, sum_square: Any, difference_square: Any
 ) -> Any:
     """Return t^2, the square of the triple product b . (a x c).
 
@@ -57,32 +57,38 @@ def triple_square(
 
     Parameters
     ----------
-    near, far
+    first_arc, second_arc
         Arcs A and C from the outer axes a and c to the middle axis.
     sum_square, difference_square
         |a + c|^2 and |a - c|^2.
     """
-    first_factor = _cosine_minus_dot(near - far, sum_square, difference_square)
-    second_factor = -1.0 * _cosine_minus_dot(near + far, sum_square, difference_square)
+    first_factor = _cosine_minus_dot(first_arc - second_arc, sum_square, difference_square)
+    second_factor = -1.0 * _cosine_minus_dot(
+        first_arc + second_arc, sum_square, difference_square
+    )
     return first_factor * second_factor
 
 
 def middle_axis(
-    near: HalfAngle, far: HalfAngle, sum_square: Any, difference_square: Any, root: Any
+    first_arc: HalfAngle,
+    second_arc: HalfAngle,
+    sum_square: Any,
+    difference_square: Any,
+    root: Any,
 ) -> tuple[Any, Any, Any]:
     """Return the factors of a + c, a - c and a x c in the middle axis b.
 
     Parameters
     ----------
-    near, far
+    first_arc, second_arc
         Arcs A and C from the outer axes a and c to the middle axis.
     sum_square, difference_square
         |a + c|^2 and |a - c|^2.
     root
         The triple product t, a root of `triple_square`. Its sign chooses the assembly mode.
     """
-    total = near + far
-    difference = near - far
+    total = first_arc + second_arc
+    difference = first_arc - second_arc
     # cos A + cos C = 2 cos((A + C) / 2) cos((A - C) / 2), and similar for the difference.
     # |a x c|^2 = |a + c|^2 |a - c|^2 / 4.
     return (

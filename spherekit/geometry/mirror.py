@@ -44,9 +44,10 @@ def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
-    """Return the unit normals (n, 3) of mirrors with the angles phi and gamma (n,), rad.
+    """Return the unit normals (n, 3) of mirrors with the angles phi and gamma.
 
-    No mirror has angles with sin^2(phi / 2) + sin^2(gamma / 2) > 1; the normal is then NaN.
+    Both are arrays (n,) in rad. No mirror has angles with sin^2(phi / 2) + sin^2(gamma / 2)
+    > 1; the normal is then NaN.
     """
     half_phi = 0.5 * np.asarray(phi, dtype=float)
     half_gamma = 0.5 * np.asarray(gamma, dtype=float)

@@ -32,7 +32,7 @@ def frame_from(axis: Floats, tangent: Floats) -> Floats:
     return np.stack([tangent, cross(axis, tangent), axis], axis=-1)
 
 
-def frame_toward(axis: Floats, other: Floats) -> Floats:
+def frame_toward(axis: Floats, target: Floats) -> Floats:
     """Return frames (..., 3, 3) whose z axis is an axis and whose x axis points to another.
 
     Parameters
@@ -43,7 +43,7 @@ def frame_toward(axis: Floats, other: Floats) -> Floats:
         (..., 3) unit vectors. The first column is perpendicular to the axis and points
         along the arc to `other`. The frame is NaN if both lie on one line.
     """
-    return frame_from(axis, cross(unit_rows(cross(axis, other)), axis))
+    return frame_from(axis, cross(unit_rows(cross(axis, target)), axis))
 
 
 def perpendicular(axis: Floats) -> Floats:
@@ -83,13 +83,16 @@ class TriangleAngles:
 
 
 def vertex_angles(
-    base: Floats, near: Floats, far: Floats, slack: Floats | float = REACH_SLACK
+    base: Floats,
+    first_side: Floats,
+    second_side: Floats,
+    slack: Floats | float = REACH_SLACK,
 ) -> TriangleAngles:
     """Return the angles at both ends of the base of spherical triangles.
 
     Parameters
     ----------
-    base, near, far
+    base, first_side, second_side
         (n,) sides (rad, 0 to pi): the base, the side at its first end and the side at its
         second end.
     slack
@@ -100,22 +103,24 @@ def vertex_angles(
     The half-angle formula tan^2(A / 2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), where
     s is half the perimeter, has no cancellation for small sides.
     """
-    half_perimeter = 0.5 * (base + near + far)
+    half_perimeter = 0.5 * (base + first_side + second_side)
     differences = np.stack(
         [
             half_perimeter - base,
-            half_perimeter - near,
-            half_perimeter - far,
+            half_perimeter - first_side,
+            half_perimeter - second_side,
             np.pi - half_perimeter,
         ]
     )
     closes = np.all(differences >= -slack, axis=0)
-    sine_base, sine_near, sine_far, sine_total = np.sin(np.clip(differences, 0.0, np.pi))
+    sine_base, sine_first, sine_second, sine_total = np.sin(
+        np.clip(differences, 0.0, np.pi)
+    )
     at_first = 2 * np.arctan2(
-        np.sqrt(sine_near * sine_base), np.sqrt(sine_total * sine_far)
+        np.sqrt(sine_first * sine_base), np.sqrt(sine_total * sine_second)
     )
     at_second = 2 * np.arctan2(
-        np.sqrt(sine_far * sine_base), np.sqrt(sine_total * sine_near)
+        np.sqrt(sine_second * sine_base), np.sqrt(sine_total * sine_first)
     )
     return TriangleAngles(at_first, at_second, closes)
 
@@ -126,7 +131,7 @@ class DyadClosure:
 
     Attributes
     ----------
-    near_rotation, far_rotation
+    first_rotation, second_rotation
         (n, 3, 3) rotations from the axes of each body to base axes.
     sine
         (n,) sine of the angle between the arcs of the two bodies at the middle axis. It is
@@ -139,8 +144,8 @@ class DyadClosure:
         about one line, one of infinitely many configurations is returned.
     """
 
-    near_rotation: Floats
-    far_rotation: Floats
+    first_rotation: Floats
+    second_rotation: Floats
     sine: Floats
     slenderness: Floats
     closes: Bools
@@ -149,8 +154,8 @@ class DyadClosure:
 def close_dyad(
     first: Floats,
     second: Floats,
-    near: tuple[Floats, Floats],
-    far: tuple[Floats, Floats],
+    first_body: tuple[Floats, Floats],
+    second_body: tuple[Floats, Floats],
     sign: Floats | float,
     slack: Floats | float = REACH_SLACK,
 ) -> DyadClosure:
@@ -160,7 +165,7 @@ def close_dyad(
     ----------
     first, second
         (n, 3) unit axes of the outer pairs, in base axes.
-    near, far
+    first_body, second_body
         Outer axis and middle axis (n, 3) of the body at `first` and of the body at
         `second`, each in the axes of its body.
     sign
@@ -176,9 +181,9 @@ def close_dyad(
     normal = outer_product / np.where(base_sine > 0.0, base_sine, 1.0)
     base_sine = base_sine[:, 0]
     base = np.arctan2(base_sine, np.sum(first * second, axis=-1))
-    near_side = arc(*near)
-    far_side = arc(*far)
-    angles = vertex_angles(base, near_side, far_side, slack)
+    first_side = arc(*first_body)
+    second_side = arc(*second_body)
+    angles = vertex_angles(base, first_side, second_side, slack)
 
     # If the outer axes lie on one line, the whole dyad can rotate about it. Any plane is
     # chosen for it.
@@ -196,10 +201,12 @@ def close_dyad(
         tangent = np.cos(angle)[:, None] * base_tangent + normal_part * normal
         return frame_from(axis, tangent) @ transpose(_body_frame(*body))
 
-    near_rotation = orient_body(first, cross(normal, first), angles.at_first, near)
-    far_rotation = orient_body(second, -cross(normal, second), angles.at_second, far)
+    first_rotation = orient_body(first, cross(normal, first), angles.at_first, first_body)
+    second_rotation = orient_body(
+        second, -cross(normal, second), angles.at_second, second_body
+    )
 
-    side_sines = np.sin([near_side, far_side])
+    side_sines = np.sin([first_side, second_side])
     # Sine of the height of the triangle above its base.
     height = np.sin(base) * np.sin(angles.at_first) * side_sines[0]
     has_direction = ~is_free & np.all(side_sines >= MIN_ARC_SINE, axis=0)
@@ -211,7 +218,7 @@ def close_dyad(
     all_sines = np.array([base_sine, *np.broadcast_arrays(*np.abs(side_sines))])
     largest = np.max(all_sines, axis=0)
     slenderness = np.min(all_sines, axis=0) / np.where(largest > 0.0, largest, 1.0)
-    return DyadClosure(near_rotation, far_rotation, sine, slenderness, angles.closes)
+    return DyadClosure(first_rotation, second_rotation, sine, slenderness, angles.closes)
 
 
 def _body_frame(outer: Floats, middle: Floats) -> Floats:

@@ -55,7 +55,15 @@ class TriangleClass(IntEnum):
 
 @dataclass(frozen=True)
 class MarginBounds:
-    """Bounds of margins (n, k) in n triangles, and the interpolation error (n, k) seen."""
+    """Bounds of k margins in n triangles.
+
+    Attributes
+    ----------
+    low, high
+        (n, k) smallest and largest value that a margin may have in the triangle.
+    error
+        (n, k) largest interpolation error at the check points of the triangle.
+    """
 
     low: Floats
     high: Floats
@@ -163,7 +171,15 @@ def classify_triangles(
 
 
 def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
-    """Return bounds of margins; the arguments are those of `classify_triangles`."""
+    """Return bounds of margins in triangles.
+
+    Parameters
+    ----------
+    triangles
+        (n, 3) vertex numbers.
+    samples
+        (10, n, k) margins, see `classify_triangles`.
+    """
     control_values = np.tensordot(_BERNSTEIN, samples[:6], axes=1)
     interpolated = np.tensordot(_CHECKS, samples[:6], axes=1)
     # The check point of an edge is near its vertex with the lower number. This is the

@@ -156,10 +156,16 @@ class RemainingForms:
 
 @dataclass(frozen=True)
 class NewtonResult:
-    """Angles (n, m, t) to which Newton's method leads, with their quality.
+    """Angles to which Newton's method leads, with their quality.
 
-    `residual` (n, m) is relative; `is_flat` (n, m) tells whether the Jacobian is almost
-    singular, so that a solution there may be multiple.
+    Attributes
+    ----------
+    angles
+        (n, m, t) angles (rad) of n systems with t unknowns, from m starts.
+    residual
+        (n, m) residual relative to the size of the equations.
+    is_flat
+        (n, m) whether the Jacobian is almost singular. A solution there may be multiple.
     """
 
     angles: Complexes
@@ -169,10 +175,17 @@ class NewtonResult:
 
 @dataclass(frozen=True)
 class RootSolutions:
-    """Angles (n, m, t) computed from roots, in the order of the roots.
+    """Angles computed from roots of the eliminant, in the order of the roots.
 
-    `is_solution` (n, m) tells whether Newton's method converged to a solution whose first
-    angle belongs to the root. `is_flat` (n, m) is that of `NewtonResult`.
+    Attributes
+    ----------
+    angles
+        (n, m, t) angles (rad) of n systems with t unknowns, for m roots.
+    is_solution
+        (n, m) whether Newton's method converged to a solution whose first angle belongs to
+        the root.
+    is_flat
+        (n, m) whether the Jacobian is almost singular. A solution there may be multiple.
     """
 
     angles: Complexes
@@ -456,9 +469,9 @@ def _angles_of(factors: Complexes) -> Complexes:
     An angle follows from e^(ix) or e^(-ix). The larger of the two is used, because the
     other is a small difference of large numbers if the angle has a large imaginary part.
     """
-    one, c, s = np.moveaxis(factors, -1, 0)
-    forward = (c + 1j * s) / one
-    backward = (c - 1j * s) / one
+    scale, scaled_cosine, scaled_sine = np.moveaxis(factors, -1, 0)
+    forward = (scaled_cosine + 1j * scaled_sine) / scale
+    backward = (scaled_cosine - 1j * scaled_sine) / scale
     return np.where(
         np.abs(forward) > np.abs(backward), -1j * np.log(forward), 1j * np.log(backward)
     )
@@ -524,6 +537,13 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     The eliminant is sampled at equally spaced values of the first angle. A Fourier
     transform gives its coefficients, and the eigenvalues of their companion matrix are the
     roots.
+
+    Parameters
+    ----------
+    equations
+        (n, t, 3, ..., 3) systems.
+    incidence
+        Which equations contain which angles, see `eliminant_degree`.
     """
     degree = eliminant_degree(incidence)
     power = _resultant_degree(incidence)
@@ -631,8 +651,8 @@ def _best_starts(
     shape = (n, root_count, start_count // max(root_count, 1))  # there may be no root
     residual = _relative_residual(equations, starts)
     best = np.argsort(residual.reshape(shape), axis=2)[:, :, :starts_per_root, None]
-    kept = np.take_along_axis(starts.reshape(*shape, t), best, axis=2)
-    return kept.reshape(n, root_count * best.shape[2], t)
+    best_starts = np.take_along_axis(starts.reshape(*shape, t), best, axis=2)
+    return best_starts.reshape(n, root_count * best.shape[2], t)
 
 
 def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:

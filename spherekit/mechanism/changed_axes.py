@@ -91,6 +91,7 @@ def redescribe(
         )
 
     def redescribe_part(part: Any) -> Any:
+        """Return a pair, output, mass or load in the new description."""
         # Vectors of a part that belongs to a link are in the axes of this link, except the
         # components of a force or moment in ground axes.
         link = getattr(part, "link", None)

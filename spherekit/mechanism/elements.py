@@ -71,11 +71,22 @@ ProfileKind = Literal["circle", "great_circle", "points", "fourier"]
 class Profile:
     """The curve on the unit sphere along which a link touches in a contact pair.
 
-    `centre` is a unit vector in link axes: the centre of a circle, the pole of a great
-    circle, or the axis from which the colatitude of a Fourier profile is measured.
-    `radius` (rad) belongs to a circle. `points` are unit vectors in link axes along a
-    smooth curve. A Fourier profile has the colatitude ``sum cosines[k] cos(k a) +
-    sines[k] sin(k a)`` (rad) at azimuth `a` about `centre`.
+    Attributes
+    ----------
+    kind
+        What the curve is, which determines the other fields.
+    centre
+        Unit vector (3,) in link axes: the centre of a circle, the pole of a great circle,
+        or the axis from which the colatitude of a Fourier profile is measured.
+    radius
+        Angular radius of a circle (rad).
+    points
+        Unit vectors (3,) in link axes along a smooth curve.
+    closed
+        Whether a curve through points returns to its first point.
+    cosines, sines
+        Coefficients (rad) of a Fourier profile. Its colatitude at azimuth `a` about
+        `centre` is the sum of ``cosines[k] cos(k a) + sines[k] sin(k a)``.
     """
 
     kind: ProfileKind
@@ -290,8 +301,15 @@ class Input:
 class Output:
     """A link whose motion relative to another one is of interest.
 
-    `direction` is the pointing direction, a unit vector in link axes. None if the output is
-    an orientation.
+    Attributes
+    ----------
+    name
+        Name of the output.
+    link, relative_to
+        Names of the link that moves and of the link relative to which it moves.
+    direction
+        Pointing direction, a unit vector (3,) in the axes of `link`. None if the output is
+        an orientation.
     """
 
     name: str
@@ -302,7 +320,15 @@ class Output:
 
 @dataclass(frozen=True)
 class Source:
-    """The publication that a mechanism is taken from, and the assumptions added to it."""
+    """The publication from which a mechanism is taken.
+
+    Attributes
+    ----------
+    citation
+        The publication.
+    assumed
+        Assumptions that were added to it.
+    """
 
     citation: str
     assumed: str = ""

@@ -174,9 +174,20 @@ class Bearings(BearingFriction):
 class ContactFriction(BearingFriction):
     """Coulomb friction of a sliding contact, which follows from its push.
 
-    The friction is `coefficient` times the push. It acts against the rate v (rad/s) at
-    which the second link slides along the first and is smoothed by tanh(v / `speed`). At a
+    The friction is the coefficient times the push. It acts against the rate v (rad/s) at
+    which the second link slides along the first and is smoothed by tanh(v / speed). At a
     contact at the distance r from the centre the sliding velocity is r v.
+
+    Attributes
+    ----------
+    name
+        Name of the load.
+    pair
+        Name of the sliding contact.
+    coefficient
+        Coefficient of friction.
+    speed
+        Rate (rad/s) below which the jump of Coulomb's law is smoothed.
     """
 
     kind = "contact_friction"

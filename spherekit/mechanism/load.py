@@ -291,9 +291,20 @@ class BearingFriction(Load):
 @checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class TorqueTable(Load):
-    """A torque (N m) at an R pair given at rising times (s), linear in between.
+    """A torque at an R pair that is given at some times and linear in between.
 
-    If `periodic`, it repeats with the period ``times[-1] - times[0]``.
+    Attributes
+    ----------
+    name
+        Name of the load.
+    pair
+        Name of the R pair.
+    times
+        Rising times (s).
+    torques
+        Torques (N m) at these times.
+    periodic
+        Whether the torque repeats with the period ``times[-1] - times[0]``.
     """
 
     kind = "table"

@@ -231,7 +231,7 @@ def parse(text: str, names: Iterable[str]) -> Expression:
 
 @lru_cache(maxsize=1024)
 def _parse(text: str, names: Names) -> Expression:
-    """Parse an expression, see `parse`; results are cached."""
+    """Parse an expression, see `parse`. Results are cached, so the names are a tuple."""
     if len(text) > MAX_LENGTH:
         raise ModelError(
             f"column {MAX_LENGTH + 1}: the expression has {len(text)} characters, at "
@@ -350,6 +350,15 @@ def _convert_number(value: Any, column: int) -> float:
 def _convert_name(name: str, names: Names, column: int) -> Node:
     """Return the value of a named constant, or the name of a variable.
 
+    Parameters
+    ----------
+    name
+        Name in the expression.
+    names
+        Names of variables that are allowed.
+    column
+        Column of the name, for messages.
+
     Raises
     ------
     ModelError
@@ -368,6 +377,13 @@ def _convert_name(name: str, names: Names, column: int) -> Node:
 
 def _read_function_name(call: ast.Call, column: int) -> str:
     """Return the name of the function of a call.
+
+    Parameters
+    ----------
+    call
+        The call in the syntax tree of Python.
+    column
+        Its column, for messages.
 
     Raises
     ------

@@ -43,13 +43,21 @@ DRIVE_LOAD_NAME = "driving_torque"
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class PairTorque(Load):
-    """A torque (N m) about the axis of an R pair, on its second link.
+    """A torque about the axis of an R pair, on its second link.
 
-    The reaction acts on the first link. `torque` is an expression in pair variables
-    ``theta_PAIR`` (rad), their rates ``dtheta_PAIR`` (rad/s) and the time ``t`` (s). It may
-    also be a function f(t, q, dq) of the time and of the variable and the rate of this
-    pair. Only simulations by NumPy can use a function. It is called at any times in any
-    order.
+    The reaction acts on the first link.
+
+    Attributes
+    ----------
+    name
+        Name of the load.
+    pair
+        Name of the R pair.
+    torque
+        The torque (N m): an expression in pair variables ``theta_PAIR`` (rad), their rates
+        ``dtheta_PAIR`` (rad/s) and the time ``t`` (s). It may also be a function f(t, q,
+        dq) of the time and of the variable and the rate of this pair. Only simulations by
+        NumPy can use a function, and they call it at any times in any order.
     """
 
     kind = "torque"
@@ -69,7 +77,15 @@ class PairTorque(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Gravity(Load):
-    """Gravity: the same acceleration (m/s2, ground axes) on every link with a mass."""
+    """Gravity on every moving link with a mass.
+
+    Attributes
+    ----------
+    name
+        Name of the load.
+    acceleration
+        (3,) acceleration (m/s2) in ground axes.
+    """
 
     kind = "gravity"
     keys = MappingProxyType({"acceleration": "vector"})
@@ -107,10 +123,22 @@ class Gravity(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class PointForce(Load):
-    """A force (N) on a link at a point (m, link axes) that is fixed in the link.
+    """A force on a link, at a point that is fixed in the link.
 
-    The reaction acts on the ground. The components of `force` are expressions as in
-    `PairTorque`, along the axes of the ground or of the link.
+    The reaction acts on the ground.
+
+    Attributes
+    ----------
+    name
+        Name of the load.
+    link
+        Name of the link.
+    point
+        (3,) point (m) in link axes.
+    force
+        Expressions of the components (N), as in `PairTorque`.
+    axes
+        Axes of the components: those of the ground or of the link.
     """
 
     kind = "force"
@@ -133,10 +161,20 @@ class PointForce(Load):
 @checked_class(ModelError)
 @dataclass(frozen=True)
 class Moment(Load):
-    """A moment (N m) on a link.
+    """A moment on a link.
 
-    The reaction acts on the ground. The components are expressions as in `PairTorque`,
-    along the axes of the ground or of the link.
+    The reaction acts on the ground.
+
+    Attributes
+    ----------
+    name
+        Name of the load.
+    link
+        Name of the link.
+    moment
+        Expressions of the components (N m), as in `PairTorque`.
+    axes
+        Axes of the components: those of the ground or of the link.
     """
 
     kind = "moment"
@@ -157,7 +195,18 @@ class Moment(Load):
 class Spring(Load):
     """A spring at an R pair with the torque -stiffness (v - rest) at the variable v.
 
-    `stiffness` is in N m/rad, `rest` in rad. The variable counts whole revolutions.
+    The variable counts whole revolutions.
+
+    Attributes
+    ----------
+    name
+        Name of the load.
+    pair
+        Name of the R pair.
+    stiffness
+        Stiffness (N m/rad).
+    rest
+        Value of the variable (rad) at which the torque is zero.
     """
 
     kind = "spring"
@@ -175,7 +224,14 @@ class Spring(Load):
 class Damper(Load):
     """A viscous damper at an R pair with the torque -damping v' at the rate v' (rad/s).
 
-    `damping` is in N m s/rad.
+    Attributes
+    ----------
+    name
+        Name of the load.
+    pair
+        Name of the R pair.
+    damping
+        Damping (N m s/rad).
     """
 
     kind = "damper"
@@ -192,8 +248,18 @@ class Damper(Load):
 class Friction(Load):
     """Friction at an R pair with the torque -(torque tanh(v' / speed) + viscous v').
 
-    `torque` (N m) is the dry friction at rates v' well above `speed` (rad/s). Below this
-    rate the jump of Coulomb's law is smoothed. `viscous` is in N m s/rad.
+    Attributes
+    ----------
+    name
+        Name of the load.
+    pair
+        Name of the R pair.
+    torque
+        Dry friction (N m) at rates v' well above `speed`.
+    viscous
+        Viscous friction (N m s/rad).
+    speed
+        Rate (rad/s) below which the jump of Coulomb's law is smoothed.
     """
 
     kind = "friction"

@@ -82,15 +82,25 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
 
 
 def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
-    """Return the mechanism with one R pair locked at a value (rad)."""
+    """Return the mechanism with one R pair locked.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    pair
+        The R pair.
+    value
+        Value (rad) at which its variable is locked.
+    """
     where = f"{mechanism.name}: lock: pair {pair.name}"
     is_at_reference = _is_at_reference_value(mechanism, pair, value, where)
     kept_link, removed_link = _choose_kept_link(mechanism, pair)
-    for other in mechanism.pairs:
-        if other.name != pair.name and set(other.links) == {kept_link, removed_link}:
+    for parallel in mechanism.pairs:
+        if parallel.name != pair.name and set(parallel.links) == {kept_link, removed_link}:
             raise ModelError(
-                f"{where} joins the same two links as pair {other.name}, which could not "
-                "move"
+                f"{where} joins the same two links as pair {parallel.name}, which could "
+                "not move"
             )
     # Rotation from the axes of the removed link to those of the kept link.
     rotation = np.eye(3)
@@ -123,7 +133,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
         },
         rotate_pair_profile=rotate_contact_profile,
     )
-    remaining_pairs = tuple(other for other in parts["pairs"] if other.name != pair.name)
+    remaining_pairs = tuple(item for item in parts["pairs"] if item.name != pair.name)
     geometry = mechanism.geometry
     if isinstance(geometry, PoseGeometry) and is_at_reference:
         geometry = PoseGeometry(
@@ -152,7 +162,10 @@ def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
     Profiles of contacts are not rotated if their link is kept.
     """
     links_with_contacts = {
-        link for other in mechanism.pairs if not other.kind.has_axis for link in other.links
+        link
+        for contact in mechanism.pairs
+        if not contact.kind.has_axis
+        for link in contact.links
     }
     first, second = pair.links
     is_first_fixed = first in links_with_contacts | {mechanism.ground}
@@ -184,7 +197,11 @@ def _join_link_sizes(
     sizes = SizeGeometry({})
     if isinstance(mechanism.geometry, SizeGeometry):
         sizes = mechanism.geometry
-    other_links = {link: of for link, of in sizes.links.items() if link not in rotations}
+    other_links = {
+        link: link_sizes
+        for link, link_sizes in sizes.links.items()
+        if link not in rotations
+    }
     # Pairs between links that are not joined keep their sizes and zeros.
     changed_pairs = [
         pair
@@ -243,7 +260,7 @@ def _is_at_reference_value(
     difference = math.remainder(value - reference_value, 2.0 * math.pi)
     if abs(difference) <= REFERENCE_VALUE_TOLERANCE_RAD:
         return True
-    rolling = [other.name for other in mechanism.pairs if other.rolls]
+    rolling = [contact.name for contact in mechanism.pairs if contact.rolls]
     if rolling:
         raise ModelError(
             f"{where} has {reference_value:.6g} rad in the reference pose, not "

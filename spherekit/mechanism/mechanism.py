@@ -543,7 +543,17 @@ def _check(mechanism: Mechanism) -> None:
 def _check_names(where: str, mechanism: Mechanism) -> None:
     """Check all names: their characters, that they are unique, and that they exist.
 
-    `where` is the beginning of messages.
+    Parameters
+    ----------
+    where
+        Beginning of messages.
+    mechanism
+        The mechanism.
+
+    Raises
+    ------
+    ModelError
+        If a name is impossible, given twice, or refers to nothing.
     """
     for what, names in (
         ("link", mechanism.links),
@@ -641,7 +651,17 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
 def _check_pair(where: str, pair: Pair) -> None:
     """Check the type, profiles, contact data and links of a pair.
 
-    `where` is the beginning of messages.
+    Parameters
+    ----------
+    where
+        Beginning of messages.
+    pair
+        The pair.
+
+    Raises
+    ------
+    ModelError
+        If there can be no such pair.
     """
     if pair.type not in KINDS:
         raise ModelError(f'{where}: type "{pair.type}" is not one of {listing(KINDS)}')
@@ -673,7 +693,19 @@ def _check_pair(where: str, pair: Pair) -> None:
 def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> None:
     """Check that the arcs, angles and zeros of a mechanism fit its pairs.
 
-    `where` is the beginning of messages.
+    Parameters
+    ----------
+    where
+        Beginning of messages.
+    mechanism
+        The mechanism, for its links and pairs.
+    geometry
+        Its sizes.
+
+    Raises
+    ------
+    ModelError
+        If sizes are missing, superfluous or impossible.
     """
     for name, zero in geometry.zeros.items():
         check_finite(f"{where}: pairs.{name}.zero", [zero])

@@ -7,7 +7,14 @@ from spherekit.wording import listing
 
 
 def chosen_output(mechanism: Mechanism, name: str | None = None) -> Output:
-    """Return the output with this name; without a name, the only output.
+    """Return an output that a mechanism declares.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    name
+        Name of the output. It may be omitted if there is only one.
 
     Raises
     ------

@@ -55,8 +55,8 @@ def sizes_from_frames(
     zeros = {}
     for name in frames[0]:
         first_angle, second_angle = (
-            _rotation_angle_about_z(given[name].T @ without_zeros[name])
-            for given, without_zeros in zip(frames, frames_without_zeros, strict=True)
+            _rotation_angle_about_z(with_zeros[name].T @ without_zeros[name])
+            for with_zeros, without_zeros in zip(frames, frames_without_zeros, strict=True)
         )
         zeros[name] = second_angle - first_angle
     return SizeGeometry(links, zeros)

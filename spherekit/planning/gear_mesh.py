@@ -73,7 +73,15 @@ def reverse_path(path: PairPath) -> PairPath:
 
 
 class CarriedContact(NamedTuple):
-    """A rolling contact of two wheels on a carrier, with the circles of the wheels."""
+    """A rolling contact of two wheels on a carrier, with the circles of the wheels.
+
+    Attributes
+    ----------
+    mesh
+        The relation of the pair variables.
+    first_wheel, second_wheel
+        Circles of the first and the second link of the contact.
+    """
 
     mesh: GearMesh
     first_wheel: Wheel

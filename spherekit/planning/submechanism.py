@@ -136,24 +136,32 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
 
 
 def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
-    """Return the mechanism of some of its pairs, by number, as `part_for` does."""
+    """Return the mechanism of some of its pairs, as `part_for` does.
+
+    Parameters
+    ----------
+    mechanism
+        The whole mechanism.
+    numbers
+        Numbers of the pairs that stay.
+    """
     pairs = tuple(mechanism.pairs[number] for number in sorted(numbers))
-    on = {mechanism.links[0]} | {link for pair in pairs for link in pair.links}
+    links = {mechanism.links[0]} | {link for pair in pairs for link in pair.links}
     names = {pair.name for pair in pairs}
 
-    def stays(load: Load) -> bool:
-        alone = replace(mechanism, loads=(load,))
-        return used_links(alone) <= on and used_pairs(alone) <= names
+    def uses_remaining_parts(load: Load) -> bool:
+        with_this_load = replace(mechanism, loads=(load,))
+        return used_links(with_this_load) <= links and used_pairs(with_this_load) <= names
 
     return replace(
         mechanism,
-        links=tuple(link for link in mechanism.links if link in on),
+        links=tuple(link for link in mechanism.links if link in links),
         pairs=pairs,
-        geometry=_reduce_geometry(mechanism.geometry, on, names),
-        outputs=tuple(o for o in mechanism.outputs if {o.link, o.relative_to} <= on),
-        masses=tuple(mass for mass in mechanism.masses if mass.link in on),
-        loads=tuple(load for load in mechanism.loads if stays(load)),
-        joint_limits=tuple(stop for stop in mechanism.joint_limits if stop.pair in names),
+        geometry=_reduce_geometry(mechanism.geometry, links, names),
+        outputs=tuple(o for o in mechanism.outputs if {o.link, o.relative_to} <= links),
+        masses=tuple(mass for mass in mechanism.masses if mass.link in links),
+        loads=tuple(load for load in mechanism.loads if uses_remaining_parts(load)),
+        joint_limits=tuple(x for x in mechanism.joint_limits if x.pair in names),
         modes={
             mode: values
             for mode, values in mechanism.modes.items()

@@ -211,7 +211,9 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
     grown_slack = state.slack / np.maximum(closure.sine, np.sqrt(REACH_SLACK))
     state.slack = np.minimum(grown_slack, np.sqrt(REACH_SLACK))
     state.slenderness = np.minimum(state.slenderness, closure.slenderness)
-    rotations = np.broadcast_arrays(np.eye(3), closure.near_rotation, closure.far_rotation)
+    rotations = np.broadcast_arrays(
+        np.eye(3), closure.first_rotation, closure.second_rotation
+    )
     state.merge(group, np.stack(rotations, axis=1))
     state.read_values(group)
     state.is_open |= ~closure.closes

@@ -78,15 +78,16 @@ def heyoka_expressions(
     module = heyoka()
 
     def convert_node(node: ExpressionNode, arguments: list[Any]) -> Any:
+        """Return the heyoka expression of a node, from those of its arguments."""
         if node.operation == "variable":
             return variables[node]
         # heyoka has no sign and no maximum. select(c, a, b) is a if c is true, else b.
         if node.operation == "sign":
             (value,) = arguments
-            one = module.expression(1.0)
+            plus_one = module.expression(1.0)
             zero = module.expression(0.0)
-            negative_or_zero = module.select(module.lt(value, zero), -one, zero)
-            return module.select(module.gt(value, zero), one, negative_or_zero)
+            minus_one_or_zero = module.select(module.lt(value, zero), -plus_one, zero)
+            return module.select(module.gt(value, zero), plus_one, minus_one_or_zero)
         if node.operation == "maximum":
             return module.select(module.gt(*arguments), *arguments)
         operation = _PYTHON_OPERATORS.get(node.operation) or getattr(module, node.operation)

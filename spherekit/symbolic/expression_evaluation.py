@@ -85,6 +85,7 @@ def array_function(
     )
 
     def evaluate(inputs_array: Array, out: Array | None = None) -> Array:
+        """Return the outputs (outputs, n) at inputs (inputs, n), see `ArrayFunction`."""
         dtype = np.result_type(inputs_array, number)
         sample_count = inputs_array.shape[1]
         if out is None:
@@ -201,7 +202,18 @@ class _Program:
 
 
 def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) -> _Program:
-    """Return expressions as a sequence of operations; inputs are their variables."""
+    """Return expressions as a sequence of operations on named values.
+
+    Each node is computed once. Names of intermediate values are used again as soon as
+    possible, so that few rows of work memory are needed.
+
+    Parameters
+    ----------
+    outputs
+        Numbers and nodes to compute.
+    inputs
+        The variables in them.
+    """
     nodes = [node for node in iterate_nodes(outputs) if node.operation != "variable"]
     last_step_reading = {x: k for k, node in enumerate(nodes) for x in node.arguments}
 

@@ -98,13 +98,17 @@ def _make_operator_methods(
     Operands of other types, such as NumPy arrays, are left to their own operators.
     """
 
-    def apply_to_right(left: Any, right: Any) -> Expr:
-        return operation(left, right) if isinstance(right, _OPERANDS) else NotImplemented
+    def node_first(node: Any, operand: Any) -> Expr:
+        return (
+            operation(node, operand) if isinstance(operand, _OPERANDS) else NotImplemented
+        )
 
-    def apply_to_left(right: Any, left: Any) -> Expr:
-        return operation(left, right) if isinstance(left, _OPERANDS) else NotImplemented
+    def node_second(node: Any, operand: Any) -> Expr:
+        return (
+            operation(operand, node) if isinstance(operand, _OPERANDS) else NotImplemented
+        )
 
-    return apply_to_right, apply_to_left
+    return node_first, node_second
 
 
 class ExpressionNode:

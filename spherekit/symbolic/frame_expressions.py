@@ -81,6 +81,15 @@ def _frames_from_pose(
 
     Link axes and ground axes coincide in this pose. The zero direction points east, along
     the circle of latitude of the axis.
+
+    Parameters
+    ----------
+    mechanism, geometry
+        The mechanism and its geometry, with axes and values in the reference pose.
+    design
+        Numbers or expressions that replace some sizes.
+    pair
+        An R pair.
     """
     x, y, z = geometry.axes[pair.name]
     longitude = design.get(("longitudes", pair.name), float(np.arctan2(y, x)))
@@ -135,6 +144,15 @@ def _frame_from_sizes(
 
     The reference arc of the first axis leads to the second axis; that of every other axis
     comes from the first one. The zero direction points along the reference arc.
+
+    Parameters
+    ----------
+    mechanism, geometry
+        The mechanism and its geometry, with the sizes of links.
+    design
+        Numbers or expressions that replace some sizes.
+    link, pair
+        Names of the link and of one of its R pairs.
     """
     sizes = geometry.links.get(link, LinkSizes(()))
     varied_links = {key[0] for kind, key in design if kind in ("arcs", "angles")}

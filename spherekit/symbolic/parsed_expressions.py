@@ -64,6 +64,7 @@ def convert_to_graph(
     }
 
     def convert_operation(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
+        """Return the full and reduced value of an operation, from those of its parts."""
         full_arguments, reduced_arguments = zip(*parts, strict=True)
         if name == "/" and full_arguments[1] == 0.0:
             what = f'"{expression.text}"' if expression.text else "a load"

@@ -175,6 +175,13 @@ class Integrator:
         """Return heyoka's callback at a switch, which says whether a run may continue.
 
         heyoka calls it with the integrator and the new sign of the event function.
+
+        Parameters
+        ----------
+        event
+            The switch.
+        index
+            Its index among the events.
         """
 
         def set_sign(adaptive: Any, sign: int) -> bool:

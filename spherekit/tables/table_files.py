@@ -134,7 +134,16 @@ def _make_arrow_table(table: Table, data: Mapping[str, Any], degrees: bool) -> "
     """Return rows as an Arrow table.
 
     Columns have their headers in files, numbers that are NaN are null, and a status is a
-    dictionary of names. With `degrees`, angles are converted.
+    dictionary of names.
+
+    Parameters
+    ----------
+    table
+        Declaration of the table.
+    data
+        Columns (n,) by name.
+    degrees
+        Whether angles are converted to degrees.
     """
     import pyarrow as pa
 
