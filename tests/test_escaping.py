@@ -209,7 +209,7 @@ def test_hostile_texts_come_back_from_files(what, tmp_path):
     assert not escaping.HIDDEN.search(written.replace("\n", ""))
     saved = "".join(
         repr(number) if isinstance(number := part, int) else part
-        for part in PageMaker(mechanism, [], ["q"], None).model([])["toml"]
+        for part in PageMaker(mechanism, [], ["q"], None).make_model([])["toml"]
     )
     assert loads(saved, what) == mechanism
 

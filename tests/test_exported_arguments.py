@@ -181,7 +181,7 @@ def test_numbers_of_a_profile_are_refused_by_name(key, language, tmp_path):
 def test_a_page_has_no_slider_that_does_nothing(tmp_path):
     """A slider moves something on the sphere or in a curve; a named key is refused."""
     maker = PageMaker("bevel_pair", None, None, None)
-    maker.page()
+    maker.make_page()
     assert maker.keys == ("links.0.arc",)
     key = "mass.2.tensor.1.1"  # the link turns about z only
     with pytest.raises(SpherekitError, match=f"{key}: no result"):
@@ -193,7 +193,7 @@ def test_a_default_slider_that_does_nothing_is_left_out(monkeypatch):
     keys = ("links.2.arc", "mass.2.tensor.1.1")
     monkeypatch.setattr(PageMaker, "_sizes", lambda self: keys)
     maker = PageMaker("four_bar", None, None, None)
-    maker.page()
+    maker.make_page()
     assert maker.keys == ("links.2.arc",)
     assert "no slider for mass.2.tensor.1.1: nothing changes with it" in maker.notes
 

@@ -247,7 +247,7 @@ def test_the_other_languages_name_the_same_modes(name, language):
 
 @pytest.mark.parametrize("name", CASES)
 def test_pages_name_the_same_modes(name):
-    text, _, modes = PageMaker(case(name), None, None, None).page()
+    text, _, modes = PageMaker(case(name), None, None, None).make_page()
     assert modes == 2
     for values in ("1.0", "-1.0"):
         assert f'"values": [\n    {values}\n' in text

@@ -63,7 +63,7 @@ def test_a_page_is_one_file_without_a_network(tmp_path, monkeypatch, capsys):
 def test_the_saved_text_is_the_file(name):
     """With its numbers as they are it is read as the same mechanism, comments and all."""
     maker = PageMaker(name, None, ["q"], None)
-    made = maker.model([])
+    made = maker.make_model([])
     parts, values = made["toml"], [size["value"] for size in made["sizes"]]
     assert sorted(x for x in parts if isinstance(x, int)) == [*range(len(values))]
     text = "".join(repr(values[x]) if isinstance(x, int) else x for x in parts)

@@ -288,7 +288,7 @@ def test_a_field_never_says_what_the_page_does_not_show(open_page):
 def test_every_end_of_a_slider_is_a_number_of_the_file(name):
     """And so is every number that can be typed beside it."""
     maker = PageMaker(name, None, None, None)
-    facts = maker.model([])
+    facts = maker.make_model([])
     numbers = [size["value"] for size in facts["sizes"]]
     for k, size in enumerate(facts["sizes"]):
         assert size["least"] <= size["low"] <= size["value"] <= size["high"] <= size["most"]
@@ -300,7 +300,7 @@ def test_every_end_of_a_slider_is_a_number_of_the_file(name):
 
 
 def test_a_slider_of_an_arc_has_the_range_of_the_format():
-    model = PageMaker(str(FILES / "arcs.toml"), None, None, None).model([])
+    model = PageMaker(str(FILES / "arcs.toml"), None, None, None).make_model([])
     signed, crank, also_signed, rocker = model["sizes"]
     assert (crank["low"], crank["high"], crank["least"]) == (0.1, 33.0, 0.0)
     assert (rocker["low"], rocker["high"], rocker["most"]) == (0.1, 60.0, 180.0)

@@ -65,7 +65,7 @@ def page(
     if target.suffix not in (".html", ".htm"):
         raise OutputError(f"{target}: pages are named *.html; give it this ending")
     maker = PageMaker(mechanism, vary, quantities, input_pair, crossings)
-    text, curves, modes = maker.page()
+    text, curves, modes = maker.make_page()
     write_text(target, text)
     holds = (
         f"a page with {counted(curves, 'curve')} of {counted(modes, 'assembly mode')} and "

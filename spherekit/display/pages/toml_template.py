@@ -1,4 +1,7 @@
-"""The text of a mechanism file with places for the numbers that vary."""
+"""The text of a mechanism file, cut at the numbers that vary.
+
+The page puts the present numbers between the parts when it saves the file.
+"""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -12,48 +15,81 @@ from spherekit.files.toml_lines import KeyPath
 from spherekit.files.toml_text import assignment_text, table_lines
 
 _NUMBER = re.compile(r"(?<![\w.+-])[+-]?\d[\d_]*(?:\.\d[\d_]*)?(?:[eE][+-]?\d+)?(?![\w.])")
-_MARKS = "{}.5e-271"
-"""A number that no file has; one for each place."""
-_TRIED = 64
-"""Numbers from the line of a key on that may be its own."""
+"""A number in TOML that is no part of a word."""
+
+_MARK_FORMAT = "{}.5e-271"
+"""Text that marks the position of a number: a number that no file has."""
+
+_MAX_TRIED_NUMBERS = 64
+"""Numbers that are tried from the line of a key on.
+
+Larger: long files take longer; smaller: a number far behind its key, as in a long array, is
+not found, and the file is written anew without its comments.
+"""
 
 
-def text_with_places(document: Document, paths: Sequence[KeyPath]) -> list[str | int]:
-    """Return a file's text in parts; where a number stands, its position in `paths`.
+def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str | int]:
+    """Return the text of a file in parts, with integers for the numbers that vary.
 
-    Comments and layout are kept where the file says all these numbers; otherwise its
-    data are written anew.
+    Comments and layout are kept if all numbers are found in the text. Otherwise the data
+    of the file are written anew.
+
+    Parameters
+    ----------
+    document
+        The file.
+    paths
+        Paths of the numbers.
+
+    Returns
+    -------
+    Texts, and between them the indices in `paths` of the numbers that stand there.
     """
-    marks = [_MARKS.format(k + 1) for k in range(len(paths))]
+    marks = [_MARK_FORMAT.format(index + 1) for index in range(len(paths))]
     text = document.text
     for path, mark in zip(paths, marks, strict=True):
         if text is None:
             break
-        text = _marked(document, text, path, mark)
+        text = _mark_number(document, text, path, mark)
     if text is None:
-        text = _written(document, paths, marks)
-    split = re.split(f"({'|'.join(map(re.escape, marks)) or '(?!)'})", text)
-    return [marks.index(part) if part in marks else part for part in split if part]
+        text = _write_with_marks(document, paths, marks)
+    # Without marks the pattern (?!) matches nowhere.
+    pattern = "|".join(map(re.escape, marks)) or "(?!)"
+    parts = re.split(f"({pattern})", text)
+    return [marks.index(part) if part in marks else part for part in parts if part]
 
 
-def _marked(document: Document, text: str, path: KeyPath, mark: str) -> str | None:
-    """Return a text with a mark for the number at a path, None where it does not say it."""
+def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str | None:
+    """Return a text with a mark in place of the number at a path.
+
+    Numbers from the line of the key on are replaced one by one, until the file has the mark
+    at the path.
+
+    Returns
+    -------
+    The text, or None if the number is not found.
+    """
     # Lines of TOML end with a line feed alone; `splitlines` knows other line ends too.
-    start = len("\n".join([*text.split("\n")[: document.line(path) - 1], ""]))
-    for number in islice(_NUMBER.finditer(text, start), _TRIED):
-        tried = text[: number.start()] + mark + text[number.end() :]
+    lines_before = text.split("\n")[: document.line(path) - 1]
+    start = len("\n".join([*lines_before, ""]))
+    for match in islice(_NUMBER.finditer(text, start), _MAX_TRIED_NUMBERS):
+        marked_text = text[: match.start()] + mark + text[match.end() :]
         with suppress(FileError, KeyError, IndexError, TypeError, ValueError):
-            if number_at(parse(tried, document.name), path) == float(mark):
-                return tried
+            if number_at(parse(marked_text, document.name), path) == float(mark):
+                return marked_text
     return None
 
 
-def _written(document: Document, paths: Sequence[KeyPath], marks: Sequence[str]) -> str:
-    numbers = dict(zip(paths, map(float, marks), strict=True))
-    return "\n".join([*_lines(with_numbers(document, numbers)), ""])
+def _write_with_marks(
+    document: Document, paths: Sequence[KeyPath], marks: Sequence[str]
+) -> str:
+    """Return the data of a file as new text, with marks for the numbers at paths."""
+    mark_by_path = dict(zip(paths, map(float, marks), strict=True))
+    return "\n".join([*_document_lines(with_numbers(document, mark_by_path)), ""])
 
 
-def _lines(document: Document) -> Iterator[str]:
+def _document_lines(document: Document) -> Iterator[str]:
+    """Yield the lines of the tables and values of a document."""
     for key, value in document.data.items():
         if isinstance(value, dict):
             yield from table_lines((key,), value)

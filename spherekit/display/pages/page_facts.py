@@ -1,0 +1,189 @@
+"""Descriptions of parts of a mechanism as the scripts of a page read them.
+
+Each function returns a dictionary that becomes a JavaScript object. Its keys are read in
+`script/`.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from itertools import combinations, permutations
+
+import numpy as np
+
+from spherekit.conventions import Facts
+from spherekit.mechanism.elements import Input
+from spherekit.mechanism.joint_construction import make_joints
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes
+from spherekit.planning.plan_text import describe, pole_name
+from spherekit.planning.pole_plan import (
+    BlockPoles,
+    LinePole,
+    Plan,
+    Pole,
+    Step,
+    pole_of,
+    table_cells,
+)
+from spherekit.scenes.link_scenes import PROFILE_POINTS
+
+CURVE_DECIMALS = 6
+"""Decimals of the points of drawn profiles. More: the page becomes longer."""
+
+
+def input_facts(mechanism: Mechanism, driven: Input) -> Facts:
+    """Return the links, range (rad) and axes in both links of a driven pair."""
+    pair = mechanism.pairs[mechanism.pair_number[driven.pair]]
+    axes = link_axes(mechanism)
+    low, high = driven.range
+    return {
+        "pair": pair.name,
+        "links": pair.links,
+        "from": low,
+        "to": high,
+        "axes": {link: axes[link][pair.name].tolist() for link in pair.links},
+    }
+
+
+def link_facts(mechanism: Mechanism, link: str) -> Facts:
+    """Return the pairs of a link, and its profiles as points in its axes."""
+    profiles: list[Facts] = []
+    joints = make_joints(mechanism)
+    for pair, joint in zip(mechanism.pairs, joints, strict=True):
+        if pair.profiles is None or link not in pair.links:
+            continue
+        side = pair.links.index(link)
+        profile = pair.profiles[side]
+        curve = joint.contact_profiles[side].curve
+        arc_lengths = np.linspace(0.0, curve.length, PROFILE_POINTS)
+        # The third column of the frames of a curve is its point.
+        points = curve.evaluate(arc_lengths).frame[:, :, 2]
+        profiles.append(
+            {
+                "pair": pair.name,
+                "curve": np.round(points, CURVE_DECIMALS).tolist(),
+                "centre": profile.centre,
+                "radius": profile.radius,
+                "rolls": pair.rolls and profile.radius is not None,
+            }
+        )
+    pairs_with_axis = [*link_axes(mechanism)[link]]
+    return {"name": link, "pairs": pairs_with_axis, "profiles": profiles}
+
+
+def pair_facts(mechanism: Mechanism) -> list[Facts]:
+    """Return the names, links and numbers of variables of all pairs."""
+    return [
+        {
+            "name": pair.name,
+            "links": pair.links,
+            "axis": pair.kind.has_axis,
+            "variables": len(mechanism.variables_of(number)),
+        }
+        for number, pair in enumerate(mechanism.pairs)
+    ]
+
+
+def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
+    """Return the label and scale of a quantity that has a curve.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    name, unit
+        Name and unit of the quantity.
+    """
+    label = name.replace("dB_dq", "dB/dq").replace("_", " ")
+    # Names of links may contain underscores, so each two links are tried.
+    for a, b in permutations(mechanism.links, 2):
+        match = re.fullmatch(
+            rf"(\w+_coefficient|pole)_{re.escape(a)}_{re.escape(b)}(|_.*)", name
+        )
+        if match:
+            kind, suffix = match.groups()
+            label = f"{kind} {a}/{b}{suffix}".replace("_", " ")
+    scale = natural_scale(mechanism, unit)
+    return {"name": name, "unit": unit, "label": label, "size": scale}
+
+
+def natural_scale(mechanism: Mechanism, unit: str) -> float:
+    """Return the scale of quantities of a unit, in that unit; 0.0 if there is none.
+
+    The page draws changes that are far smaller than the scale, such as rounding, as a
+    level line.
+    """
+    if unit in ("", "rad", "1/rad"):
+        return 1.0
+    if unit in ("N m", "kg m2", "kg m2/rad", "J"):
+        # Torques and energies at rates of 1 rad/s are as large as the inertia.
+        tensors = [np.abs(mass.tensor) for mass in mechanism.masses]
+        return float(np.max(tensors, initial=0.0))
+    return 0.0
+
+
+def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
+    """Return the pole table of a plan, and its steps. Poles are pairs of names of links.
+
+    Parameters
+    ----------
+    pole_plan
+        The plan while one input moves.
+    suffix
+        The end of the names of quantities while it moves.
+    """
+    mechanism = pole_plan.mechanism
+    bodies = pole_plan.bodies
+    label_by_pole = {
+        ",".join(_pole_links(pole_plan, pole)): pole_name(pole_plan, pole)
+        for pole in combinations(bodies, 2)
+    }
+    steps: list[Facts] = []
+    for step in pole_plan.steps:
+        steps += _step_facts(pole_plan, step)
+    return {
+        "moves": mechanism.pairs[pole_plan.input].name,
+        "end": suffix,
+        "titles": [pole_plan.name(body) for body in bodies],
+        "bodies": [mechanism.links[body] for body in bodies],
+        "cells": table_cells(pole_plan),
+        "labels": label_by_pole,
+        "steps": steps,
+    }
+
+
+def _pole_links(pole_plan: Plan, pole: Pole) -> list[str]:
+    """Return the names of the two links of a pole, the larger number first."""
+    smaller, larger = pole
+    links = pole_plan.mechanism.links
+    return [links[larger], links[smaller]]
+
+
+def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
+    """Yield the text of a step, its poles, and the great circles on which they are.
+
+    The poles of an irreducible part come first, then the steps of its passes.
+    """
+    description, *_ = describe(pole_plan, step).split("\n")
+    lines: Sequence[list[list[str]]] = []
+    contacts: Sequence[str] = []
+    if isinstance(step, BlockPoles):
+        poles_of_passes = {inner_step.pole for inner_step in step.passes}
+        solved_poles = [pole for pole in step.poles if pole not in poles_of_passes]
+    else:
+        solved_poles = [step.pole]
+    if isinstance(step, LinePole):
+        lines = [
+            [_pole_links(pole_plan, pole_of(third_body, body)) for body in step.pole]
+            for third_body in step.via
+        ]
+        contacts = pole_plan.mechanism.names_of(step.contacts)
+    yield {
+        "text": description,
+        "lines": lines,
+        "contacts": contacts,
+        "poles": [_pole_links(pole_plan, pole) for pole in solved_poles],
+    }
+    if isinstance(step, BlockPoles):
+        for inner_step in step.passes:
+            yield from _step_facts(pole_plan, inner_step)

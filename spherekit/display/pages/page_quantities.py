@@ -1,0 +1,232 @@
+"""The quantities that an interactive page computes, by their names.
+
+Names are those of `spherekit.velocities.row_quantities.row_quantities`.
+"""
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from itertools import combinations, permutations
+from typing import NamedTuple
+
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.planning.pole_plan import Plan
+from spherekit.velocities.row_quantities import middle_pairs, row_quantities
+
+COMPONENTS = "xyz"
+"""Names of the components of vectors."""
+
+
+class OutputPath(NamedTuple):
+    """A path on the sphere that the page draws.
+
+    Attributes
+    ----------
+    vector
+        Name of the direction without its components.
+    link
+        Name of the link that carries it.
+    """
+
+    vector: str
+    link: str
+
+
+class SignedPole(NamedTuple):
+    """A pole axis with two senses: that of two links that no R pair joins.
+
+    Attributes
+    ----------
+    link, reference
+        Names of the link, and of the link relative to which it moves.
+    suffix
+        End of the names of quantities while one input moves.
+    """
+
+    link: str
+    reference: str
+    suffix: str
+
+
+class PageQuantities:
+    """Names of the quantities that a page needs or shows.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, driven at its inputs.
+    inputs
+        Names of the driven pairs.
+
+    Attributes
+    ----------
+    unit_by_name
+        Units of all quantities of the mechanism, by name.
+    input_suffixes
+        For each input the end of the names of quantities while it moves and the others
+        rest. It is empty for the only input.
+    """
+
+    def __init__(self, mechanism: Mechanism, inputs: Sequence[str]) -> None:
+        self._mechanism = mechanism
+        self._inputs = inputs
+        self.unit_by_name = row_quantities(mechanism)
+        self.input_suffixes = [""]
+        if len(inputs) > 1:
+            self.input_suffixes = [f"_by_{pair}" for pair in inputs]
+
+    def output_coefficients(self, suffix: str) -> list[str]:
+        """Return the velocity coefficients of the outputs while one input moves.
+
+        Without outputs it is that of the last link relative to the ground.
+
+        Parameters
+        ----------
+        suffix
+            The end of names of this input.
+        """
+        mechanism = self._mechanism
+        links = [(output.link, output.relative_to) for output in mechanism.outputs]
+        if not links:
+            links = [(mechanism.links[-1], mechanism.ground)]
+        return [
+            f"velocity_coefficient_{link}_{reference}{suffix}" for link, reference in links
+        ]
+
+    def default_names(self, with_torques: bool) -> list[str]:
+        """Return the quantities that are shown by default."""
+        names: list[str] = []
+        for suffix in self.input_suffixes:
+            names += self.output_coefficients(suffix)
+        names += [f"transmission_angle_{pair}" for pair in middle_pairs(self._mechanism)]
+        if with_torques and self._mechanism.masses:
+            names += [f"torque{suffix}" for suffix in self.input_suffixes]
+        return names
+
+    @cached_property
+    def output_paths(self) -> list[OutputPath]:
+        """The paths that are drawn: directions of outputs, and axes of output links.
+
+        An output link without a direction has the axes of its pairs that are not at the
+        ground.
+        """
+        mechanism = self._mechanism
+        paths: list[OutputPath] = []
+        for output in mechanism.outputs:
+            if output.direction is not None and output.relative_to == mechanism.ground:
+                paths.append(OutputPath(f"direction_{output.name}", output.link))
+                continue
+            for pair in mechanism.pairs:
+                is_moving = mechanism.ground not in pair.links
+                if pair.kind.has_axis and output.link in pair.links and is_moving:
+                    paths.append(OutputPath(f"axis_{pair.name}", output.link))
+        return paths
+
+    @property
+    def output_determinant(self) -> str:
+        """The determinant that is zero where the first output stops, empty if none."""
+        for output in self._mechanism.outputs:
+            name = f"jacobian_determinant_{output.name}"
+            if name in self.unit_by_name:
+                return name
+        return ""
+
+    def signed_poles(self, names: Iterable[str]) -> dict[SignedPole, list[str]]:
+        """Return the quantities whose signs the page finds, by their poles.
+
+        The pole axis of links that no pair joins has two senses. The page gives it, and
+        velocity and acceleration coefficients, the signs that `sk.evaluate` gives them.
+
+        Parameters
+        ----------
+        names
+            Quantities that the page computes.
+        """
+        mechanism = self._mechanism
+        computed_names = [*names]
+        joined_links = [
+            frozenset(pair.links) for pair in mechanism.pairs if pair.kind.has_axis
+        ]
+        names_by_pole: dict[SignedPole, list[str]] = {}
+        for a, b in permutations(mechanism.links, 2):
+            if frozenset((a, b)) in joined_links:
+                continue
+            for suffix in self.input_suffixes:
+                names_of_pole = [
+                    f"velocity_coefficient_{a}_{b}{suffix}",
+                    f"acceleration_coefficient_{a}_{b}{suffix}",
+                    *(f"pole_{a}_{b}_{x}{suffix}" for x in COMPONENTS),
+                ]
+                signed_names = [name for name in names_of_pole if name in computed_names]
+                if signed_names:
+                    names_by_pole[SignedPole(a, b, suffix)] = signed_names
+        return names_by_pole
+
+    def sign_velocities(self, names: Iterable[str]) -> list[str]:
+        """Return the components of angular velocities from which the page finds signs.
+
+        Parameters
+        ----------
+        names
+            Quantities that the page computes.
+        """
+        components: list[str] = []
+        for pole in self.signed_poles(names):
+            for link in (pole.link, pole.reference):
+                if link != self._mechanism.ground:
+                    components += [
+                        f"angular_velocity_{link}_{x}{pole.suffix}" for x in COMPONENTS
+                    ]
+        return components
+
+    def needed_names(self, wound_pairs: Sequence[str]) -> list[str]:
+        """Return the quantities that the page needs at every sample, shown or not.
+
+        Parameters
+        ----------
+        wound_pairs
+            Passive pairs whose whole turns the page counts.
+        """
+        names: list[str] = []
+        for suffix in self.input_suffixes:
+            names += self.output_coefficients(suffix)
+        names += [f"{path.vector}_{x}" for path in self.output_paths for x in COMPONENTS]
+        names += [
+            name
+            for name in ("determinant", self.output_determinant)
+            if name in self.unit_by_name
+        ]
+        names += [
+            f"theta_{joint_limit.pair}"
+            for joint_limit in self._mechanism.joint_limits
+            if joint_limit.pair not in self._inputs
+        ]
+        names += [f"theta_{pair}" for pair in wound_pairs]
+        return names
+
+    def drawn_names(self, pole_plans: Sequence[Plan]) -> list[str]:
+        """Return the quantities of the picture at the cursor: axes, links and poles.
+
+        Parameters
+        ----------
+        pole_plans
+            For each input the plan of the poles while it moves.
+        """
+        mechanism = self._mechanism
+        links = mechanism.links
+        names = [
+            f"axis_{pair.name}_{x}"
+            for pair in mechanism.pairs
+            if pair.kind.has_axis
+            for x in COMPONENTS
+        ]
+        names += [
+            f"orientation_{link}_{x}{y}"
+            for link in links
+            if link != mechanism.ground
+            for x in COMPONENTS
+            for y in COMPONENTS
+        ]
+        for suffix, pole_plan in zip(self.input_suffixes, pole_plans, strict=True):
+            for i, j in combinations(pole_plan.bodies, 2):
+                names += [f"pole_{links[j]}_{links[i]}_{x}{suffix}" for x in COMPONENTS]
+        return names
