@@ -22,7 +22,7 @@ NO_CRANK = np.radians([60.0, 75.0, 40.0, 50.0])
 def closed_near(made, guess):
     """Return the curve through the configuration at a guessed one's input."""
     closure = Closure.of_mechanism(made, make_joints(made))
-    return follow_arc(closure, closure.solve(np.array([guess]), held=[0]).values[0])
+    return follow_arc(closure, closure.solve(np.array([guess]), fixed=[0]).values[0])
 
 
 GUESSES = {

@@ -60,7 +60,7 @@ def closed(mechanism):
         return mechanism, reference
     closure = Closure.of_mechanism(mechanism, joints)
     starts = np.random.default_rng(3).uniform(-2.0, 2.0, (60, len(closure.tree.owners)))
-    found = closure.solve(starts, iterations=40)
+    found = closure.solve(starts, max_steps=40)
     good = found.values[found.closure_residual < 1e-14]
     free = [v for v in range(good.shape[1]) if mechanism.variable_names[v][6:] not in pairs]
     jacobian = closure.at(good).jacobian[:, :, free]

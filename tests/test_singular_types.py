@@ -215,7 +215,7 @@ def closed(solver, count):
     if solver.reference is None:
         return closed_configurations(solver, 4 * count, random)[:count]
     starts[0] = 0.0
-    solution = solver.closure.solve(starts, list(solver.driven), iterations=40)
+    solution = solver.closure.solve(starts, list(solver.driven), max_steps=40)
     return solution.values[solution.closure_residual < 1e-12][:count]
 
 

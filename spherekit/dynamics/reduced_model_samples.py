@@ -291,7 +291,9 @@ class Sampler:
         values = nodes.values[near] + first_order + 0.5 * second_order
         values[:, self.driven] = inputs
         with np.errstate(all="ignore"):
-            solution = self.closure.solve(values, self.driven, trust=MAX_NEWTON_STEP_RAD)
+            solution = self.closure.solve(
+                values, self.driven, longest_step=MAX_NEWTON_STEP_RAD
+            )
         return ClosedConfigurations(solution, near, steps)
 
 

@@ -65,7 +65,7 @@ def find_assembled_configuration(
     start_values[:, rolled] = lengths
     with np.errstate(all="ignore"):
         linearisation = held.closure.solve(
-            start_values, [*held.driven, *rolled], iterations=MAX_MESH_STEPS
+            start_values, [*held.driven, *rolled], max_steps=MAX_MESH_STEPS
         )
     is_closed = linearisation.closure_residual < CLOSURE_TOLERANCE
     best_configuration = None

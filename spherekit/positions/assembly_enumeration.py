@@ -355,7 +355,7 @@ def random_starts(
     # Rolled lengths follow from the inputs. So both are kept if there are wheels.
     rolled = [] if gear_phases is None else list(gear_phases.variables)
     keeps_inputs = gear_phases is not None or samples is not None
-    held = driven + rolled if keeps_inputs else []
+    fixed = driven + rolled if keeps_inputs else []
     is_input = np.isin(np.arange(len(first)), driven)
     lower_limits = np.where(is_input, first, -np.inf)
     upper_limits = np.where(is_input, last, np.inf)
@@ -370,10 +370,10 @@ def random_starts(
             if gear_phases is not None:
                 starts[:, rolled] = gear_phases.rolled_lengths(starts[:, driven])
             values, is_near_closed = descend_to_closure(
-                closure, starts, held, lower_limits, upper_limits
+                closure, starts, fixed, lower_limits, upper_limits
             )
             at = closure.solve(
-                values[is_near_closed], driven + rolled, iterations=POLISHING_STEPS
+                values[is_near_closed], driven + rolled, max_steps=POLISHING_STEPS
             )
             reciprocal_condition = group_reciprocal_condition(at.jacobian[:, :, ~is_input])
             is_good = (at.closure_residual < CLOSURE_TOLERANCE) & np.all(

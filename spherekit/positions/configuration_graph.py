@@ -444,23 +444,24 @@ class ConfigurationGraph:
         values = self.solver.shift_inputs(followed.nodes.values, self.input_grid.q[sample])
         return followed.status == Status.OK, values
 
-    def _unite_pieces(self, node: int, other: int) -> None:
+    def _unite_pieces(self, first_node: int, second_node: int) -> None:
         """Unite the pieces of two nodes, unless these pieces share a sample."""
-        large, small = int(self._piece[node]), int(self._piece[other])
+        large = int(self._piece[first_node])
+        small = int(self._piece[second_node])
         if large == small:
             return
         # The smaller piece is relabelled, which is cheaper.
-        sizes = [sum(map(len, self._nodes_of_piece[piece])) for piece in (large, small)]
-        if sizes[0] < sizes[1]:
+        large_size = sum(map(len, self._nodes_of_piece[large]))
+        small_size = sum(map(len, self._nodes_of_piece[small]))
+        if large_size < small_size:
             large, small = small, large
-        moved = np.concatenate(self._nodes_of_piece[small])
-        nodes_of_same_samples = self._nodes_of_sample[self.sample[moved]]
-        if np.any(
-            (nodes_of_same_samples >= 0) & (self._piece[nodes_of_same_samples] == large)
-        ):
+        relabelled_nodes = np.concatenate(self._nodes_of_piece[small])
+        nodes_of_same_samples = self._nodes_of_sample[self.sample[relabelled_nodes]]
+        is_in_large = self._piece[nodes_of_same_samples] == large
+        if np.any((nodes_of_same_samples >= 0) & is_in_large):
             return
-        self._piece[moved] = large
-        self._nodes_of_piece[large].append(moved)
+        self._piece[relabelled_nodes] = large
+        self._nodes_of_piece[large].append(relabelled_nodes)
         del self._nodes_of_piece[small]
 
     def modes(self) -> list[Indices]:
@@ -551,7 +552,7 @@ def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
     mode that has no node at its samples, or next to them. The order of `modes` decides,
     therefore.
     """
-    shared: list[Indices] = []
+    united_modes: list[Indices] = []
     for mode in modes:
         is_occupied = mode >= 0
         # A gap of at least one sample must remain between two modes that are united.
@@ -560,10 +561,10 @@ def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
             | np.append(is_occupied[1:], False)
             | np.append(False, is_occupied[:-1])
         )
-        for other in shared:
-            if np.all(other[is_occupied] < 0):
-                other[mode >= 0] = mode[mode >= 0]
+        for united_mode in united_modes:
+            if np.all(united_mode[is_occupied] < 0):
+                united_mode[mode >= 0] = mode[mode >= 0]
                 break
         else:
-            shared.append(mode.copy())
-    return shared
+            united_modes.append(mode.copy())
+    return united_modes

@@ -32,7 +32,8 @@ MAX_NULL_RATIO = 3e-3
 Larger: more numbers of curves are tried at each configuration. Smaller: a crossing is
 missed if the search starts farther from it.
 """
-MAX_NEWTON_STEPS = 20
+MAX_CROSSING_STEPS = 20
+"""Newton steps to a crossing, to a direction, or to a point on an outgoing curve."""
 MAX_CROSSING_DISTANCE_RAD = 0.05
 """The crossing is at most this far from the configuration from which it is searched."""
 CROSSING_TOLERANCE = 1e-9
@@ -41,8 +42,11 @@ CROSSING_TOLERANCE = 1e-9
 Larger: near misses, where two curves pass each other, count as crossings. Smaller:
 rounding hides crossings.
 """
-MAX_CORRECTION_RAD = 1e-6
-"""Newton's method has converged if its last step is smaller."""
+MAX_LAST_CORRECTION_RAD = 1e-6
+"""A crossing is known if the last step of Newton's method is smaller.
+
+Larger: inaccurate crossings are returned. Smaller: crossings of higher order are missed.
+"""
 MIN_SECOND_ORDER = 1e-7
 """Second-order terms that are smaller do not decide how many curves cross."""
 DIRECTION_TOLERANCE = 1e-7
@@ -59,6 +63,13 @@ MOTION_RATIO = 1e-4
 START_COUNT = 64
 """Number of start vectors on the sphere from which directions are searched."""
 START_SEED = 20240616
+"""Seed of these vectors, which are the same in every run."""
+DEPENDENT_EQUATION_RATIO = 1e-12
+"""Singular values of the equations below this part of the largest count as zero."""
+ROUNDED_STEP_RAD = 1e-11
+"""Smaller steps to a crossing that no longer shrink are caused by rounding."""
+MIN_STEP_DECREASE = 0.25
+"""A step shrinks if it is smaller than this part of the step before."""
 SAME_POINT_RATIO = 1e-6
 """Points nearer to each other than this part of the radius are one point."""
 
@@ -98,8 +109,8 @@ def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
 
     The largest possible number of independent motions is tried first.
     """
-    _, sizes, _ = np.linalg.svd(closure.at(values[None]).jacobian[0])
-    rank = int(np.sum(sizes > MAX_NULL_RATIO * sizes[0]))
+    _, singular_values, _ = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    rank = int(np.sum(singular_values > MAX_NULL_RATIO * singular_values[0]))
     for freedoms in range(max(2, len(values) - rank), 1, -1):
         crossing = _solve_crossing(closure, values, freedoms)
         if crossing is not None:
@@ -123,9 +134,11 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     (n, variables) configurations (rad), `RADIUS_RAD` away in the space of the variables. If
     the configuration belongs to a surface of configurations, some points are returned.
     """
-    _, sizes, right = np.linalg.svd(closure.at(values[None]).jacobian[0])
-    rank = int(np.sum(sizes >= MOTION_RATIO * max(sizes[0], MOTION_RATIO)))
-    motions = right[rank:]
+    _, singular_values, right_vectors = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    rank = int(
+        np.sum(singular_values >= MOTION_RATIO * max(singular_values[0], MOTION_RATIO))
+    )
+    motions = right_vectors[rank:]
     if not len(motions):
         return motions
 
@@ -138,14 +151,17 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
         return np.nan_to_num(steps)
 
     points = values + RADIUS_RAD * _spread_unit_vectors(len(motions)) @ motions
-    points, _ = newton(step_to_sphere, points, MAX_NEWTON_STEPS, trust=0.5 * RADIUS_RAD)
+    points, _ = newton(
+        step_to_sphere, points, MAX_CROSSING_STEPS, longest_step=0.5 * RADIUS_RAD
+    )
     distances = np.linalg.norm(points - values, axis=1)
     is_solution = closure.at(points).closure_residual < CLOSURE_TOLERANCE
     is_solution &= np.abs(distances - RADIUS_RAD) < SAME_POINT_RATIO * RADIUS_RAD
     distinct: list[Floats] = []
     for point in points[is_solution]:
         if all(
-            max_abs(point - other) > SAME_POINT_RATIO * RADIUS_RAD for other in distinct
+            max_abs(point - known_point) > SAME_POINT_RATIO * RADIUS_RAD
+            for known_point in distinct
         ):
             distinct.append(point)
     return np.array(distinct).reshape(-1, len(values))
@@ -177,33 +193,35 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
     rank = len(start) - freedoms
     error = np.inf
     has_converged = False
-    for iteration in range(MAX_NEWTON_STEPS + 1):
+    for iteration in range(MAX_CROSSING_STEPS + 1):
         linearisation = closure.at(x[None])
         jacobian = linearisation.jacobian[0]
         residual = linearisation.residual[0]
-        left, sizes, right = np.linalg.svd(jacobian)
-        left_null = left[:, rank:]
-        motions = right[rank:]
+        left_vectors, singular_values, right_vectors = np.linalg.svd(jacobian)
+        left_null_vectors = left_vectors[:, rank:]
+        motions = right_vectors[rank:]
         # b is the variable of the derivative, m an equation, l a left null vector, k a
         # motion and a its variable.
         rates = compute_jacobian_rates(closure, x)
-        bends = np.einsum("bma,ml,ka->lkb", rates, left_null, motions)
-        if has_converged or iteration == MAX_NEWTON_STEPS:
+        bends = np.einsum("bma,ml,ka->lkb", rates, left_null_vectors, motions)
+        if has_converged or iteration == MAX_CROSSING_STEPS:
             break
         matrix = np.concatenate([jacobian, bends.reshape(-1, len(x))])
-        right_side = np.append(residual, left_null.T @ jacobian @ motions.T)
+        right_side = np.append(residual, left_null_vectors.T @ jacobian @ motions.T)
         # A crossing has more equations than variables.
-        step = np.linalg.lstsq(matrix, -right_side, rcond=1e-12)[0]
+        step = np.linalg.lstsq(matrix, -right_side, rcond=DEPENDENT_EQUATION_RATIO)[0]
         previous_error = error
         error = float(max_abs(step))
         x = x + step
         if not all_finite(x) or max_abs(x - start) > MAX_CROSSING_DISTANCE_RAD:
             return None
         # Steps that no longer become smaller are caused by rounding.
-        is_rounding = error < 1e-11 and error > 0.25 * previous_error
+        is_rounding = (
+            error < ROUNDED_STEP_RAD and error > MIN_STEP_DECREASE * previous_error
+        )
         has_converged = error < 4.0 * EPS or is_rounding
-    miss = float(max_abs(np.append(residual, sizes[rank:])))
-    if miss > CROSSING_TOLERANCE or error > MAX_CORRECTION_RAD:
+    miss = float(max_abs(np.append(residual, singular_values[rank:])))
+    if miss > CROSSING_TOLERANCE or error > MAX_LAST_CORRECTION_RAD:
         return None
     forms = bends @ motions.T
     directions = _find_directions(0.5 * (forms + np.swapaxes(forms, 1, 2)))
@@ -245,14 +263,14 @@ def _find_directions(forms: Floats) -> Floats | None:
     upper = np.triu_indices(size)
     if not len(forms):
         return None
-    _, sizes, right = np.linalg.svd(forms[:, *upper])
-    if sizes[0] < MIN_SECOND_ORDER or size not in (2, 3):
+    _, singular_values, right_vectors = np.linalg.svd(forms[:, *upper])
+    if singular_values[0] < MIN_SECOND_ORDER or size not in (2, 3):
         return None
     # k - 1 independent forms have finitely many common zeros on the unit sphere.
-    if np.sum(sizes > MIN_SECOND_ORDER * sizes[0]) != size - 1:
+    if np.sum(singular_values > MIN_SECOND_ORDER * singular_values[0]) != size - 1:
         return None
     independent_forms = np.zeros((size - 1, size, size))
-    independent_forms[:, *upper] = right[: size - 1]
+    independent_forms[:, *upper] = right_vectors[: size - 1]
     independent_forms[:, upper[1], upper[0]] = independent_forms[:, *upper]
     return _find_common_zeros(independent_forms)
 
@@ -264,7 +282,7 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
     are one. The result is None if two zeros coincide, or nearly.
     """
     y = _spread_unit_vectors(forms.shape[1])
-    for _ in range(MAX_NEWTON_STEPS):
+    for _ in range(MAX_CROSSING_STEPS):
         # f is a form, n a start vector. The last equation keeps the length of y.
         slopes = np.einsum("fij,nj->nfi", forms, y)
         form_values = np.sum(slopes * y[:, None], axis=2)
@@ -279,6 +297,6 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
             continue
         if not norm < MAX_INVERSE_NORM:
             return None
-        if all(abs(point @ other) < 1.0 - DIRECTION_TOLERANCE for other in zeros):
+        if all(abs(point @ zero) < 1.0 - DIRECTION_TOLERANCE for zero in zeros):
             zeros.append(point)
     return np.array(zeros).reshape(-1, len(y[0]))

@@ -183,12 +183,14 @@ class _FoldModel:
         self._free = free
         jacobian = linearisation.jacobian[:, :, free]
         # The last column of left singular vectors belongs to the smallest singular value.
-        left, self._sizes, right = np.linalg.svd(jacobian, full_matrices=False)
-        self._left = left
-        self._right = np.swapaxes(right, 1, 2)
+        left_vectors, self._sizes, right_vectors = np.linalg.svd(
+            jacobian, full_matrices=False
+        )
+        self._left = left_vectors
+        self._right = np.swapaxes(right_vectors, 1, 2)
         self.slope = self._sizes[:, -1]
         self._direction = self._right[:, :, -1]
-        self._side = left[:, :, -1]
+        self._side = left_vectors[:, :, -1]
         with np.errstate(divide="ignore"):
             self.sensitivity = np.sqrt(np.sum(self._sizes**-2.0, axis=1))
         rates = np.zeros_like(linearisation.values)
@@ -213,9 +215,9 @@ class _FoldModel:
         with np.errstate(divide="ignore", invalid="ignore"):
             discriminant = self.slope**2 - 2.0 * self.curvature * self.residual
             root = -2.0 * self.residual / (self.slope + np.sqrt(discriminant))
-            along = np.where(discriminant > 0.0, root, -self.slope / self.curvature)
+            distance = np.where(discriminant > 0.0, root, -self.slope / self.curvature)
         others = self._close_other_equations(self._linearisation.residual)
-        return along[:, None] * self._direction + others
+        return distance[:, None] * self._direction + others
 
     def bound_errors(self, closure: Closure, gap: Floats) -> Floats:
         """Return bounds (n,) in rad of the distance of both roots from the configurations.
@@ -249,11 +251,11 @@ class _FoldModel:
             is_bound = np.ones(len(gap), dtype=bool)
             for side in (1.0, -1.0):
                 x = side * reach
-                moved = self._linearisation.values.copy()
-                moved[:, self._free] += x[:, None] * self._direction
-                step = self._close_other_equations(closure.at(moved).residual)
-                moved[:, self._free] += step
-                residual = np.vecdot(self._side, closure.at(moved).residual)
+                moved_values = self._linearisation.values.copy()
+                moved_values[:, self._free] += x[:, None] * self._direction
+                step = self._close_other_equations(closure.at(moved_values).residual)
+                moved_values[:, self._free] += step
+                residual = np.vecdot(self._side, closure.at(moved_values).residual)
                 expected = self.residual + self.slope * x + 0.5 * self.curvature * x**2
                 is_bound &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
                 # At the bound, f is larger than what rounding can hide.

@@ -133,7 +133,7 @@ def find_distinct_by_elimination(
     """
     distinct = DistinctConfigurations(closure)
     result = solve_by_elimination(group, closure)
-    closed = closure.solve(result.angles, iterations=POLISHING_STEPS)
+    closed = closure.solve(result.angles, max_steps=POLISHING_STEPS)
     is_closed = closed.closure_residual < CLOSURE_TOLERANCE
     correction = max_abs(wrap(closed.values - result.angles), axis=1)
     # A real root belongs to a closed configuration next to it. If Newton's method does not

@@ -196,7 +196,7 @@ def _try_steps(
     is_finite = all_finite(prediction, 1)  # A slope is infinite at a dead centre.
     prediction[~is_finite] = nodes.values[~is_finite]
     at, step_sizes = closure.solve_with_step_sizes(
-        prediction, driven, iterations=MAX_CORRECTION_ITERATIONS
+        prediction, driven, max_steps=MAX_CORRECTION_ITERATIONS
     )
     is_verified = is_finite & (at.closure_residual < CLOSURE_TOLERANCE)
     predicted_move = max_abs(prediction - nodes.values, axis=1)
@@ -303,9 +303,9 @@ def follow_inputs(
     smallest_step
         A path ends where not even such a step (rad) is verified.
     """
-    way = q - values[:, driven]
-    length = np.linalg.norm(way, axis=1)
-    direction = way / np.maximum(length, 1e-300)[:, None]
+    displacement = q - values[:, driven]
+    length = np.linalg.norm(displacement, axis=1)
+    direction = displacement / np.maximum(length, 1e-300)[:, None]
     nodes = nodes_at(closure.at(values.copy()), driven, direction)
     status = np.full(len(q), Status.OK, dtype=np.int8)
     steps = np.full(len(q), np.inf)
@@ -317,11 +317,11 @@ def follow_inputs(
         steps[active] = _limit_steps(active_nodes, steps[active], smallest_step)
         tried = _try_steps(closure, driven, active_nodes, steps[active], q[active])
         is_verified = tried.is_verified
-        moved = active[is_verified]
+        advanced = active[is_verified]
         new_nodes = tried.nodes.rows(is_verified)
-        nodes.put(moved, new_nodes)
+        nodes.put(advanced, new_nodes)
         if trail is not None:
-            trail.append((moved, new_nodes))
+            trail.append((advanced, new_nodes))
         has_arrived = is_verified & tried.is_last
         is_given_up = ~has_arrived & (tried_steps[active] == MAX_TRIED_STEPS)
         status[active[is_given_up]] = Status.MODE_LOST

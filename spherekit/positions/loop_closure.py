@@ -39,8 +39,8 @@ def newton(
     compute_steps: Callable[[Floats, Indices], Floats],
     values: Floats,
     max_steps: int,
-    settled: float = 0.0,
-    trust: float = np.inf,
+    last_step: float = 0.0,
+    longest_step: float = np.inf,
 ) -> tuple[Floats, Floats]:
     """Take Newton steps from many starts side by side.
 
@@ -53,10 +53,10 @@ def newton(
         (n, variables) start values (rad). They are not changed.
     max_steps
         Largest number of steps of a row.
-    settled
+    last_step
         A row ends after a step in which no variable changes by more (rad). It also ends
         with a step that is NaN.
-    trust
+    longest_step
         Largest change of a variable (rad) in one step. Longer steps are shortened.
 
     Returns
@@ -76,9 +76,9 @@ def newton(
         length = max_abs(step, axis=1)
         if step_number < 2:
             step_sizes[step_number, active_rows] = length
-        fraction = np.minimum(1.0, trust / np.maximum(length, TINY_STEP_RAD))
+        fraction = np.minimum(1.0, longest_step / np.maximum(length, TINY_STEP_RAD))
         values[active_rows] += step * fraction[:, None]
-        active_rows = active_rows[length > settled]
+        active_rows = active_rows[length > last_step]
         if not len(active_rows):
             break
     step_sizes[1] /= np.maximum(step_sizes[0], TINY_STEP_RAD)
@@ -144,9 +144,9 @@ class Closure:
     def solve(
         self,
         values: Floats,
-        held: Sequence[int] = (),
-        iterations: int = 12,
-        trust: float = 0.5,
+        fixed: Sequence[int] = (),
+        max_steps: int = 12,
+        longest_step: float = 0.5,
     ) -> Linearisation:
         """Close the loops by Newton's method, each sample on its own.
 
@@ -154,28 +154,48 @@ class Closure:
         ----------
         values
             (n, variables) start values (rad).
-        held
+        fixed
             Numbers of the variables that are not changed, as those of inputs.
-        iterations
+        max_steps
             Largest number of steps.
-        trust
+        longest_step
             Largest change (rad) of a variable in one step.
 
         Returns
         -------
         The closure at the last values. The caller checks whether the loops are closed.
         """
-        linearisation, _ = self.solve_with_step_sizes(values, held, iterations, trust)
+        linearisation, _ = self.solve_with_step_sizes(
+            values, fixed, max_steps, longest_step
+        )
         return linearisation
 
     def solve_with_step_sizes(
-        self, values: Floats, held: Sequence[int], iterations: int, trust: float = 0.5
+        self,
+        values: Floats,
+        fixed: Sequence[int],
+        max_steps: int,
+        longest_step: float = 0.5,
     ) -> tuple[Linearisation, Floats]:
-        """Close the loops as `solve` does; return also the step sizes of `newton`."""
-        passive = np.delete(np.arange(values.shape[1]), held)
+        """Close the loops as `solve` does; return also the step sizes of `newton`.
+
+        Parameters
+        ----------
+        values, fixed, max_steps, longest_step
+            As in `solve`.
+
+        Returns
+        -------
+        linearisation
+            The closure at the last values.
+        step_sizes
+            (2, n) sizes of the first steps, as `newton` returns them.
+        """
+        passive = np.delete(np.arange(values.shape[1]), fixed)
         values = values.copy()
 
         def compute_steps(passive_values: Floats, rows: Indices) -> Floats:
+            """Return the Newton steps of the variables that are not fixed."""
             all_values = values[rows]
             all_values[:, passive] = passive_values
             steps = np.zeros_like(passive_values)
@@ -187,6 +207,6 @@ class Closure:
             return steps
 
         values[:, passive], step_sizes = newton(
-            compute_steps, values[:, passive], iterations, LAST_NEWTON_STEP_RAD, trust
+            compute_steps, values[:, passive], max_steps, LAST_NEWTON_STEP_RAD, longest_step
         )
         return self.at(values), step_sizes

@@ -54,6 +54,9 @@ unresolved."""
 PASSING_RATIO = 0.2
 """A mode passes through a crossing if its continuation misses the crossing by less than
 this part of the distance that its fastest variable moves up to the crossing."""
+COINCIDENT_RAD = 1e-9
+"""Modes whose variables differ by less coincide at an input. Also the difference of two
+misses that counts as rounding."""
 
 
 def degrees_text(angle: float) -> str:
@@ -111,8 +114,8 @@ def find_crossings(
             is_inside = start - SAME_INPUT_RAD <= q <= stop + SAME_INPUT_RAD
             is_inside &= low - SAME_INPUT_RAD <= q <= high + SAME_INPUT_RAD
             is_new = all(
-                max_abs(wrap(crossing.values - other.values)) > SAME_INPUT_RAD
-                for other in crossings
+                max_abs(wrap(crossing.values - known_crossing.values)) > SAME_INPUT_RAD
+                for known_crossing in crossings
             )
             if is_inside and is_new:
                 crossings.append(crossing)
@@ -299,11 +302,6 @@ def _compare_modes(
         if best != row:
             successors[assembly_modes[row].number] = assembly_modes[best].number
     return ModeMeeting(q, tuple(meeting), successors if resolved else {}, resolved)
-
-
-COINCIDENT_RAD = 1e-9
-"""Modes whose variables differ by less coincide at an input. Also the difference of two
-misses that counts as rounding."""
 
 
 def _evaluate_modes(

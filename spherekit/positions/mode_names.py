@@ -28,7 +28,15 @@ where modes are close to each other.
 
 
 class NamedModes(NamedTuple):
-    """Assembly modes with their names, and a sentence for each name that no mode has."""
+    """Assembly modes with the names that the file gives them.
+
+    Attributes
+    ----------
+    assembly_modes
+        The modes with their names.
+    unused_names
+        A sentence for each name in the file that no mode has.
+    """
 
     assembly_modes: tuple[AssemblyMode, ...]
     unused_names: Names
@@ -72,7 +80,24 @@ def _find_named_mode(
     assembly_modes: Sequence[AssemblyMode],
     angles_by_pair: Mapping[str, float],
 ) -> tuple[int, str]:
-    """Return the index of the mode with these angles (rad), or -1 and why none has them."""
+    """Find the mode that has given angles.
+
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    assembly_modes
+        Its modes.
+    angles_by_pair
+        Angles (rad) of all inputs and of some other pairs, by their names.
+
+    Returns
+    -------
+    index
+        Index of the mode in `assembly_modes`, or -1.
+    reason
+        Why no mode has these angles; empty if one has them.
+    """
     if any(isinstance(mode.guide, ModeOverGrid) for mode in assembly_modes):
         return -1, "modes followed over samples of several inputs have no names"
     inputs = solver.mechanism.input_pairs

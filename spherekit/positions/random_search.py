@@ -164,7 +164,7 @@ class SearchStatistics:
 def descend_to_closure(
     closure: Closure,
     values: Floats,
-    held: Sequence[int] = (),
+    fixed: Sequence[int] = (),
     low: Floats | float = -np.inf,
     high: Floats | float = np.inf,
 ) -> tuple[Floats, Bools]:
@@ -176,7 +176,7 @@ def descend_to_closure(
         The loops.
     values
         (n, variables) start values (rad).
-    held
+    fixed
         Numbers of the variables that are not changed.
     low, high
         (variables,) limits of the variables (rad).
@@ -188,7 +188,7 @@ def descend_to_closure(
     is_near_closed
         (n,) whether the residuals are so small that Newton's method closes the loops.
     """
-    free = [v for v in range(values.shape[1]) if v not in held]
+    free = [v for v in range(values.shape[1]) if v not in fixed]
     free_low = np.broadcast_to(low, values.shape[1])[free]
     free_high = np.broadcast_to(high, values.shape[1])[free]
     values = values.copy()
@@ -359,7 +359,7 @@ def _close_by_newton(closure: Closure, values: Floats) -> Floats:
     """
     if not len(values):
         return values
-    at = closure.solve(values, iterations=POLISHING_STEPS)
+    at = closure.solve(values, max_steps=POLISHING_STEPS)
     return at.values[at.closure_residual < CLOSURE_TOLERANCE]
 
 

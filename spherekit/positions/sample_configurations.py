@@ -371,7 +371,7 @@ def _solve_batch(
     sample, number = np.nonzero(is_real & is_clear[:, None])
     placed = geometry.place_bodies(order, np.where(is_real[..., None], tree_angles, 0.0))
     start_values = geometry.measure_pair_angles_at(placed[sample, number], sample)
-    at = closure.take(sample).solve(start_values, iterations=POLISHING_STEPS)
+    at = closure.take(sample).solve(start_values, max_steps=POLISHING_STEPS)
     correction = max_abs(wrap(at.values - start_values), axis=1)
     is_sound = (at.closure_residual < CLOSURE_TOLERANCE) & (correction < MAX_CORRECTION_RAD)
     is_sound &= condition_numbers(at.jacobian) < MAX_CONDITION_NUMBER

@@ -237,7 +237,7 @@ def closed_configurations(
     if meshes is not None and meshes.all_known:
         start[:, list(meshes.variables)] = meshes.rolled_lengths(start[:, fixed_variables])
         fixed_variables += meshes.variables
-    solution = solver.closure.solve(start, fixed_variables, iterations=CLOSING_NEWTON_STEPS)
+    solution = solver.closure.solve(start, fixed_variables, max_steps=CLOSING_NEWTON_STEPS)
     return solution.values[solution.closure_residual < CLOSURE_TOLERANCE]
 
 
