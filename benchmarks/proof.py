@@ -20,9 +20,9 @@ from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.input_turning_points import find_input_turning_points
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.proof.certified_modes import certified_modes
-from spherekit.proof.configuration_curves import certified_curves
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.certified_modes import certify_modes
+from spherekit.proof.configuration_curves import certify_curves
+from spherekit.proof.decimal_mechanism import read_decimals
 
 Structure = str | Sequence[tuple[int, int]]
 FOUR_BAR: Structure = ((1, 2), (2, 3), (3, 4), (1, 4))
@@ -92,19 +92,19 @@ def certified_at_inputs(
     ratios = []
     for seed in seeds:
         made = make(seed)
-        written = Written.of(made)
+        written = read_decimals(made)
         start = process_time()
         solver = PositionSolver(made, plan_assembly(made))
         found = enumerate_assemblies(solver, np.zeros(1))
         middle = process_time()
-        modes = certified_modes(written, ("0",))
+        modes = certify_modes(written, ("0",))
         ratios.append((process_time() - middle) / (middle - start))
-        counted += modes.counted
-        complete += modes.complete
-        if modes.complete:
-            exact = real_modes(made) if modes.bound == 8 else len(found.values)
+        counted += modes.is_counted
+        complete += modes.is_complete
+        if modes.is_complete:
+            exact = real_modes(made) if modes.mode_bound == 8 else len(found.values)
             wrong += len(modes.real) < exact or (
-                modes.bound == 8 and len(modes.real) > exact
+                modes.mode_bound == 8 and len(modes.real) > exact
             )
     count = len(seeds)
     return count, counted / count, complete / count, wrong, median(ratios)
@@ -131,14 +131,14 @@ def _over_turns(
         for seed in range(first, first + count):
             made = _made(structure, seed)
             start = process_time()
-            curves = certified_curves(Written.of(made), ("0", "360"))
+            curves = certify_curves(read_decimals(made), ("0", "360"))
             parts = curves.intervals
             middle = process_time()
             solver = PositionSolver(made, plan_assembly(made))
             find_input_turning_points(solver, 0.0, 2.0 * math.pi)
             ratios.append((middle - start) / (process_time() - middle))
             times.append(middle - start)
-            if curves.claim.guarantee is not Guarantee.CERTIFIED:
+            if curves.completeness.guarantee is not Guarantee.CERTIFIED:
                 continue
             certified += 1
             found = [

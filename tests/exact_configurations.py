@@ -7,9 +7,9 @@ motion.
 
 import numpy as np
 
-from spherekit.proof.ball_frames import exactly
-from spherekit.proof.balls import Digits, floats, middles
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.ball_frames import exact_balls
+from spherekit.proof.balls import Digits, centre_floats, exact_centres
+from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.proof.linkage import Linkage
 from spherekit.status import Status
 from spherekit.tolerances import EPS
@@ -22,10 +22,10 @@ CLOSED_RAD = 1e-40
 def _linkage(motion):
     """Return the linkage of a motion with decimal sizes, its inputs, and its rows."""
     mechanism = motion.mechanism
-    linkage = Linkage(mechanism, Written.of(mechanism).r_frames())
+    linkage = Linkage(mechanism, read_decimals(mechanism).revolute_frames())
     held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-    start = exactly(motion.values)
-    start[:, held] = exactly(motion.inputs)
+    start = exact_balls(motion.values)
+    start[:, held] = exact_balls(motion.inputs)
     return linkage, held, start
 
 
@@ -38,8 +38,8 @@ def deviations(motion):
     arithmetic = Digits(DIGITS)
     with arithmetic.within(), np.errstate(all="ignore"):
         linkage, held, start = _linkage(motion)
-        solution = linkage.closed(start, held, arithmetic.eps)
-        away = np.max(np.abs(floats(solution.values - start)), axis=1)
+        solution = linkage.close_loops(start, held, arithmetic.eps)
+        away = np.max(np.abs(centre_floats(solution.values - start)), axis=1)
     return np.where(solution.status == Status.OK, away, np.nan)
 
 
@@ -60,15 +60,17 @@ def deviations_beside(motion):
         linkage, held, start = _linkage(motion)
         values = start.copy()
         for _ in range(25):
-            placed, gaps = linkage.place(values)
-            jacobian = floats(linkage.jacobian(linkage.vectors(values, placed)))
+            placed, gaps = linkage.place_links(values)
+            jacobian = centre_floats(
+                linkage.jacobian(linkage.variable_vectors(values, placed))
+            )
             jacobian = np.nan_to_num(jacobian)
             # The residual has 50 digits, so each step gains the digits of the inverse.
-            inverse = exactly(np.linalg.pinv(jacobian, rcond=1e-7))
-            values = middles(values - np.matvec(inverse, gaps))
-        _, gaps = linkage.place(values)
-        is_closed = np.max(np.abs(floats(gaps)), axis=1) < CLOSED_RAD
-        change = np.abs(floats(values - start))
+            inverse = exact_balls(np.linalg.pinv(jacobian, rcond=1e-7))
+            values = exact_centres(values - np.matvec(inverse, gaps))
+        _, gaps = linkage.place_links(values)
+        is_closed = np.max(np.abs(centre_floats(gaps)), axis=1) < CLOSED_RAD
+        change = np.abs(centre_floats(values - start))
     away = np.max(change, axis=1)
     rounding = EPS * np.maximum(1.0, np.max(np.abs(motion.inputs), axis=1))
     shift = np.max(change[:, held], axis=1) / rounding

@@ -13,7 +13,7 @@ import pytest
 from spherekit.errors import SpherekitError
 from spherekit.files.mechanism_reader import read
 from spherekit.files.toml_document import parse
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.decimal_mechanism import read_decimals
 
 HERE = Path(__file__).parent
 TABLES = tomllib.loads((HERE / "refusals.toml").read_text(encoding="utf-8"))
@@ -27,7 +27,7 @@ def text_of(name):
 def written_of(text, tolerance=0.0):
     """Return what is proven of, from the text of a file."""
     document = parse(text, "made")
-    return Written.of(read(document), document, tolerance=tolerance)
+    return read_decimals(read(document), document, tolerance=tolerance)
 
 
 def changed(text, *replacements):

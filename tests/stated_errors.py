@@ -10,9 +10,9 @@ from spherekit.errors import SpherekitError
 from spherekit.geometry.rotation import Floats
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.proof.ball_frames import exactly
-from spherekit.proof.balls import FEWEST, Digits, floats
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.ball_frames import exact_balls
+from spherekit.proof.balls import MIN_DIGITS, Digits, centre_floats
+from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.proof.reference_rows import exact_direction, exact_field, exact_rows_by_input
 from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
@@ -159,7 +159,7 @@ def _silent(field, good):
 def _judge(found, motion, field, wanted, good, how):
     driven, written, every = how
     errors, bounds, known = _compared(
-        motion, field, wanted, good, (driven, written), Digits(FEWEST)
+        motion, field, wanted, good, (driven, written), Digits(MIN_DIGITS)
     )
     doubtful = ~known
     for kind in KINDS:
@@ -188,8 +188,8 @@ def _compared(motion, field, wanted, rows, which, numbers):
     """Return errors and bounds by kind, (rows,) or (poles, rows), and which rows stand."""
     driven, written = which
     with numbers.within():
-        frames = Written.of(motion.mechanism).r_frames() if written else None
-        inputs = exactly(motion.inputs[rows])
+        frames = read_decimals(motion.mechanism).revolute_frames() if written else None
+        inputs = exact_balls(motion.inputs[rows])
     (exact,) = exact_rows_by_input(
         motion, rows, (driven,), numbers, inputs=inputs, frames=frames
     )
@@ -198,7 +198,8 @@ def _compared(motion, field, wanted, rows, which, numbers):
     poles = list(given.direction)
     with numbers.within():
         ways = [
-            floats(exact_direction(exact, p, u) - u) for p, u in given.direction.items()
+            centre_floats(exact_direction(exact, p, u) - u)
+            for p, u in given.direction.items()
         ]
     errors = {
         "configurations": exact.distance,

@@ -262,7 +262,7 @@ INHERITED = """
 AbstractAnalysis AnalysisError ArrayRows BearingFriction Chords
 ClosedKinematics CurvePoints CurveContinuation InputMotion Joint JointReactions Load
 OutputKinematics CommandLineParser PlanError Problem RotationPath Sampler SpherekitError
-VelocityEquations Zone
+VelocityEquations OrientedBox DecimalGeometry
 """
 
 

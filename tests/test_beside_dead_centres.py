@@ -17,7 +17,7 @@ from spherekit.positions.decimal_frames import decimal_frames
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD
 from spherekit.proof.balls import Digits
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.status import Status
 
 
@@ -147,7 +147,7 @@ def test_sizes_are_the_decimals_of_the_file():
     made = four_bar([64.02, 60.1, 80.3, 70.7])
     first, second = decimal_frames(made)[made.pair_number["21"]]
     with Digits(40).within():
-        exact = Written.of(made).r_frames()["21"]
+        exact = read_decimals(made).revolute_frames()["21"]
         for frame, rows in zip((first, second), exact, strict=True):
             text = np.array(
                 [[str(x.mid().str(36, radius=False)) for x in y] for y in rows.T]

@@ -10,7 +10,7 @@ import spherekit as sk
 from spherekit.mechanism.inertia import Mass
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.ball_forces import exact_inertia
-from spherekit.proof.balls import Digits, floats
+from spherekit.proof.balls import Digits, centre_floats
 
 CHANGE_POINTS = {
     "equal opposite arcs": (60.0, 40.0, 60.0, 40.0),
@@ -41,7 +41,7 @@ def test_no_wrong_torque_without_a_status(arcs):
             continue
         exact = sk.exact_rows(motion, good, motion.assembly.input, Digits(50))
         assert np.all(exact.status == sk.Status.OK)
-        inertia, slope = map(floats, exact_inertia(exact))
+        inertia, slope = map(centre_floats, exact_inertia(exact))
         torque = 0.6 * inertia + 0.5 * slope
         scale = np.maximum(np.maximum(np.abs(torque), np.abs(slope)), inertia)
         assert np.max(np.abs(solved.B[good] - inertia) / inertia) < 1e-3

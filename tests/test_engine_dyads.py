@@ -6,7 +6,7 @@ from chains import FOUR_BAR, WATT, joints, mechanism, random_axes
 
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.proof.balls import Digits, floats
+from spherekit.proof.balls import Digits, centre_floats
 from spherekit.proof.reference_rows import exact_rows
 from spherekit.symbolic.expression_evaluation import array_function
 from spherekit.tolerances import EPS
@@ -37,7 +37,7 @@ def digits_lost(made):
     )
     signs = np.array(tracer.assembly_modes[0].signs, dtype=float)
     rates = function(np.concatenate([[0.0], signs])[:, None]).reshape(len(links), 3)
-    want = floats(exact.w)[0]
+    want = centre_floats(exact.w)[0]
     off = np.max(np.abs(rates - want[1:]))
     scale = max(1.0, np.max(np.abs(want)))
     return off / scale / (EPS * exact.condition[0])

@@ -27,7 +27,7 @@ from spherekit.positions.angle_unwrapping import continue_angles
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.input_turning_points import find_input_turning_points
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.proof.configuration_curves import certified_curves
+from spherekit.proof.configuration_curves import certify_curves
 
 FILES = Path(__file__).parent / "files"
 SAME_INPUT_RAD = 1e-6
@@ -42,10 +42,10 @@ def contradictions(text, low, high):
     """Return in what the claim of a run and its inputs contradict what is proven."""
     position_analysis = PositionAnalysis(loaded(text), samples=10)
     found = find_input_turning_points(position_analysis.solver, *position_analysis.range)
-    proven = certified_curves(written_of(text), (str(low), str(high)))
+    proven = certify_curves(written_of(text), (str(low), str(high)))
     named = [meeting.input for meeting in position_analysis.mode_meetings]
     crossed = [
-        (proven.inside(proven.input_at(saddle.centre)), saddle.level)
+        (proven.wrap_into_range(proven.input_angle(saddle.centre)), saddle.level_sign)
         for saddle in proven.saddles
     ]
     crossed = [(q, level) for q, level in crossed if q is not None]

@@ -8,8 +8,8 @@ import spherekit as sk
 from spherekit.files.mechanism_reader import loads, read
 from spherekit.files.mechanism_writer import dumps
 from spherekit.files.toml_document import parse
-from spherekit.proof.balls import bits, middle
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.balls import centre_float, working_precision
+from spherekit.proof.decimal_mechanism import read_decimals
 
 GEARS = text_of("gears")
 OUTSIDE = {"teeth": [20, 40], "contact": "external"}
@@ -59,10 +59,10 @@ def test_the_proof_knows_the_phase():
     posed = text_of("posed_geared_five_bar").format(20, 40, 0.0, 360.0)
     for text, expected in ((gears, -7.0 - 0.5 * 60.0), (posed, -31.0 - 0.5 * 69.5)):
         document = parse(text, "gears")
-        with bits(80):
-            written = Written.of(read(document), document)
-            _, wheel = written.given([written.input_angle("90")])
-            assert np.degrees(middle(wheel)) == pytest.approx(expected, abs=1e-10)
+        with working_precision(80):
+            written = read_decimals(read(document), document)
+            _, wheel = written.known_angles([written.input_angle("90")])
+            assert np.degrees(centre_float(wheel)) == pytest.approx(expected, abs=1e-10)
 
 
 @pytest.mark.parametrize(

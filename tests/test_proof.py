@@ -17,12 +17,12 @@ from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at, plan_assembly
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.proof.balls import floats, middles, upper
+from spherekit.proof.balls import centre_floats, exact_centres, upper_magnitude
 from spherekit.proof.certificate import modes_certificate
-from spherekit.proof.certified_modes import certified_modes
-from spherekit.proof.construction import construct
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.structure import structure_of
+from spherekit.proof.certified_modes import certify_modes
+from spherekit.proof.construction import find_construction
+from spherekit.proof.decimal_mechanism import read_decimals
+from spherekit.proof.structure import extract_structure
 
 CASES = [
     ("four_bar", None, ("40",), 2),
@@ -38,7 +38,7 @@ CASES = [
 
 def proven(name, pair, inputs, tolerance=0.0):
     mechanism = driven_at(sk.load(name), pair)
-    return certified_modes(Written.of(mechanism, tolerance=tolerance), inputs)
+    return certify_modes(read_decimals(mechanism, tolerance=tolerance), inputs)
 
 
 @pytest.mark.parametrize(("name", "pair", "inputs", "bound"), CASES)
@@ -46,15 +46,15 @@ def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     name, pair, inputs, bound
 ):
     modes = proven(name, pair, inputs)
-    assert modes.bound == bound == len(modes.roots) and modes.complete
-    assert modes.claim.guarantee is Guarantee.CERTIFIED
-    mechanism = modes.written.mechanism
+    assert modes.mode_bound == bound == len(modes.roots) and modes.is_complete
+    assert modes.completeness.guarantee is Guarantee.CERTIFIED
+    mechanism = modes.decimal_mechanism.mechanism
     solver = PositionSolver(mechanism, plan_assembly(mechanism))
     found = enumerate_assemblies(solver, np.radians([float(value) for value in inputs]))
     assert len(found.values) == len(modes.real)
     balls = np.array(modes.angles())
-    assert max(map(upper, (balls - middles(balls)).flat)) < 1e-15
-    places = floats(balls)
+    assert max(map(upper_magnitude, (balls - exact_centres(balls)).flat)) < 1e-15
+    places = centre_floats(balls)
     for values in found.values:
         assert sum(np.max(np.abs(wrap(row - values))) < 1e-9 for row in places) == 1
     check(recorded(modes_certificate(modes)))
@@ -64,16 +64,19 @@ def test_every_pair_of_every_chain_can_drive_it_by_the_construction():
     for number in (1, 2, 4, 7, 10, 15):
         mechanism = sk.load(f"eight_bar_{number:02d}")
         for pair in mechanism.pairs:
-            made = construct(structure_of(driven_at(mechanism, pair.name)))
-            assert 8 <= made.bound <= 32 and len(made.equations) == made.unknowns == 3
+            made = find_construction(extract_structure(driven_at(mechanism, pair.name)))
+            assert (
+                8 <= made.mode_bound <= 32
+                and len(made.equation_steps) == made.unknown_count == 3
+            )
 
 
 def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them():
     modes = proven("four_bar", None, ("40",), 1e-6)
-    assert modes.complete and len(modes.real) == 2
+    assert modes.is_complete and len(modes.real) == 2
     balls = modes.angles()
     moves = random.Random(5)
-    mechanism = modes.written.mechanism
+    mechanism = modes.decimal_mechanism.mechanism
     for _ in range(5):
         moved = mechanism.with_sizes(
             angle_unit="rad",
@@ -82,7 +85,7 @@ def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them
                 for link, sizes in mechanism.geometry.links.items()
             },
         )
-        for row in certified_modes(Written.of(moved), ("40",)).angles():
+        for row in certify_modes(read_decimals(moved), ("40",)).angles():
             assert any(
                 all(a.overlaps(b) for a, b in zip(row, each, strict=True)) for each in balls
             )
@@ -137,22 +140,24 @@ def test_the_checker_refuses_a_hundred_tampered_certificates():
 
 def stretched(coupler):
     """A four-bar whose crank at 0 leaves 40 degrees to a follower of 30 and a coupler."""
-    text = Written.of(sk.load("four_bar")).document.text
+    text = read_decimals(sk.load("four_bar")).document.text
     text = text.replace("arcs = [40.0]", "arcs = [30.0]")
     return written_of(text.replace("arcs = [70.0]", f"arcs = [{coupler}]"))
 
 
 @pytest.mark.parametrize("digits", (6, 12, 28))
 def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(digits):
-    far = certified_modes(stretched("9." + "9" * digits), ("0",))
-    assert far.complete and not far.real
-    near = certified_modes(stretched("10." + "0" * digits + "1"), ("0",))
-    assert near.complete and len(near.real) == 2
+    far = certify_modes(stretched("9." + "9" * digits), ("0",))
+    assert far.is_complete and not far.real
+    near = certify_modes(stretched("10." + "0" * digits + "1"), ("0",))
+    assert near.is_complete and len(near.real) == 2
     check(recorded(modes_certificate(near)))
     half = [0.5 * (a.mid() - b.mid()) for a, b in zip(*near.angles(), strict=True)]
     assert 0 < max(2.0 * abs(each.sin()) for each in half) < 30 * 10.0 ** (-digits / 2)
-    double = certified_modes(stretched("10"), ("0",))
-    assert not double.complete and double.claim.guarantee is not Guarantee.CERTIFIED
+    double = certify_modes(stretched("10"), ("0",))
+    assert (
+        not double.is_complete and double.completeness.guarantee is not Guarantee.CERTIFIED
+    )
 
 
 def test_a_platform_with_eight_real_modes_has_exactly_eight():
@@ -160,30 +165,30 @@ def test_a_platform_with_eight_real_modes_has_exactly_eight():
     arcs |= {"crank1": [87.0], "crank2": [106.0], "crank3": [72.0]}
     arcs |= {"coupler1": [98.0], "coupler2": [111.0], "coupler3": [95.0]}
     mechanism = sk.load("three_rrr").with_sizes(angle_unit="deg", arcs=arcs)
-    modes = certified_modes(Written.of(mechanism), ("-56", "122", "29"))
-    assert modes.counted and len(modes.real) == modes.bound == 8
-    assert all(one.apart(two) for one, two in itertools.combinations(modes.real, 2))
+    modes = certify_modes(read_decimals(mechanism), ("-56", "122", "29"))
+    assert modes.is_counted and len(modes.real) == modes.mode_bound == 8
+    assert all(one.differs_from(two) for one, two in itertools.combinations(modes.real, 2))
     check(recorded(modes_certificate(modes)))
 
 
 def kite():
     """A four-bar whose cranks' tips meet at 0, about which coupler and follower turn."""
     arcs = {"1": [60.0], "2": [60.0], "3": [50.0], "4": [50.0]}
-    return Written.of(sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs))
+    return read_decimals(sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs))
 
 
 def test_a_curve_of_modes_at_one_input_is_a_cluster_and_beside_it_modes_are_certified():
-    curve = certified_modes(kite(), ("0",))
-    assert not curve.complete and not curve.real
+    curve = certify_modes(kite(), ("0",))
+    assert not curve.is_complete and not curve.real
     ((_, half),) = curve.clusters
     assert half[0] > 3.0
     check(recorded(modes_certificate(curve)))
-    beside = certified_modes(kite(), ("0.0000001",))
-    assert beside.complete and len(beside.real) == 2
+    beside = certify_modes(kite(), ("0.0000001",))
+    assert beside.is_complete and len(beside.real) == 2
 
 
 def test_the_checker_repeats_that_nothing_else_is_there():
-    whole = recorded(modes_certificate(certified_modes(stretched("10"), ("0",))))
+    whole = recorded(modes_certificate(certify_modes(stretched("10"), ("0",))))
     assert whole["undecided_rad"] and not whole["complete"]
     check(whole)
     for change in (

@@ -6,11 +6,11 @@ from proof_checker import check, recorded
 from refusals import text_of, written_of
 
 from spherekit.completeness import Guarantee
-from spherekit.proof.ball_frames import exact
-from spherekit.proof.balls import bits, middle, pi
+from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.balls import centre_float, pi_ball, working_precision
 from spherekit.proof.certificate import modes_certificate
-from spherekit.proof.certified_modes import certified_modes
-from spherekit.proof.configuration_curves import certified_curves
+from spherekit.proof.certified_modes import certify_modes
+from spherekit.proof.configuration_curves import certify_curves
 
 BASE, TIP = 40, 75
 """Angles (deg) from the axis of symmetry to the base's axes and to those of the cranks."""
@@ -42,10 +42,10 @@ def turned(plate, digits):
 
     The cosine is one less its square over two; below zero there are none.
     """
-    with bits(200):
-        degree = pi() / 180
-        base, tip, top = (degree * exact(float(a)) for a in (BASE, TIP, plate))
-        step = degree * exact(10.0) ** -digits
+    with working_precision(200):
+        degree = pi_ball() / 180
+        base, tip, top = (degree * exact_ball(float(a)) for a in (BASE, TIP, plate))
+        step = degree * exact_ball(10.0) ** -digits
         near = (
             base.cos() * (tip - base).cos() - base.sin() * (tip - base).sin() * step.cos()
         )
@@ -57,7 +57,7 @@ def turned(plate, digits):
 
 def modes_beside(plate, digits):
     step = "0." + "0" * (digits - 1) + "1"
-    return certified_modes(tripod(plate), (step, step, step))
+    return certify_modes(tripod(plate), (step, step, step))
 
 
 @pytest.mark.parametrize("digits", range(4, 13))
@@ -65,8 +65,8 @@ def test_modes_of_a_triad_from_a_millionth_to_1e_14_apart_are_told_apart(digits)
     gap, real = turned(50, digits)
     assert real and 0.5 < gap * 10.0 ** (digits + 2) < 1.0
     modes = modes_beside(50, digits)
-    assert modes.counted and modes.bound == 8
-    rows = np.array([[middle(angle) for angle in row] for row in modes.angles()])
+    assert modes.is_counted and modes.mode_bound == 8
+    rows = np.array([[centre_float(angle) for angle in row] for row in modes.angles()])
     first, second = sorted(rows, key=lambda row: np.sum(1 - np.cos(row)))[:2]
     apart = np.max(np.abs(first - second))
     assert 0.1 * gap < apart < 10 * gap
@@ -79,13 +79,15 @@ def test_modes_of_a_triad_that_just_miss_each_other_are_none(digits):
     _, real = turned(100, digits)
     assert not real
     none = modes_beside(100, digits)
-    assert none.counted and len(none.real) == 0
+    assert none.is_counted and len(none.real) == 0
 
 
 @pytest.mark.long
 def test_a_double_mode_of_a_triad_is_a_cluster():
-    double = certified_modes(tripod(50), ("0", "0", "0"))
-    assert not double.complete and double.claim.guarantee is not Guarantee.CERTIFIED
+    double = certify_modes(tripod(50), ("0", "0", "0"))
+    assert (
+        not double.is_complete and double.completeness.guarantee is not Guarantee.CERTIFIED
+    )
     near = [centre for centre, half in double.clusters if np.all(np.abs(centre) <= half)]
     assert len(near) == 1
 
@@ -111,8 +113,8 @@ DEAD = np.arccos(
 
 
 def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
-    curves = certified_curves(two_dyads(50, 20, 70, 60, 55), ("80", "110"))
-    assert curves.claim.guarantee is Guarantee.CERTIFIED
+    curves = certify_curves(two_dyads(50, 20, 70, 60, 55), ("80", "110"))
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED
     # the second dyad closes in two modes, so that the first one's dead centre comes twice
     found = np.array(curves.turning_points)
     assert len(found) == 2 and np.max(np.abs(found - DEAD)) < 1e-7
@@ -122,13 +124,18 @@ def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
 def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
     # both are in line in one configuration, where two curves cross, or nearly: that they
     # do follows from no loop in line, and is told apart in no number of bits
-    curves = certified_curves(two_dyads(60, 50, 140, 40, 35), ("80", "110"))
-    assert curves.claim.guarantee is Guarantee.TO_BOX and curves.claim.box < 1e-4
-    ((low, high),) = curves.undecided
+    curves = certify_curves(two_dyads(60, 50, 140, 40, 35), ("80", "110"))
+    assert (
+        curves.completeness.guarantee is Guarantee.TO_BOX and curves.completeness.box < 1e-4
+    )
+    ((low, high),) = curves.undecided_ranges
     assert low < DEAD < high
     (saddle,) = curves.saddles
-    assert saddle.level is None and saddle.gap < 1e-90
-    assert curves.modes_at(np.radians(85.0)) == 4 and curves.modes_at(np.radians(105)) == 0
+    assert saddle.level_sign is None and saddle.gap < 1e-90
+    assert (
+        curves.count_modes_at(np.radians(85.0)) == 4
+        and curves.count_modes_at(np.radians(105)) == 0
+    )
 
 
 FOUR_BAR = text_of("four_bar_proof_adversaries")
@@ -149,10 +156,10 @@ FOUR_BAR = text_of("four_bar_proof_adversaries")
     ],
 )
 def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, still):
-    curves = certified_curves(written_of(FOUR_BAR.format(*arcs)), ("0", "360"))
-    assert curves.claim.guarantee is Guarantee.CERTIFIED
-    assert [saddle.level for saddle in curves.saddles] == [0] * crossings
-    assert np.allclose(np.degrees(curves.still_at), still, atol=1e-9)
+    curves = certify_curves(written_of(FOUR_BAR.format(*arcs)), ("0", "360"))
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED
+    assert [saddle.level_sign for saddle in curves.saddles] == [0] * crossings
+    assert np.allclose(np.degrees(curves.constant_input_values), still, atol=1e-9)
     assert curves.intervals
     ground, crank, coupler, rocker = np.radians(arcs)
     for low, high, count in curves.intervals:

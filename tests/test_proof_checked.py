@@ -8,23 +8,23 @@ from proof_checker import check, recorded, refuse
 from refusals import written_of
 
 import spherekit as sk
-from spherekit.proof.balls import bits
+from spherekit.proof.balls import working_precision
 from spherekit.proof.certificate import (
     map_certificate,
     modes_certificate,
     wheels_certificate,
 )
-from spherekit.proof.certified_modes import certified_modes
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.input_map import input_map
+from spherekit.proof.certified_modes import certify_modes
+from spherekit.proof.decimal_mechanism import read_decimals
+from spherekit.proof.input_map import certify_input_map
 
 
 @pytest.fixture(scope="module")
 def by_systems():
     """Arcs of 90 degrees send 32 of the 64 complex modes of this mechanism to infinity."""
-    modes = certified_modes(Written.of(sk.load("two_dof_spm")), ("20.5", "17.3"))
-    assert modes.systems and modes.complete and not modes.counted
-    assert len(modes.real) == 16 and modes.left is None
+    modes = certify_modes(read_decimals(sk.load("two_dof_spm")), ("20.5", "17.3"))
+    assert modes.systems and modes.is_complete and not modes.is_counted
+    assert len(modes.real) == 16 and modes.undecided_boxes is None
     whole = recorded(modes_certificate(modes))
     check(whole)
     return whole
@@ -33,11 +33,11 @@ def by_systems():
 @pytest.fixture(scope="module")
 def over_boxes():
     """A part of the inputs of a 5R that its type II curve goes through."""
-    text = Written.of(sk.load("five_bar")).document.text
+    text = read_decimals(sk.load("five_bar")).document.text
     text = text.replace("from = 40.0\nto = 140.0", "from = 78.0\nto = 96.0")
     written = written_of(text)
-    ends = [written.input_range(item.pair) for item in written.mechanism.inputs]
-    found = input_map(written, ends, 0.08)
+    ends = [written.input_range_text(item.pair) for item in written.mechanism.inputs]
+    found = certify_input_map(written, ends, 0.08)
     assert {0, 1, 2} >= set(found.kind.tolist()) >= {0, 1}
     whole = recorded(map_certificate(found))
     check(whole)
@@ -46,9 +46,9 @@ def over_boxes():
 
 @pytest.mark.parametrize("name", ["bevel_pair", "planetary_bevel", "bevel_differential"])
 def test_wheels_are_repeated_by_the_angular_velocities_of_rolling(name):
-    written = Written.of(sk.load(name))
-    with bits(80):
-        whole = recorded(wheels_certificate(written, written.ratios()))
+    written = read_decimals(sk.load(name))
+    with working_precision(80):
+        whole = recorded(wheels_certificate(written, written.follower_ratios()))
     check(whole)
     moves = random.Random(5)
     for _ in range(4):
@@ -63,9 +63,9 @@ def test_wheels_are_repeated_by_the_angular_velocities_of_rolling(name):
 
 
 def test_a_map_with_two_systems_of_two_unknowns_each_is_repeated():
-    written = Written.of(sk.load("two_dof_spm"))
-    found = input_map(written, [("20", "20.01"), ("17", "17.01")])
-    assert found.counts == {16: 1.0}
+    written = read_decimals(sk.load("two_dof_spm"))
+    found = certify_input_map(written, [("20", "20.01"), ("17", "17.01")])
+    assert found.mode_shares == {16: 1.0}
     whole = recorded(map_certificate(found))
     check(whole)
     changed = copy.deepcopy(whole)

@@ -13,9 +13,9 @@ from spherekit.proof.certificate import (
     modes_certificate,
     singular_table,
 )
-from spherekit.proof.certified_modes import certified_modes
-from spherekit.proof.certified_singularities import singularities
-from spherekit.proof.configuration_curves import certified_curves
+from spherekit.proof.certified_modes import certify_modes
+from spherekit.proof.certified_singularities import locate_singularities
+from spherekit.proof.configuration_curves import certify_curves
 
 WITHIN = FIVE_BAR + 'contact = "internal"\n'
 TURNED = FIVE_BAR.replace('links = ["1", "5"]', 'links = ["5", "1"]')
@@ -24,9 +24,9 @@ POSED = text_of("posed_geared_five_bar")
 
 
 def certificate_of(teeth, ends, text=FIVE_BAR):
-    curves = certified_curves(geared(teeth, text), ends)
+    curves = certify_curves(geared(teeth, text), ends)
     whole = curves_certificate(curves)
-    whole["singularities"] = singular_table(singularities(curves))
+    whole["singularities"] = singular_table(locate_singularities(curves))
     assert whole["complete"] and whole["curves"] and len(whole["wheels"]) == 1
     return recorded(whole)
 
@@ -52,7 +52,7 @@ def test_curves_of_loops_with_wheels_are_repeated(teeth, ends, text):
 @pytest.mark.parametrize("text", [FIVE_BAR, PLANET, WITHIN, TURNED, POSED])
 def test_modes_of_loops_with_wheels_are_repeated(text):
     """They are refused with an input that is not that of the roots."""
-    modes = certified_modes(geared((20, 30), text), ("393.25",))
+    modes = certify_modes(geared((20, 30), text), ("393.25",))
     whole = recorded(modes_certificate(modes))
     check(whole)
     (driven,) = whole["inputs"]
@@ -115,7 +115,7 @@ def test_a_file_with_other_teeth_of_the_same_ratio_is_repeated(part_of_laps):
 
 def test_two_pairs_of_wheels_are_refused():
     """Which whole turns several wheels have rolled least with is not repeated."""
-    changed = modes_certificate(certified_modes(geared((20, 40)), ("393.25",)))
+    changed = modes_certificate(certify_modes(geared((20, 40)), ("393.25",)))
     more = '[pairs.more]\ntype = "Cr"\nlinks = ["2", "5"]\nteeth = [20, 40]\n'
     changed["mechanism"] += more + 'axes = ["left", "right"]\n'
     with pytest.raises(Refused, match="more than one pair of wheels"):

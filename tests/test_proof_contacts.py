@@ -13,10 +13,10 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, PlanError
 from spherekit.numerics.angles import wrap
-from spherekit.proof.balls import floats, middle
+from spherekit.proof.balls import centre_float, centre_floats
 from spherekit.proof.certificate import modes_certificate
-from spherekit.proof.certified_modes import certified_modes
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.certified_modes import certify_modes
+from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.runs.proven_poles import check_provable, prove_poles
 
 DISCS = text_of("proof_contacts_discs")
@@ -70,22 +70,22 @@ def bars(internal=""):
 
 
 def proven(text, *inputs):
-    return certified_modes(written_of(text), inputs)
+    return certify_modes(written_of(text), inputs)
 
 
 @pytest.mark.parametrize("internal", ["", "a"])
 def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(internal):
     contacts, links = proven(plate(internal), "40"), proven(bars(internal), "40")
     for modes in (contacts, links):
-        assert modes.bound == 8 == len(modes.roots) and modes.complete
+        assert modes.mode_bound == 8 == len(modes.roots) and modes.is_complete
         check(recorded(modes_certificate(modes)))
     assert len(contacts.real) == len(links.real) > 1
     inner = ["a_1", "a_3", "b_1", "b_3", "c_2", "c_3"]
     gaps = []
     for modes in (contacts, links):
-        names = modes.written.structure.pairs
+        names = modes.decimal_mechanism.structure.pairs
         rows = [
-            [middle(angles[names.index(name)]) for name in inner]
+            [centre_float(angles[names.index(name)]) for name in inner]
             for angles in modes.angles()
         ]
         # zero directions differ, differences between modes do not
@@ -98,16 +98,16 @@ def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(in
 
 def agrees(modes, values):
     """Whether columns of a table of the motion are those of a proven mode."""
-    columns = modes.written.motion_columns()
+    columns = modes.decimal_mechanism.motion_columns()
     given = [factor * values[name] for name, factor in columns]
-    gaps = wrap(floats(np.array(modes.angles())) - given)
+    gaps = wrap(centre_floats(np.array(modes.angles())) - given)
     return np.any(np.max(np.abs(gaps), axis=1) < 1e-9)
 
 
 def compared(mechanism, texts, count):
     """Prove the modes and poles of a mechanism that a run finds at the same inputs."""
-    modes = certified_modes(Written.of(mechanism), texts)
-    assert modes.complete and len(modes.real) == count
+    modes = certify_modes(read_decimals(mechanism), texts)
+    assert modes.is_complete and len(modes.real) == count
     here = np.radians([float(text) for text in texts])
     result = sk.run(mechanism, "poles", path=np.stack([here, here + 0.01]))
     frame = result.frame("motion")
@@ -138,7 +138,7 @@ def test_modes_and_poles_of_contacts_are_those_that_a_run_finds(name, inputs, co
 
 def geared(teeth):
     """A five-bar whose second crank is turned by wheels on both cranks."""
-    text = Written.of(sk.load("five_bar")).document.text
+    text = read_decimals(sk.load("five_bar")).document.text
     head, _, rest = text.partition("[inputs.51]")
     _, _, outputs = rest.partition("[outputs")
     mesh = '[pairs.mesh]\ntype = "Cr"\nlinks = ["2", "5"]\naxes = ["21", "51"]\n'
@@ -192,7 +192,7 @@ def test_other_contacts_are_refused():
         ("two_contacts", "pair left is a contact whose profile on 3 is no circle"),
     ):
         with pytest.raises(PlanError, match=words):
-            Written.of(sk.load(name))
+            read_decimals(sk.load(name))
     text = plate().replace('type = "Cs"\nlinks = ["2"', 'type = "Cr"\nlinks = ["2"')
     with pytest.raises(PlanError, match="pair c is a rolling contact, and no link carries"):
         written_of(text)

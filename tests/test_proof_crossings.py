@@ -11,9 +11,9 @@ from test_proof_range import check_counts
 
 from spherekit.cli.main import main
 from spherekit.completeness import Guarantee
-from spherekit.proof.balls import bits, library, pi
-from spherekit.proof.certified_singularities import singularities
-from spherekit.proof.configuration_curves import certified_curves
+from spherekit.proof.balls import flint_library, pi_ball, working_precision
+from spherekit.proof.certified_singularities import locate_singularities
+from spherekit.proof.configuration_curves import certify_curves
 
 TURN = ("0", "360")
 FOLDS = ("80", "30", "50", "60")
@@ -34,8 +34,10 @@ def nudged(arcs, link, step):
 
 def closes_at_half_a_turn(arcs):
     """Whether coupler and rocker span ground and crank in line at 180 degrees."""
-    with bits(300):
-        ground, crank, coupler, rocker = (library().arb(arc) * pi() / 180 for arc in arcs)
+    with working_precision(300):
+        ground, crank, coupler, rocker = (
+            flint_library().arb(arc) * pi_ball() / 180 for arc in arcs
+        )
         apart = (ground + crank).cos()
         longest, shortest = (coupler + rocker).cos(), (coupler - rocker).cos()
         assert not (apart - longest).contains(0)
@@ -47,19 +49,19 @@ def closes_at_half_a_turn(arcs):
 @pytest.mark.parametrize(("link", "sense"), [(0, ""), (1, "-"), (3, ""), (3, "-")])
 def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
     arcs = nudged(FOLDS, link, sense + step)
-    curves = certified_curves(four_bar(arcs), TURN)
+    curves = certify_curves(four_bar(arcs), TURN)
     closes = closes_at_half_a_turn(arcs)
     wide = [count for low, high, count in curves.intervals if high - low > 0.1]
     assert wide and set(wide) == {2}
-    certified = curves.claim.guarantee is Guarantee.CERTIFIED
+    certified = curves.completeness.guarantee is Guarantee.CERTIFIED
     assert certified if closes else not certified or len(curves.turning_points) == 2
     for saddle in curves.saddles:
         # arms that differ in the side of the input are joined if it gets past
-        assert saddle.level in (1, -1)
-        kept = 1 if saddle.level > 0 else 0
-        for one, other in itertools.combinations(saddle.rates, 2):
+        assert saddle.level_sign in (1, -1)
+        kept = 1 if saddle.level_sign > 0 else 0
+        for one, other in itertools.combinations(saddle.outward_signs, 2):
             if one[kept] == other[kept]:
-                sides = saddle.rates[one][-1], saddle.rates[other][-1]
+                sides = saddle.outward_signs[one][-1], saddle.outward_signs[other][-1]
                 assert 0 not in sides and (sides[0] != sides[1]) == closes
 
 
@@ -75,9 +77,9 @@ def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
     ],
 )
 def test_ranges_that_end_next_to_a_crossing_have_all_modes(ends, crossed):
-    curves = certified_curves(four_bar(FOLDS), ends)
-    assert curves.claim.guarantee is Guarantee.CERTIFIED
-    assert len(curves.crossed) == int(crossed)
+    curves = certify_curves(four_bar(FOLDS), ends)
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED
+    assert len(curves.crossing_inputs) == int(crossed)
     assert all(count == 2 for _, _, count in curves.intervals)
     low, high = (np.radians(float(end)) for end in ends)
     assert sum(b - a for a, b, _ in curves.intervals) > (high - low) * (1 - 1e-9)
@@ -97,33 +99,33 @@ def crossing_dyads():
 
 
 def test_curves_of_two_loops_cross_once_in_each_mode_of_the_other():
-    curves = certified_curves(crossing_dyads(), TURN)
-    assert curves.claim.guarantee is Guarantee.CERTIFIED
-    assert [saddle.level for saddle in curves.saddles] == [0, 0]
-    assert np.ptp(curves.crossed) < 1e-9
+    curves = certify_curves(crossing_dyads(), TURN)
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED
+    assert [saddle.level_sign for saddle in curves.saddles] == [0, 0]
+    assert np.ptp(curves.crossing_inputs) < 1e-9
     check_counts(curves, curves.intervals[:2])
 
 
 def test_the_input_is_clear_of_crossings_as_far_as_is_said():
-    curves = certified_curves(four_bar(FOLDS), TURN)
-    clear = singularities(curves).clearance(np.radians(170.0))
+    curves = certify_curves(four_bar(FOLDS), TURN)
+    clear = locate_singularities(curves).clearance(np.radians(170.0))
     assert np.radians(10.0) - 1e-9 < clear <= np.radians(10.0)
 
 
 def test_links_in_radians_are_in_line_where_both_sides_are_the_same_sum():
     exact = four_bar(("1.4", "0.5", "0.9", "1.0"), "rad")
-    curves = certified_curves(exact, ("2.5", "3.5"))
-    assert [saddle.level for saddle in curves.saddles] == [0]
+    curves = certify_curves(exact, ("2.5", "3.5"))
+    assert [saddle.level_sign for saddle in curves.saddles] == [0]
     near = four_bar(("1.4", "0.5", "0.9", "1.00000000000001"), "rad")
-    nearly = certified_curves(near, ("2.5", "3.5"))
-    assert [saddle.level for saddle in nearly.saddles] == [-1]
+    nearly = certify_curves(near, ("2.5", "3.5"))
+    assert [saddle.level_sign for saddle in nearly.saddles] == [-1]
 
 
 def test_a_tolerance_leaves_open_whether_curves_cross():
     written = written_of(FOUR_BAR.format(*FOLDS), tolerance=1e-12)
-    curves = certified_curves(written, TURN)
-    assert curves.claim.guarantee is Guarantee.TO_BOX
-    assert [saddle.level for saddle in curves.saddles] == [None]
+    curves = certify_curves(written, TURN)
+    assert curves.completeness.guarantee is Guarantee.TO_BOX
+    assert [saddle.level_sign for saddle in curves.saddles] == [None]
     assert {count for _, _, count in curves.intervals} == {2}
 
 

@@ -14,9 +14,9 @@ from spherekit.cli.main import main
 from spherekit.completeness import Guarantee
 from spherekit.errors import PlanError
 from spherekit.proof.certificate import curves_certificate
-from spherekit.proof.certified_modes import certified_modes
-from spherekit.proof.certified_singularities import singularities
-from spherekit.proof.configuration_curves import certified_curves
+from spherekit.proof.certified_modes import certify_modes
+from spherekit.proof.certified_singularities import locate_singularities
+from spherekit.proof.configuration_curves import certify_curves
 
 PLANET = FIVE_BAR.replace('links = ["2", "5"]\nteeth', 'links = ["1", "3"]\nteeth')
 PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
@@ -56,10 +56,12 @@ CASES = [
 def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_form(
     teeth, laps, ends
 ):
-    curves = certified_curves(geared(teeth), ends)
+    curves = certify_curves(geared(teeth), ends)
     low, high = map(float, ends)
-    assert curves.claim.guarantee is Guarantee.CERTIFIED and curves.laps == laps
-    assert curves.whole == (high - low == 360 * laps)
+    assert (
+        curves.completeness.guarantee is Guarantee.CERTIFIED and curves.cycle_turns == laps
+    )
+    assert curves.is_full_cycle == (high - low == 360 * laps)
     wanted = dead_centres(low, high, teeth)
     proven = np.degrees(curves.turning_points)
     assert len(wanted) == len(proven) and np.all(np.abs(proven - wanted) < 1e-6)
@@ -68,10 +70,10 @@ def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_for
         assert np.all((margin(inside, teeth) > 0) == (count == 2)) and count in (0, 2)
     reach = curves.intervals[0][0], curves.intervals[-1][1]
     assert np.allclose(np.degrees(reach), [low, high], rtol=0, atol=1e-9)
-    located = singularities(curves)
+    located = locate_singularities(curves)
     assert not located.undecided
     q = 0.5 * sum(wanted[:2]) if len(wanted) > 1 else 0.5 * (low + high)
-    ends_too = [] if curves.whole else [low, high]
+    ends_too = [] if curves.is_full_cycle else [low, high]
     span = 360.0 * laps
     nearest = min(
         [abs((p - q + 0.5 * span) % span - 0.5 * span) for p in wanted]
@@ -83,12 +85,12 @@ def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_for
 
 def test_wheels_are_told_to_come_back_or_refused():
     with pytest.raises(PlanError, match=r"more than 2 turns, after which everything"):
-        certified_curves(geared((20, 40)), ("0", "721"))
+        certify_curves(geared((20, 40)), ("0", "721"))
     with pytest.raises(PlanError, match=r"wheels turn right .* at most 64: give values"):
-        certified_curves(geared((71, 67)), ("0", "10"))
+        certify_curves(geared((71, 67)), ("0", "10"))
     bare = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
     with pytest.raises(PlanError, match=r"wheels turn right .* ratios of teeth"):
-        certified_curves(geared((20, 40), bare), ("0", "10"))
+        certify_curves(geared((20, 40), bare), ("0", "10"))
 
 
 def test_certify_says_what_it_proves_of_wheels(tmp_path, capsys):
@@ -102,7 +104,7 @@ def test_certify_says_what_it_proves_of_wheels(tmp_path, capsys):
     told = np.array([[float(words[k]) for k in (0, 2, 4)] for words in lines])
     wanted = [(0, first, 2), (first, second, 0), (second, 720, 2)]
     assert np.allclose(told, wanted, rtol=0, atol=1e-6)
-    kept = curves_certificate(certified_curves(geared((20, 40)), ("0", "720")))
+    kept = curves_certificate(certify_curves(geared((20, 40)), ("0", "720")))
     assert kept["input_turns_of_its_variable"] == 2
     (wheel,) = kept["wheels"]
     assert (wheel["pair"], wheel["turns"]) == ("right", -1)
@@ -113,12 +115,12 @@ def test_certify_says_what_it_proves_of_wheels(tmp_path, capsys):
 def test_a_planet_on_a_crank_has_the_modes_that_are_proven_at_inputs():
     """A wheel of the coupler rolls about one of the ground, which the crank carries."""
     written = geared((14, 21), PLANET)
-    curves = certified_curves(written, ("0", "1080"))
-    assert curves.claim.guarantee is Guarantee.CERTIFIED and curves.laps == 3
+    curves = certify_curves(written, ("0", "1080"))
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED and curves.cycle_turns == 3
     assert len(curves.turning_points) > 0
     counts = []
     for q in np.random.default_rng(2).uniform(0, 1080, 6):
-        modes = certified_modes(written, (repr(float(q)),))
-        assert modes.complete and len(modes.real) == curves.modes_at(np.radians(q))
+        modes = certify_modes(written, (repr(float(q)),))
+        assert modes.is_complete and len(modes.real) == curves.count_modes_at(np.radians(q))
         counts.append(len(modes.real))
     assert set(counts) == {0, 2}

@@ -7,15 +7,15 @@ import pytest
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.input_map import CONTAINS, REGULAR, input_map
+from spherekit.proof.decimal_mechanism import read_decimals
+from spherekit.proof.input_map import CONTAINS, REGULAR, certify_input_map
 
 
 @pytest.fixture(scope="module")
 def five_bar():
-    written = Written.of(sk.load("five_bar"))
-    ends = [written.input_range(item.pair) for item in written.mechanism.inputs]
-    return input_map(written, ends, 0.05)
+    written = read_decimals(sk.load("five_bar"))
+    ends = [written.input_range_text(item.pair) for item in written.mechanism.inputs]
+    return certify_input_map(written, ends, 0.05)
 
 
 def modes_of_five_bar(q):
@@ -68,10 +68,10 @@ def test_inputs_are_clear_of_type_ii_as_far_as_is_said(five_bar):
     "ends", [[("20", "20.4"), ("17", "17.4")], pytest.param(None, marks=pytest.mark.long)]
 )
 def test_inputs_of_the_two_dof_mechanism_are_free_of_type_ii(ends):
-    written = Written.of(sk.load("two_dof_spm"))
-    whole = [written.input_range(item.pair) for item in written.mechanism.inputs]
-    found = input_map(written, ends or whole)
-    assert np.all(found.kind == REGULAR) and found.counts == {16: 1.0}
+    written = read_decimals(sk.load("two_dof_spm"))
+    whole = [written.input_range_text(item.pair) for item in written.mechanism.inputs]
+    found = certify_input_map(written, ends or whole)
+    assert np.all(found.kind == REGULAR) and found.mode_shares == {16: 1.0}
 
 
 def test_the_command_proves_and_draws_a_map_of_two_inputs(tmp_path, capsys):

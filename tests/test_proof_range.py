@@ -17,32 +17,32 @@ from spherekit.files.mechanism_reader import loads
 from spherekit.mechanism.elements import Input
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import driven_at
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.ball_frames import exact
-from spherekit.proof.balls import bits, circle
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.balls import cosines_and_sines, working_precision
 from spherekit.proof.certificate import curves_certificate, singular_table
-from spherekit.proof.certified_modes import certified_modes
-from spherekit.proof.certified_singularities import output_pairs, singularities
-from spherekit.proof.configuration_curves import certified_curves
-from spherekit.proof.construction import construct
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.stationary_points import rates
-from spherekit.proof.structure import structure_of
+from spherekit.proof.certified_modes import certify_modes
+from spherekit.proof.certified_singularities import find_output_pairs, locate_singularities
+from spherekit.proof.configuration_curves import certify_curves
+from spherekit.proof.construction import find_construction
+from spherekit.proof.decimal_mechanism import read_decimals
+from spherekit.proof.stationary_points import bound_rates
+from spherekit.proof.structure import extract_structure
 
 TURN = ("0", "360")
 
 
 def over(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
     mechanism = driven_at(sk.load(name), pair) if isinstance(name, str) else name
-    made = construct(structure_of(mechanism), wanted)
-    return certified_curves(Written.of(mechanism, tolerance=tolerance), ends, made)
+    made = find_construction(extract_structure(mechanism), wanted)
+    return certify_curves(read_decimals(mechanism, tolerance=tolerance), ends, made)
 
 
 def check_counts(curves, intervals):
     for low, high, count in intervals:
         middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
-        modes = certified_modes(curves.written, (middle,))
-        assert modes.complete and len(modes.real) == count
+        modes = certify_modes(curves.decimal_mechanism, (middle,))
+        assert modes.is_complete and len(modes.real) == count
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
     name, pair, ends, turning
 ):
     curves = over(name, pair, ends)
-    assert curves.claim.guarantee is Guarantee.CERTIFIED, curves.claim
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED, curves.completeness
     assert len(curves.turning_points) == turning
     check_counts(curves, curves.intervals[:4])
 
@@ -73,12 +73,13 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     made = mechanism(chain, axes)
     made = replace(made, inputs=(Input(made.pairs[0].name, 0.0, 2.0 * np.pi),))
     curves = over(made)
-    assert curves.claim.guarantee is Guarantee.CERTIFIED, curves.claim
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED, curves.completeness
     for chain in curves.chains:
         for piece in chain.pieces:
             for part in (0.25, 0.5, 0.9, 1.0):
-                low, high = rates(piece, part * piece.half).swapaxes(0, 1)
-                assert np.all(low <= high)
+                bounds = bound_rates(piece, part * piece.half_length)
+                assert np.all(bounds.rate_low <= bounds.rate_high)
+                assert np.all(bounds.derivative_low <= bounds.derivative_high)
     check_counts(curves, curves.intervals)
 
 
@@ -93,30 +94,33 @@ def test_a_tolerance_loses_no_stop_where_its_sign_is_open_at_a_centre(capsys):
 @pytest.mark.parametrize(("name", "pair"), [("four_bar", None), ("stephenson", "35")])
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     mechanism = driven_at(sk.load(name), pair)
-    curves = over(mechanism, wanted=output_pairs(Written.of(mechanism)).values())
-    proven = singularities(curves)
+    curves = over(
+        mechanism,
+        wanted=find_output_pairs(read_decimals(mechanism)).values(),
+    )
+    proven = locate_singularities(curves)
     assert not proven.undecided and not proven.skipped
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
-    assert len(frame) == len(proven.points)
+    assert len(frame) == len(proven.singularities)
     for kind in ("I", "II"):
         inputs = np.sort(frame["q"][frame["kind"] == kind].to_numpy())
-        found = np.sort([q for _, found, q, *_ in proven.points if found == kind])
+        found = np.sort([x.q for x in proven.singularities if x.type == kind])
         assert len(inputs) == len(found)
         assert np.all(np.abs(inputs - found) < 1e-7)
 
 
 def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
     curves = over("four_bar", "41", TURN, tolerance=1e-7)
-    assert curves.claim.guarantee is Guarantee.CERTIFIED
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED
     assert len(curves.turning_points) == 4
     # beside dead centres the sizes leave open where the input stops
     parts = over("four_bar", "41", TURN, tolerance=1e-5)
-    assert parts.claim.box < 0.022 and len(parts.undecided) == 4
+    assert parts.completeness.box < 0.022 and len(parts.undecided_ranges) == 4
     assert [count for _, _, count in parts.intervals] == [0, 2, 0, 2, 0]
-    wide = Written.of(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
-    monkeypatch.setattr("spherekit.proof.configuration_curves.MOST_BOXES", 3000)
-    undecided = certified_curves(wide, TURN)
-    assert undecided.claim.guarantee is not Guarantee.CERTIFIED
+    wide = read_decimals(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
+    monkeypatch.setattr("spherekit.proof.configuration_curves.MAX_CURVE_BOXES", 3000)
+    undecided = certify_curves(wide, TURN)
+    assert undecided.completeness.guarantee is not Guarantee.CERTIFIED
 
 
 def tampered(certificate, moves):
@@ -153,8 +157,12 @@ def test_the_checker_proves_curves_again_and_refuses_tampered_ones(count):
 
 def with_singularities(name, pair, ends):
     mechanism = driven_at(sk.load(name), pair)
-    curves = over(mechanism, ends=ends, wanted=output_pairs(Written.of(mechanism)).values())
-    table = singular_table(singularities(curves))
+    curves = over(
+        mechanism,
+        ends=ends,
+        wanted=find_output_pairs(read_decimals(mechanism)).values(),
+    )
+    table = singular_table(locate_singularities(curves))
     return recorded({**curves_certificate(curves), "singularities": table})
 
 
@@ -180,13 +188,16 @@ def test_the_checker_repeats_dead_centres_and_refuses_those_left_out():
 
 def test_the_input_is_clear_of_singularities_as_far_as_is_said():
     mechanism = driven_at(sk.load("four_bar"), "41")
-    curves = over(mechanism, wanted=output_pairs(Written.of(mechanism)).values())
-    found = singularities(curves)
+    curves = over(
+        mechanism,
+        wanted=find_output_pairs(read_decimals(mechanism)).values(),
+    )
+    found = locate_singularities(curves)
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
     for q in np.radians([-100.0, 77.7]):
         gaps = np.abs(wrap(frame["q"].to_numpy() - q))
         assert np.min(gaps) - 1e-6 < found.clearance(q) <= np.min(gaps)
-    part = singularities(over(mechanism, ends=("70", "80")))
+    part = locate_singularities(over(mechanism, ends=("70", "80")))
     assert part.clearance(np.radians(71.0)) <= np.radians(1.0)
 
 
@@ -194,14 +205,17 @@ def test_the_input_is_clear_of_singularities_as_far_as_is_said():
 def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance):
     # placing the links in balls is the other way to the same values
     mechanism = sk.load(name)
-    with bits(80):
-        wide = Written.of(mechanism, tolerance=tolerance)
-        made = construct(wide.structure)
-        real, exactly = Equations(wide, made).real, Equations(Written.of(mechanism), made)
+    with working_precision(80):
+        wide = read_decimals(mechanism, tolerance=tolerance)
+        made = find_construction(wide.structure)
+        real, exactly = (
+            ArcEquations(wide, made).harmonics,
+            ArcEquations(read_decimals(mechanism), made),
+        )
         degrees = made.degrees
         for place in np.random.default_rng(6).uniform(-3.0, 3.0, (5, len(made.pairs))):
-            balls_of = exactly.arrays([exact(q) for q in place], 2)
-            made_of = real.derivatives(circle(place)[None], 2)
+            balls_of = exactly.evaluate([exact_ball(q) for q in place], 2)
+            made_of = real.derivatives(cosines_and_sines(place)[None], 2)
             for balls, (got,) in zip(balls_of, made_of, strict=True):
                 for (k, *key), ball in np.ndenumerate(balls):
                     off = abs(float(ball) - got[(k, *key)])
@@ -218,12 +232,12 @@ def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
     assert certificate["complete"] and certificate["tolerance_rad"] == 1e-14
     check(certificate)
     five_bar = sk.load("five_bar")
-    written = Written.of(five_bar)
+    written = read_decimals(five_bar)
     for q in ("60", "100", "130"):
-        held = certified_modes(written, (q, "80"))
+        held = certify_modes(written, (q, "80"))
         locked = loads(certificate["mechanism"], "locked")
-        alone = certified_modes(Written.of(locked), (q,))
-        assert held.complete and alone.complete
+        alone = certify_modes(read_decimals(locked), (q,))
+        assert held.is_complete and alone.is_complete
         assert len(held.real) == len(alone.real)
 
 
@@ -231,18 +245,21 @@ def test_rates_along_pieces_are_within_their_bounds():
     curves = over("stephenson", "16", ("0", "60"))
     moves = np.random.default_rng(3)
     for piece in [piece for chain in curves.chains for piece in chain.pieces][::5]:
-        bounds = rates(piece, piece.half)
+        bounds = bound_rates(piece, piece.half_length)
         t, normals = piece.frame[:, 0], piece.frame[:, 1:]
-        for s in moves.uniform(-piece.half, piece.half, 3):
+        for s in moves.uniform(-piece.half_length, piece.half_length, 3):
             y = np.zeros(normals.shape[1])
             for _ in range(8):
-                place = circle(piece.centre + s * t + normals @ y)
-                made = curves.equations.real.derivatives(place[None], 2)
+                place = cosines_and_sines(piece.centre + s * t + normals @ y)
+                made = curves.equations.harmonics.derivatives(place[None], 2)
                 values, slopes, curvatures = (part[0] for part in made)
                 y -= np.linalg.solve(slopes @ normals, values)
-            assert np.max(np.abs(y)) <= piece.tight
+            assert np.max(np.abs(y)) <= piece.distance_bound
             rate = t - normals @ np.linalg.solve(slopes @ normals, slopes @ t)
             bent = np.einsum("ijl,j,l->i", curvatures, rate, rate)
             bend = -normals @ np.linalg.solve(slopes @ normals, bent)
-            for value, (low, high) in zip((rate, bend), bounds, strict=True):
+            for value, low, high in (
+                (rate, bounds.rate_low, bounds.rate_high),
+                (bend, bounds.derivative_low, bounds.derivative_high),
+            ):
                 assert np.all(low <= value + 1e-12) and np.all(value <= high + 1e-12)

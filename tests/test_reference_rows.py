@@ -15,8 +15,8 @@ import spherekit as sk
 from spherekit.errors import EngineError, SolveError, SpherekitError
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.ball_forces import exact_inertia
-from spherekit.proof.ball_frames import exactly
-from spherekit.proof.balls import Digits, floats
+from spherekit.proof.ball_frames import exact_balls
+from spherekit.proof.balls import Digits, centre_floats
 from spherekit.proof.reference_rows import (
     exact_direction,
     exact_field,
@@ -148,7 +148,7 @@ def test_the_equations_of_every_pair(name):
             moved = sk.exact_rows(replace(motion, inputs=inputs), chosen, driven, FIFTY)
             shifted.append((inputs[chosen][:, column], moved))
         (high, ahead), (low, behind) = shifted
-        width = exactly(high) - exactly(low)
+        width = exact_balls(high) - exact_balls(low)
         slope = (ahead.w - behind.w) / width[:, None, None]
         slack = 1e-12 if over_constrained else 1e-24 * found.condition.max() ** 4
         assert np.max(np.abs(slope - found.dw)) < slack
@@ -326,7 +326,7 @@ def test_fields_and_motions_of_reference_values(name):
             assert np.all(off[known] < slack[known])
             along = rate[:, None] * found.direction[pole]
             moving = np.isfinite(along[:, 0])
-            v = floats(exact.w[:, pole[1]] - exact.w[:, pole[0]])
+            v = centre_floats(exact.w[:, pole[1]] - exact.w[:, pole[0]])
             assert np.allclose(along[moving], v[moving], rtol=0.0, atol=1e-15)
             assert np.all(np.isnan(found.direction_error[pole]))
         better = exact_motion(motion, chosen, exact)
@@ -349,7 +349,7 @@ def test_inertia_and_its_derivative():
     frame = sk.run(sk.load("four_bar"), "eksergian", samples=5).frame()
     for numbers, name in ((B, "B"), (dB, "dB_dq")):
         given = frame[name].to_numpy()[chosen]
-        assert np.max(np.abs(floats(numbers) - given)) < 1e-14
+        assert np.max(np.abs(centre_floats(numbers) - given)) < 1e-14
     slope = (inertia(2.0**-48)[0] - inertia(-(2.0**-48))[0]) * 2.0**47
     assert np.max(np.abs(slope - dB)) < 1e-25
 

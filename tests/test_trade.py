@@ -13,7 +13,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, SolveError
 from spherekit.files.study import Study
-from spherekit.proof.balls import Digits, floats
+from spherekit.proof.balls import Digits, centre_floats
 from spherekit.proof.reference_rows import exact_direction, exact_rows
 from spherekit.runs.contract import Sweep
 from spherekit.runs.evaluation_options import Setting
@@ -72,16 +72,16 @@ def true_error(plan, setting, reference):
             right = exact_direction(exact, pole, u)
             i, j = pole
             known = (exact.status == Status.OK) & np.all(np.isfinite(u), axis=1)
-            off = floats(right - u)[known]
+            off = centre_floats(right - u)[known]
             largest = max(largest, np.max(np.abs(off), initial=0.0))
             for name, w in (
                 ("velocity_coefficient", exact.w),
                 ("acceleration_coefficient", exact.dw),
             ):
                 along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
-                off = floats(along - own[name])[known]
+                off = centre_floats(along - own[name])[known]
                 worst[name] = max(worst[name], np.max(np.abs(off), initial=0.0))
-                size = np.abs(floats(along)[known])
+                size = np.abs(centre_floats(along)[known])
                 scale[name] = max(scale[name], np.max(size, initial=0.0))
     return max(largest, *(worst[name] / scale[name] for name in worst), EPS)
 

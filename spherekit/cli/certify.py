@@ -107,8 +107,8 @@ def execute(options: Namespace) -> int:
     from spherekit.files.mechanism_writer import dumps
     from spherekit.files.toml_document import parse
     from spherekit.planning.assembly_plan import driven_at
-    from spherekit.proof.construction import construct
-    from spherekit.proof.decimal_mechanism import Written
+    from spherekit.proof.construction import find_construction
+    from spherekit.proof.decimal_mechanism import read_decimals
     from spherekit.storage.atomic_write import check_file, write_text
 
     document = checked_document(options.file)
@@ -118,7 +118,7 @@ def execute(options: Namespace) -> int:
         document = parse(dumps(locked, document.data["angle_unit"]), options.file)
         tolerance = max(tolerance, LOCKED)
     mechanism = driven_at(mechanism_from_document(document), options.input)
-    written = Written.of(mechanism, document, tolerance)
+    written = read_decimals(mechanism, document, tolerance)
     at = options.at is not None
     if at and options.range:
         raise AnalysisError("--at and --range are two questions; give one of them")
@@ -127,7 +127,7 @@ def execute(options: Namespace) -> int:
     if options.clear_of and (at or len(mechanism.inputs) > 1):
         raise AnalysisError("--clear-of is for the range of one input, and not for --at")
     several = len(mechanism.inputs) > 1 and not at
-    wheels = not at and not construct(written.structure).unknowns
+    wheels = not at and not find_construction(written.structure).unknown_count
     if not several and (options.cell is not None or options.figure):
         raise AnalysisError(
             "--cell and --figure are for ranges of several inputs; "
@@ -158,7 +158,7 @@ def _at(written: Any, text: str, with_poles: bool) -> Made:
     """Return lines and certificate of the modes at inputs."""
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import modes_certificate, pole_table
-    from spherekit.proof.certified_modes import certified_modes
+    from spherekit.proof.certified_modes import certify_modes
 
     mechanism = written.mechanism
     values = [_decimal("--at", part) for part in text.split(",")]
@@ -168,13 +168,13 @@ def _at(written: Any, text: str, with_poles: bool) -> Made:
             f"--at: {mechanism.name} has {counted(count, 'input')}, {len(values)} "
             "values were given; give one for each, with commas between them"
         )
-    modes = certified_modes(written, values)
-    lines = [f"{mechanism.name}: {modes.claim}", *_mode_lines(modes)]
+    modes = certify_modes(written, values)
+    lines = [f"{mechanism.name}: {modes.completeness}", *_mode_lines(modes)]
     certificate = modes_certificate(modes)
     if with_poles:
         certificate["poles"] = pole_table(modes)
         lines += map(_pole_line, certificate["poles"])
-    return lines, certificate, modes.complete
+    return lines, certificate, modes.is_complete
 
 
 def _pole_line(row: Facts) -> str:
@@ -208,17 +208,19 @@ def _mode_lines(modes: Any) -> Lines:
     """Return one line for each mode: the angles of all pairs with proven digits."""
     import numpy as np
 
-    from spherekit.proof.balls import middle, upper
+    from spherekit.proof.balls import centre_float, upper_magnitude
 
     lines = []
     for mode_index, angles in enumerate(modes.angles()):
-        degrees = np.degrees([*map(middle, angles)])
+        degrees = np.degrees([*map(centre_float, angles)])
         wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)
         shown = ", ".join(
             f"{name} {angle:.9f}"
-            for name, angle in zip(modes.written.structure.pairs, wrapped, strict=True)
+            for name, angle in zip(
+                modes.decimal_mechanism.structure.pairs, wrapped, strict=True
+            )
         )
-        off = max(np.degrees(upper(angle - angle.mid())) for angle in angles)
+        off = max(np.degrees(upper_magnitude(angle - angle.mid())) for angle in angles)
         lines.append(f"  mode {mode_index}, deg: {shown}; each to {off:.0e}")
     for centre, half in modes.clusters:
         place = ", ".join(f"{angle:.6f}" for angle in np.degrees(centre))
@@ -229,12 +231,12 @@ def _mode_lines(modes: Any) -> Lines:
 
 def _wheels(written: Any) -> Made:
     """Return lines and certificate of a mechanism whose wheels fix all its angles."""
-    from spherekit.proof.balls import bits, middle, upper
+    from spherekit.proof.balls import centre_float, upper_magnitude, working_precision
     from spherekit.proof.certificate import wheels_certificate
 
     structure = written.structure
-    with bits(80):
-        ratios = written.ratios()
+    with working_precision(80):
+        ratios = written.follower_ratios()
     inputs = structure.names_of(structure.inputs)
     lines = [
         f"{structure.name}: certified: one mode at all inputs, no dead centre; wheels in "
@@ -242,10 +244,10 @@ def _wheels(written: Any) -> Made:
     ]
     for pair, row in zip(structure.followers, ratios, strict=True):
         parts = " ".join(
-            f"{middle(ratio):+.12g} x {name}"
+            f"{centre_float(ratio):+.12g} x {name}"
             for ratio, name in zip(row, inputs, strict=True)
         )
-        off = max(upper(ratio - ratio.mid()) for ratio in row)
+        off = max(upper_magnitude(ratio - ratio.mid()) for ratio in row)
         lines.append(f"  {structure.pairs[pair]} turns {parts}, factors to {off:.0e}")
     return lines, wheels_certificate(written, ratios), True
 
@@ -256,37 +258,42 @@ def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
 
     from spherekit.completeness import Guarantee
     from spherekit.errors import AnalysisError
-    from spherekit.proof.balls import bits, middle
+    from spherekit.proof.balls import centre_float, working_precision
     from spherekit.proof.certificate import curves_certificate, singular_table
-    from spherekit.proof.certified_singularities import output_pairs, singularities
-    from spherekit.proof.configuration_curves import certified_curves
-    from spherekit.proof.construction import construct
+    from spherekit.proof.certified_singularities import (
+        find_output_pairs,
+        locate_singularities,
+    )
+    from spherekit.proof.configuration_curves import certify_curves
+    from spherekit.proof.construction import find_construction
 
     mechanism = written.mechanism
-    low, high = written.input_range(mechanism.inputs[0].pair)
+    low, high = written.input_range_text(mechanism.inputs[0].pair)
     if given:
         low, high = (_decimal("--range", end) for end in given)
     if not float(low) < float(high):
         raise AnalysisError(f"the range {low} to {high} is empty; give FROM < TO")
-    made = construct(written.structure, output_pairs(written).values())
-    curves = certified_curves(written, (low, high), made)
-    located = singularities(curves)
-    lines = [f"{mechanism.name}: {curves.claim}", *_curve_lines(curves, located)]
+    made = find_construction(written.structure, find_output_pairs(written).values())
+    curves = certify_curves(written, (low, high), made)
+    located = locate_singularities(curves)
+    lines = [f"{mechanism.name}: {curves.completeness}", *_curve_lines(curves, located)]
     if clear_of:
         position = _decimal("--clear-of", clear_of)
-        if not (curves.whole or float(low) <= float(position) <= float(high)):
+        if not (curves.is_full_cycle or float(low) <= float(position) <= float(high)):
             raise AnalysisError(
                 f"--clear-of {clear_of}: nothing is proven there; give an input from {low} "
                 f"to {high}, or another --range"
             )
-        with bits(80):
-            q = middle(written.input_angle(position))
+        with working_precision(80):
+            q = centre_float(written.input_angle(position))
         lines.append(
             f"  within {np.degrees(located.clearance(q)):.9f} deg of {clear_of} there is "
             "no singularity, in any mode"
         )
     certificate = {**curves_certificate(curves), "singularities": singular_table(located)}
-    complete = curves.claim.guarantee is Guarantee.CERTIFIED and not located.undecided
+    complete = (
+        curves.completeness.guarantee is Guarantee.CERTIFIED and not located.undecided
+    )
     return lines, certificate, complete
 
 
@@ -294,7 +301,7 @@ def _map(written: Any, options: Namespace) -> Made:
     """Return lines and certificate of boxes of two inputs, and draw them if asked."""
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import map_certificate
-    from spherekit.proof.input_map import CELL, input_map
+    from spherekit.proof.input_map import DEFAULT_CELL_RAD, certify_input_map
 
     mechanism = written.mechanism
     names = mechanism.input_pairs
@@ -303,14 +310,14 @@ def _map(written: Any, options: Namespace) -> Made:
             f"{mechanism.name} has {len(names)} inputs; ranges are proven of one input, or "
             "of two over those of the file: give values of all with --at"
         )
-    cell = CELL if options.cell is None else options.cell
+    cell = DEFAULT_CELL_RAD if options.cell is None else options.cell
     if not 1e-4 <= cell <= 1.0:
         raise AnalysisError(f"--cell {cell} rad is no use; give one from 0.0001 to 1")
-    boxes = input_map(written, [*map(written.input_range, names)], cell)
-    lines = [f"{mechanism.name}: {boxes.claim}"]
+    boxes = certify_input_map(written, [*map(written.input_range_text, names)], cell)
+    lines = [f"{mechanism.name}: {boxes.completeness}"]
     lines += [
         f"  {counted(count, 'mode')} in {100 * share:.3f} % of the area"
-        for count, share in boxes.counts.items()
+        for count, share in boxes.mode_shares.items()
     ]
     if options.figure:
         _draw(boxes, names, options.figure)
@@ -324,7 +331,7 @@ def _draw(boxes: Any, names: Lines, path: str) -> None:
     from spherekit.display.figures import certified_map
     from spherekit.proof.input_map import CONTAINS, UNDECIDED
 
-    of = {counted(count, "mode"): boxes.modes == count for count in boxes.counts}
+    of = {counted(count, "mode"): boxes.modes == count for count in boxes.mode_shares}
     of[certified_map.CONTAINS] = boxes.kind == CONTAINS
     of[certified_map.UNDECIDED] = boxes.kind == UNDECIDED
     areas = {
@@ -343,10 +350,10 @@ def _crossings(curves: Any) -> Iterator[str]:
     """Return words for each place in the range where curves cross or nearly do."""
     words = {0: "curves cross", None: "curves cross, or miss each other by"}
     for saddle in curves.saddles:
-        q = curves.inside(curves.input_at(saddle.centre))
+        q = curves.wrap_into_range(curves.input_angle(saddle.centre))
         if q is not None:
-            by = f" at most {saddle.gap:.0e} rad" if saddle.level != 0 else ""
-            what = words.get(saddle.level, "curves miss each other by")
+            by = f" at most {saddle.gap:.0e} rad" if saddle.level_sign != 0 else ""
+            what = words.get(saddle.level_sign, "curves miss each other by")
             yield f"{what}{by} at {_degrees(q)} deg"
 
 
@@ -358,16 +365,18 @@ def _curve_lines(curves: Any, located: Any) -> Lines:
         lines.append(f"  {_degrees(low)} to {_degrees(high)} deg: {counted(count, 'mode')}")
     for place, count in Counter(_crossings(curves)).items():
         lines.append(f"  {place}{f', in {count} configurations' if count > 1 else ''}")
-    for q in curves.still_at:
+    for q in curves.constant_input_values:
         lines.append(f"  a whole curve of modes at {_degrees(q)} deg")
-    for low, high in curves.undecided[:8]:
+    for low, high in curves.undecided_ranges[:8]:
         lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
-    for output, kind, q, curve, stop in located.points:
-        where = ", out of the range" if curves.inside(q) is None else ""
-        off = np.degrees(stop.off * curves.laps)
+    for singularity in located.singularities:
+        is_outside = curves.wrap_into_range(singularity.q) is None
+        where = ", out of the range" if is_outside else ""
+        error = np.degrees(singularity.point.error * curves.cycle_turns)
         lines.append(
-            f"  output {output}: type {kind} at {np.degrees(q):.9f} deg, to {off:.0e}, on "
-            f"curve {curve}{where}"
+            f"  output {singularity.output}: type {singularity.type} at "
+            f"{np.degrees(singularity.q):.9f} deg, to {error:.0e}, on curve "
+            f"{singularity.curve}{where}"
         )
     if located.undecided:
         lines.append(f"  singularities undecided in {located.undecided} parts of curves")

@@ -10,7 +10,7 @@ from spherekit.errors import EngineError, SolveError
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.study import Start, StartGiven
 from spherekit.mechanism.friction import check_no_reaction_friction
-from spherekit.proof.balls import FEWEST, Digits
+from spherekit.proof.balls import MIN_DIGITS, Digits
 from spherekit.proof.reference_motion import ExactSimulation
 from spherekit.wording import listing
 
@@ -100,7 +100,7 @@ def refined(
         return traced.values + rates * np.maximum(t - end.t, 0.0)[:, None], rates
 
     reference = ExactSimulation(
-        arithmetic or Digits(FEWEST),
+        arithmetic or Digits(MIN_DIGITS),
         mechanism,
         simulation.driven[0],
         float(q),

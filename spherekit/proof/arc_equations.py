@@ -1,16 +1,19 @@
-"""The equations of a mechanism: the arc of each link that is put on two axes.
+"""The equations of a mechanism in balls: one arc for each link that is put on two axes.
 
-f = U . W - cos(arc), with U and W the axes of the link's two pairs in the links placed
-before, is a polynomial in the cosines and sines of the angles. Every placed link turns
-another one by a rotation about a fixed axis, of norm 1 as are all its derivatives by the
-angle; a link put on two axes contributes a matrix of known norm. So the derivatives of f
-of any order are bounded by one constant for each equation, for all configurations at once,
-real ones or with imaginary parts of the angles up to a bound.
+The equation of such a link is f = U . W - cos(arc) = 0. U and W are the axes of its two
+pairs, each in the link to which the pair joins it, and both in common axes. f is a
+polynomial in the cosines and sines of the variables of `Construction`.
 
-A jet is an array of balls with its derivatives by some variables.
+All derivatives of f are bounded by one constant for each equation, for all real
+configurations at once. The reason: a link across one pair contributes a rotation about a
+fixed axis, which has norm 1, as have all its derivatives by the angle. A link on two axes
+contributes a matrix of known norm.
+
+A jet is an array of balls together with its derivatives by the variables.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from math import prod
 from typing import Any
@@ -19,178 +22,358 @@ import numpy as np
 
 from spherekit.arrays import Array, Floats
 from spherekit.errors import PlanError
-from spherekit.proof.ball_frames import Frame, Vector, exact, exactly, revolute
-from spherekit.proof.balls import UNIT, Ball, lower
-from spherekit.proof.construction import Construction, Step
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.ball_frames import (
+    Frame,
+    Vector,
+    exact_ball,
+    exact_balls,
+    revolute_rotation_terms,
+)
+from spherekit.proof.balls import UNIT_ROUNDOFF, Ball, lower_magnitude
+from spherekit.proof.construction import Construction, PlacementStep
+from spherekit.proof.decimal_mechanism import DecimalMechanism
 from spherekit.proof.harmonics import Harmonics
 
 Jet = Mapping[tuple[int, ...], Any]
-"""An array under (), its derivatives under (j,) and (j, l) with j <= l; zero if missing."""
+"""An array of balls under the key (), and its derivatives by variables.
+
+The key (j,) has the first derivative by variable j, the key (j, l) with j <= l the second
+derivative by variables j and l. A missing key means zero.
+"""
+
+MIN_ARC_SINE = 1e-6
+"""Smallest sine of the arc of a link on two axes; at 0 the link can spin about them.
+
+Larger: mechanisms with short arcs are refused. Smaller: the bounds of derivatives, which
+are divided by the sine, grow, and boxes must be smaller.
+"""
 
 
-def product(one: Jet, other: Jet, times: Any, order: int, before: Jet | None = None) -> Jet:
-    """Return the jet of a bilinear product, with derivatives up to an order of 0 to 2.
+def jet_product(
+    first: Jet,
+    second: Jet,
+    multiply: Callable[[Any, Any], Any],
+    order: int,
+    added: Jet | None = None,
+) -> Jet:
+    """Return the jet of a bilinear product by the product rule.
 
-    It is added to what was `before`.
+    Parameters
+    ----------
+    first, second
+        Jets of the two factors.
+    multiply
+        The bilinear product of two arrays, for example `np.matmul`.
+    order
+        Highest order of the derivatives: 0, 1 or 2.
+    added
+        A jet that is added to the product.
     """
-    out: dict[tuple[int, ...], Any] = dict(before or {})
-    for a, left in one.items():
-        for b, right in other.items():
-            if len(a) + len(b) > order:
+    result: dict[tuple[int, ...], Any] = dict(added or {})
+    for first_key, first_array in first.items():
+        for second_key, second_array in second.items():
+            if len(first_key) + len(second_key) > order:
                 continue
-            key = tuple(sorted(a + b))
-            term = times(left, right)
-            if a and a == b:
+            key = tuple(sorted(first_key + second_key))
+            term = multiply(first_array, second_array)
+            # The second derivative by one variable has the mixed term twice. For two
+            # different variables the other order of the keys gives the second one.
+            if first_key and first_key == second_key:
                 term = term + term
-            out[key] = out[key] + term if key in out else term
-    return out
+            result[key] = result[key] + term if key in result else term
+    return result
 
 
-SHORTEST = 1e-6
-"""Least sine of the arc of a link that is put on two axes: else it can spin there."""
+@dataclass(frozen=True)
+class DyadPlacement:
+    """What puts a link on the axes U and W of two placed links.
+
+    Attributes
+    ----------
+    parent_axes
+        The axis of each of the two pairs, (3,) in the axes of the parent that it joins.
+    dual_rows
+        Three vectors (3,) a, b, n in link axes. The orientation of the link is the matrix
+        U a^T + W b^T + (U x W) n^T. It is a rotation if the equation is satisfied.
+    arc_cosine
+        Cosine of the arc of the link between its two axes.
+    arc_sine
+        Lower bound of the sine of this arc.
+    """
+
+    parent_axes: list[Vector]
+    dual_rows: list[Vector]
+    arc_cosine: Ball
+    arc_sine: float
 
 
-class Equations:
-    """The equations of a mechanism in the arithmetic of balls of the present precision.
+class ArcEquations:
+    """The equations f = 0 of a mechanism, evaluated in balls of the present precision.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism with its decimal sizes.
+    construction
+        The order of placing its links. Equations and variables are counted as there.
+
+    Attributes
+    ----------
+    unknown_count, variable_count
+        Numbers of unknown angles and of all variables.
+    degrees
+        (equations, variables) degrees as trigonometric polynomials.
+    pair_frames
+        Frames of every pair in its two links.
+    follower_offsets
+        Angles (rad), at an input of zero, of followers that share the input's variable.
 
     Raises
     ------
     PlanError
-        If a link that is put on two axes has an arc of 0 or 180 degrees.
+        If a link that is put on two axes has an arc of about 0 or 180 degrees.
     """
 
-    def __init__(self, written: Written, construction: Construction) -> None:
-        self.written, self.construction = written, construction
-        self.unknowns, self.degrees = construction.unknowns, construction.degrees
-        self.variables = len(construction.pairs)
-        self.frames = written.frames()
-        # the angles (rad) at an input of 0 of pairs that turn with its variable
-        self.offsets: dict[int, Ball] = {}
-        if not construction.followers:
-            _, *angles = written.given([exact(0.0)])
-            self.offsets = dict(zip(written.structure.followers, angles, strict=True))
-        steps = construction.steps
-        self.turning = {x.link: self._turning(x) for x in steps if not x.is_dyad}
-        self.putting = {x.link: self._putting(x) for x in construction.equations}
+    def __init__(
+        self, decimal_mechanism: DecimalMechanism, construction: Construction
+    ) -> None:
+        self.decimal_mechanism = decimal_mechanism
+        self.construction = construction
+        self.unknown_count = construction.unknown_count
+        self.variable_count = len(construction.pairs)
+        self.degrees = construction.degrees
+        self.pair_frames = decimal_mechanism.pair_frames()
+        self.follower_offsets: dict[int, Ball] = {}
+        if not construction.follower_pairs:
+            _, *angles = decimal_mechanism.known_angles([exact_ball(0.0)])
+            followers = decimal_mechanism.structure.followers
+            self.follower_offsets = dict(zip(followers, angles, strict=True))
+        # By link: how it rotates across its pair, or how it is put on two axes.
+        self._rotation_terms = {
+            step.link: self._pair_rotation_terms(step)
+            for step in construction.steps
+            if not step.is_dyad
+        }
+        self._dyad_placements = {
+            step.link: self._place_dyad(step) for step in construction.equation_steps
+        }
 
-    def frame(self, pair: int, link: int) -> Frame:
+    def pair_frame(self, pair: int, link: int) -> Frame:
         """Return the frame of a pair in one of its links."""
-        return self.frames[pair][self.written.structure.ends[pair].index(link)]
+        side = self.decimal_mechanism.structure.ends[pair].index(link)
+        return self.pair_frames[pair][side]
 
-    def _turning(self, step: Step) -> Array:
-        """Return how a link turns in the one before: still, and by cosine and sine."""
-        (pair,) = step.pairs
-        parts = revolute(*self.frames[pair])
-        if self.written.structure.ends[pair][0] not in step.parents:
-            parts = parts.swapaxes(1, 2)
-        if pair in self.offsets:
-            (s, c), (still, even, odd) = self.offsets[pair].sin_cos(), parts
-            parts = np.array([still, even * c + odd * s, odd * c - even * s])
-        return parts
+    def _pair_rotation_terms(self, step: PlacementStep) -> Array:
+        """Return the rotation of a link across one pair as a function of its variable.
 
-    def _putting(self, step: Step) -> tuple[list[Vector], list[Vector], Ball, float]:
-        """Return what puts a link on axes u and w of two others, and its arc.
-
-        That is u and w in these links, and rows a, b and n for its orientation
-        U a + W b + (U x W) n, with U and W the axes where they are. Of its arc it is the
-        cosine, and a lower bound of the sine.
+        Returns
+        -------
+        (3, 3, 3) matrices T such that T[0] + cos(x) T[1] + sin(x) T[2] rotates from link
+        axes to the axes of the parent. x is the variable times `step.angle_factor`.
         """
-        a, b = (self.frame(pair, step.link)[2] for pair in step.pairs)
-        normal = np.cross(a, b)
-        square = normal @ normal
-        sine = np.sqrt(lower(square)) * (1 - 8 * UNIT)
-        if not sine > SHORTEST:
-            structure = self.written.structure
+        (pair,) = step.pairs
+        terms = revolute_rotation_terms(*self.pair_frames[pair])
+        if self.decimal_mechanism.structure.ends[pair][0] not in step.parents:
+            # Against the direction of the pair the rotation is the transpose.
+            terms = terms.swapaxes(1, 2)
+        if pair in self.follower_offsets:
+            # The pair angle is x plus the offset; expand the cosine and sine of the sum.
+            sine, cosine = self.follower_offsets[pair].sin_cos()
+            constant, cosine_term, sine_term = terms
+            terms = np.array(
+                [
+                    constant,
+                    cosine_term * cosine + sine_term * sine,
+                    sine_term * cosine - cosine_term * sine,
+                ]
+            )
+        return terms
+
+    def _place_dyad(self, step: PlacementStep) -> DyadPlacement:
+        """Return what puts a link on the axes of two placed links."""
+        first_axis, second_axis = (
+            self.pair_frame(pair, step.link)[2] for pair in step.pairs
+        )
+        normal = np.cross(first_axis, second_axis)
+        sine_squared = normal @ normal
+        # The factor covers the rounding of square root and product.
+        arc_sine = np.sqrt(lower_magnitude(sine_squared)) * (1 - 8 * UNIT_ROUNDOFF)
+        if not arc_sine > MIN_ARC_SINE:
+            structure = self.decimal_mechanism.structure
             raise PlanError(
                 f"{structure.name}: link {structure.links[step.link]} has an arc of about "
                 "0 or 180 deg between two pairs, about which it could spin; nothing can "
                 "be proven of it"
             )
-        rows = [v / square for v in (np.cross(b, normal), np.cross(normal, a), normal)]
-        axes = [self.frame(*two)[2] for two in zip(step.pairs, step.parents, strict=True)]
-        return axes, rows, a @ b, sine
+        # Dual basis of the two axes and their cross product.
+        dual_rows = [
+            row / sine_squared
+            for row in (
+                np.cross(second_axis, normal),
+                np.cross(normal, first_axis),
+                normal,
+            )
+        ]
+        parent_axes = [
+            self.pair_frame(pair, parent)[2]
+            for pair, parent in zip(step.pairs, step.parents, strict=True)
+        ]
+        return DyadPlacement(parent_axes, dual_rows, first_axis @ second_axis, arc_sine)
 
-    def arrays(self, places: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
-        """Return f (k,), and its derivatives (k, v), (k, v, v), at balls of variables."""
-        shape = [len(self.degrees), *[self.variables] * order]
-        arrays = [np.full(shape[: k + 1], exact(0.0)) for k in range(order + 1)]
-        for k, jet in enumerate(self._placed(places, order)[0]):
+    def evaluate(self, variables: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
+        """Return the equations and their derivatives at balls of all variables.
+
+        Parameters
+        ----------
+        variables
+            Balls (rad) of all variables, real or complex.
+        order
+            Highest order of the derivatives: 0, 1 or 2.
+
+        Returns
+        -------
+        Arrays of balls: f (k,), then f' (k, v) and f'' (k, v, v) up to the order.
+        """
+        shape = [len(self.degrees), *[self.variable_count] * order]
+        arrays = [
+            np.full(shape[: power + 1], exact_ball(0.0)) for power in range(order + 1)
+        ]
+        jets, _ = self._evaluate_jets(variables, order)
+        for equation, jet in enumerate(jets):
             for key, entry in jet.items():
                 array = arrays[len(key)]
-                array[(k, *key)] = array[(k, *key[::-1])] = entry
+                array[(equation, *key)] = entry
+                # Second derivatives are symmetric; a jet has one of both.
+                array[(equation, *key[::-1])] = entry
         return arrays
 
-    def orientations(self, places: Sequence[Ball], order: int = 0) -> dict[int, Jet]:
-        """Return the jets of all links' orientations in the root, at balls of variables."""
-        _, placed = self._placed(places, order)
-        placed[self.construction.root] = {(): exactly(np.eye(3))}
+    def link_orientations(
+        self, variables: Sequence[Ball], order: int = 0
+    ) -> dict[int, Jet]:
+        """Return the orientations of all links in the root at balls of all variables.
+
+        Parameters
+        ----------
+        variables
+            Balls (rad) of all variables.
+        order
+            Highest order of the derivatives: 0, 1 or 2.
+
+        Returns
+        -------
+        By link the jet of its rotation matrix (3, 3) from link axes to those of the root.
+        """
+        _, orientations = self._evaluate_jets(variables, order)
+        orientations[self.construction.root] = {(): exact_balls(np.eye(3))}
         for step in self.construction.steps:
-            above, _ = self.construction.placed[step.link]
-            placed[step.link] = product(placed[above], placed[step.link], np.matmul, order)
-        return placed
+            reference = self.construction.placements[step.link].reference
+            orientations[step.link] = jet_product(
+                orientations[reference], orientations[step.link], np.matmul, order
+            )
+        return orientations
 
-    def _placed(
-        self, places: Sequence[Ball] | Array, order: int
+    def _evaluate_jets(
+        self, variables: Sequence[Ball] | Array, order: int
     ) -> tuple[list[Jet], dict[int, Jet]]:
-        """Return the jets of f, and of links' orientations in links of `Construction`."""
-        values: list[Jet] = []
-        local: dict[int, Jet] = {}
+        """Return the jets of all equations and of the link orientations.
 
-        def along(way: Sequence[int], axis: Vector) -> Jet:
-            """Return an axis of the first link of a way in the link that it leads to."""
+        Returns
+        -------
+        equations
+            The jet of f of each equation.
+        orientations
+            By link the jet of its orientation in its reference link (`LinkPlacement`).
+        """
+        equations: list[Jet] = []
+        orientations: dict[int, Jet] = {}
+
+        def carry_along(path: Sequence[int], axis: Vector) -> Jet:
+            """Return an axis of the first link of a path in the reference of the last."""
             jet: Jet = {(): axis}
-            for link in way:
-                jet = product(local[link], jet, np.matmul, order)
+            for link in path:
+                jet = jet_product(orientations[link], jet, np.matmul, order)
             return jet
 
         for step in self.construction.steps:
             if not step.is_dyad:
-                turned = _turned(self.turning[step.link], places, step)
-                local[step.link] = {k: x for k, x in turned.items() if len(k) <= order}
+                rotation = _rotation_jet(self._rotation_terms[step.link], variables, step)
+                orientations[step.link] = {
+                    key: array for key, array in rotation.items() if len(key) <= order
+                }
                 continue
-            axes, rows, cosine, _ = self.putting[step.link]
-            one, other = map(along, self.construction.apart(step)[1:], axes)
-            values.append(product(one, other, np.dot, order, {(): -cosine}))
-            both = one, other, product(one, other, _cross, order)
-            placed: Jet = {}
-            for jet, row in zip(both, rows, strict=True):
-                placed = product(jet, {(): row}, np.multiply.outer, order, placed)
-            local[step.link] = placed
-        return values, local
+            dyad = self._dyad_placements[step.link]
+            paths = self.construction.parent_paths(step)
+            first_parent_axis, second_parent_axis = dyad.parent_axes
+            U = carry_along(paths.first, first_parent_axis)
+            W = carry_along(paths.second, second_parent_axis)
+            equations.append(jet_product(U, W, np.dot, order, {(): -dyad.arc_cosine}))
+            orientation: Jet = {}
+            for axis, row in zip(
+                (U, W, jet_product(U, W, _cross, order)), dyad.dual_rows, strict=True
+            ):
+                orientation = jet_product(
+                    axis, {(): row}, np.multiply.outer, order, orientation
+                )
+            orientations[step.link] = orientation
+        return equations, orientations
 
     @cached_property
-    def bound(self) -> Floats:
-        """Bounds of f of each equation at real angles (equations,).
+    def derivative_bound(self) -> Floats:
+        """(equations,) bounds C of f and its derivatives at real angles.
 
-        All derivatives of order k are at most that times the k-th power of `degrees`.
+        A derivative of order k by variables j1 to jk is at most C times the product of the
+        degrees in these variables.
         """
-        factors = dict.fromkeys(self.turning, 1.0)
-        products = []
-        for step in self.construction.equations:
-            _, *ways = self.construction.apart(step)
-            one, other = (prod(factors[link] for link in way) for way in ways)
-            sums = (one + other + one * other) * (1 + 16 * UNIT)
-            factors[step.link] = sums / self.putting[step.link][-1]
-            products.append(one * other)
-        return np.array(products) * (1 + 64 * UNIT)
+        # Bound of the norm of each link's orientation in its reference, and its
+        # derivatives.
+        norms = dict.fromkeys(self._rotation_terms, 1.0)
+        bounds = []
+        for step in self.construction.equation_steps:
+            paths = self.construction.parent_paths(step)
+            first = prod(norms[link] for link in paths.first)
+            second = prod(norms[link] for link in paths.second)
+            # |U a^T + W b^T + (U x W) n^T|; the dual rows have lengths of at most 1 / sine.
+            # The factors cover the rounding of sums and products.
+            sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
+            norms[step.link] = sum_of_norms / self._dyad_placements[step.link].arc_sine
+            bounds.append(first * second)
+        return np.array(bounds) * (1 + 64 * UNIT_ROUNDOFF)
 
     @cached_property
-    def real(self) -> Harmonics:
-        """The same equations at real angles by their coefficients, in float64."""
-        return Harmonics(self.degrees, lambda angles: self.arrays(angles, 0)[0])
+    def harmonics(self) -> Harmonics:
+        """The same equations at real angles by their Fourier coefficients, in float64."""
+        return Harmonics(self.degrees, lambda angles: self.evaluate(angles, 0)[0])
 
 
 def _cross(a: Vector, b: Vector) -> Vector:
     """Return the vector product; NumPy's takes ten times as long for two vectors."""
-    up, down = [1, 2, 0], [2, 0, 1]
-    return a[up] * b[down] - a[down] * b[up]
+    next_index = [1, 2, 0]
+    last_index = [2, 0, 1]
+    return a[next_index] * b[last_index] - a[last_index] * b[next_index]
 
 
-def _turned(parts: Array, places: Sequence[Ball] | Array, step: Step) -> Jet:
-    """Return the jet of a rotation by a step's variable at balls of all variables."""
-    sine, cosine = (places[step.variable] * step.turns).sin_cos()
-    still, even, odd = parts
-    one, along = even * cosine + odd * sine, odd * cosine - even * sine
-    j, turns = step.variable, step.turns
-    return {(): still + one, (j,): along * turns, (j, j): -one * turns**2}
+def _rotation_jet(
+    terms: Array, variables: Sequence[Ball] | Array, step: PlacementStep
+) -> Jet:
+    """Return the jet of the rotation of a link across one pair.
+
+    Parameters
+    ----------
+    terms
+        (3, 3, 3) matrices T of T[0] + cos(x) T[1] + sin(x) T[2].
+    variables
+        Balls (rad) of all variables.
+    step
+        Its variable times its factor is the angle x.
+    """
+    factor = step.angle_factor
+    j = step.variable
+    sine, cosine = (variables[j] * factor).sin_cos()
+    constant, cosine_term, sine_term = terms
+    varying = cosine_term * cosine + sine_term * sine
+    derivative = sine_term * cosine - cosine_term * sine
+    return {
+        (): constant + varying,
+        (j,): derivative * factor,
+        (j, j): -varying * factor**2,
+    }

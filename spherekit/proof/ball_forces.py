@@ -1,78 +1,101 @@
-"""Inertia and forces of loads in balls, with switches where loads have kinks.
-
-What a load is made of is said in `spherekit.mechanism.load_kinds`. An expression that is
-not smooth is continued beyond its kinks: each `abs`, `sign`, `min` and `max` depends on the
-sign of a condition, which is held on the side it is said to be on.
-"""
-
-from dataclasses import dataclass
+"""The equivalent inertia of a mechanism and the torque of a table, in balls."""
 
 import numpy as np
 
-from spherekit.arrays import Array, Floats
+from spherekit.arrays import Array
 from spherekit.mechanism.load import TorqueTable
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.proof.ball_frames import exactly
+from spherekit.proof.ball_frames import exact_balls
 from spherekit.proof.reference_rows import ExactRows
 
-Sides = Floats | None
-"""The sides (switches,) +1 or -1 of all conditions; None takes those they are on."""
 
+def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
+    """Return the equivalent inertia and its derivative by the moving input.
 
-@dataclass(frozen=True)
-class Moving:
-    """A mechanism in motion at n rows, by a coordinate of its own.
+    The equivalent inertia is twice the kinetic energy at unit rate of the input (Di
+    Gregorio 2024, eqs. (14), (15)). Inertia tensors count as exact float64 numbers.
 
-    `values` (n, variables) rad, whole turns included; `rates` (n, variables) and `w`
-    (n, links, 3), in ground axes, per unit rate of the coordinate; `rotations`
-    (n, links, 3, 3).
-    """
-
-    values: Array
-    rates: Array
-    w: Array
-    rotations: Array
-
-
-def exact_inertia(exact: ExactRows) -> tuple[Array, Array]:
-    """Return the equivalent inertia B (n,), kg m2, and its derivative by the input (n,).
-
-    Twice the kinetic energy per squared rate of the input that moves (Di Gregorio 2024,
-    eqs. (14), (15)). Inertia tensors are taken as the float64 numbers they are given by.
+    Returns
+    -------
+    inertia
+        (n,) balls, kg m2.
+    derivative
+        (n,) balls, kg m2/rad.
 
     Raises
     ------
     ValueError
-        If the rows were made with order 1, without derivatives.
+        If the rows were computed with order 1, without derivatives.
     """
-    with exact.arithmetic.within():
-        return inertia(exact.mechanism, exact.rotations, exact.w, exact.slopes)
+    with rows.arithmetic.within():
+        return equivalent_inertia(rows.mechanism, rows.rotations, rows.w, rows.slopes)
 
 
-def inertia(
+def equivalent_inertia(
     mechanism: Mechanism, rotations: Array, w: Array, dw: Array
 ) -> tuple[Array, Array]:
-    """Return B (n,) of a coordinate and its derivative by it, see `exact_inertia`.
+    """Return the equivalent inertia B of a coordinate and its derivative.
 
-    From orientations (n, links, 3, 3), angular velocities (n, links, 3) per unit rate of
-    the coordinate, and their derivatives by it.
+    B is the sum of w_j . I_j w_j over the links j with mass. The derivative is twice the
+    sum of dw_j . I_j w_j, since the terms from the rotation of I_j cancel.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its inertia tensors in link axes (kg m2).
+    rotations
+        (n, links, 3, 3) rotations from link axes to ground axes.
+    w
+        (n, links, 3) angular velocities in ground axes at unit rate of the coordinate.
+    dw
+        (n, links, 3) their derivatives by the coordinate.
+
+    Returns
+    -------
+    B, dB
+        (n,) balls each.
     """
-    B = dB = exactly(np.zeros(len(w)))
+    B = exact_balls(np.zeros(len(w)))
+    dB = exact_balls(np.zeros(len(w)))
     for mass in mechanism.masses:
         link = mechanism.link_number[mass.link]
-        turn, turning = rotations[:, link], w[:, link, :, None]
-        momentum = turn @ (exactly(mass.tensor) @ (turn.swapaxes(1, 2) @ turning))
-        B = B + np.sum(turning * momentum, axis=(1, 2))
+        rotation = rotations[:, link]
+        w_column = w[:, link, :, None]
+        tensor = exact_balls(mass.tensor)
+        momentum = rotation @ (tensor @ (rotation.swapaxes(1, 2) @ w_column))
+        B = B + np.sum(w_column * momentum, axis=(1, 2))
         dB = dB + 2 * np.sum(dw[:, link, :, None] * momentum, axis=(1, 2))
     return B, dB
 
 
-def _of_table(table: TorqueTable, t: Array, inside: float) -> Array:
-    """Return a table's torque along the line that it has at the time `inside`."""
-    times, torques = exactly(table.times), exactly(table.torques)
+def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array:
+    """Return the torque of a table, continued along one of its straight lines.
+
+    A table is piecewise linear in time. All times are evaluated on the line that is valid
+    at `time_inside`, so that the result has no kink.
+
+    Parameters
+    ----------
+    table
+        Times (s) and torques (N m).
+    t
+        (n,) times (s).
+    time_inside
+        A time (s) between two neighbouring kinks of the table.
+
+    Returns
+    -------
+    (n,) torques (N m).
+    """
+    times = exact_balls(table.times)
+    torques = exact_balls(table.torques)
     period = times[-1] - times[0]
-    passed = np.floor((inside - table.times[0]) / float(period))
-    turn = passed if table.periodic else 0
-    k = 1 + np.searchsorted(table.times[1:-1], inside - turn * float(period))
-    slope = (torques[k] - torques[k - 1]) / (times[k] - times[k - 1])
-    return torques[k - 1] + slope * (t - turn * period - times[k - 1])
+    if table.periodic:
+        periods_passed = np.floor((time_inside - table.times[0]) / float(period))
+    else:
+        periods_passed = 0
+    time_in_first_period = time_inside - periods_passed * float(period)
+    end = 1 + np.searchsorted(table.times[1:-1], time_in_first_period)
+    slope = (torques[end] - torques[end - 1]) / (times[end] - times[end - 1])
+    time_on_line = t - periods_passed * period - times[end - 1]
+    return torques[end - 1] + slope * time_on_line

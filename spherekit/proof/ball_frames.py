@@ -1,6 +1,8 @@
-"""Vectors of balls, and the frames of R pairs in their links.
+"""Vectors of balls, and the frames of R pairs in their links as balls.
 
-A frame (3, 3) has three unit vectors as its rows: zero direction, side, axis.
+A frame is an array (3, 3) whose rows are three orthogonal unit vectors in link axes: the
+zero direction, from which the pair angle is counted; the side, which is the cross product
+of the axis with the zero direction; and the axis of the pair.
 """
 
 from __future__ import annotations
@@ -14,127 +16,201 @@ from spherekit.arrays import Array, Floats
 from spherekit.mechanism.elements import LinkSizes, PoseGeometry, SizeGeometry
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.mechanism.pair_frames import COLLINEAR_SINE, axes_from_sizes
-from spherekit.proof.balls import Ball, library
-
-
-def exactly(values: ArrayLike) -> Array:
-    """Return float64 numbers without error."""
-    return np.asarray(np.frompyfunc(library().arb, 1, 1)(np.asarray(values, dtype=float)))
-
-
-def exact(number: float) -> Ball:
-    """Return a float64 number without error."""
-    return library().arb(float(number))
-
+from spherekit.proof.balls import Ball, flint_library
 
 Vector = Array
-
+"""(3,) balls."""
 
 Frame = Array
-
+"""(3, 3) balls: the rows are zero direction, side and axis of a pair in link axes."""
 
 Frames = dict[str, tuple[Frame, Frame]]
-"""The frames of R pairs in their first and their second link, by name."""
+"""By name of an R pair: its frames in its first and in its second link."""
 
 
-def unit(a: Vector) -> Vector:
-    """Return a vector over its length."""
-    return a / np.sqrt(a @ a)
+def exact_balls(values: ArrayLike) -> Array:
+    """Return an array of float64 numbers as balls of radius 0."""
+    numbers = np.asarray(values, dtype=float)
+    return np.asarray(np.frompyfunc(flint_library().arb, 1, 1)(numbers))
 
 
-def turned(frame: Frame, angle: Ball) -> Frame:
-    """Return a frame turned about its axis by an angle (rad)."""
-    (s, c), (x, y, z) = angle.sin_cos(), frame
-    return np.stack([c * x + s * y, c * y - s * x, z])
+def exact_ball(number: float) -> Ball:
+    """Return a float64 number as a ball of radius 0."""
+    return flint_library().arb(float(number))
 
 
-def revolute(first: Frame, second: Frame) -> Array:
-    """Return (3, 3, 3) how an R pair turns its second link in the first, by its frames.
+def unit_vector(vector: Vector) -> Vector:
+    """Return a vector of balls divided by its length."""
+    return vector / np.sqrt(vector @ vector)
 
-    By the sum of these times 1, the cosine and the sine of its angle.
+
+def rotate_frame(frame: Frame, angle: Ball) -> Frame:
+    """Return a frame rotated about its axis by an angle (rad)."""
+    sine, cosine = angle.sin_cos()
+    zero_direction, side, axis = frame
+    return np.stack(
+        [
+            cosine * zero_direction + sine * side,
+            cosine * side - sine * zero_direction,
+            axis,
+        ]
+    )
+
+
+def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
+    """Return the rotation of an R pair as a linear function of 1, cosine and sine.
+
+    Parameters
+    ----------
+    first, second
+        Frames of the pair in its first and second link.
+
+    Returns
+    -------
+    (3, 3, 3) matrices T such that T[0] + cos(angle) T[1] + sin(angle) T[2] rotates from the
+    axes of the second link to those of the first.
     """
-    (x, y, z), nothing = first, 0 * first[0]
-    moved = [[nothing, nothing, z], [x, y, nothing], [y, -x, nothing]]
-    return np.array(moved).swapaxes(1, 2) @ second
+    zero_direction, side, axis = first
+    zero = 0 * zero_direction
+    # Columns are the images of the second frame's zero direction, side and axis.
+    images = [
+        [zero, zero, axis],
+        [zero_direction, side, zero],
+        [side, -zero_direction, zero],
+    ]
+    return np.array(images).swapaxes(1, 2) @ second
 
 
-def axes_about(centre: Vector) -> Frame:
-    """Return the axes from which azimuths about a unit vector are counted, and it."""
+def azimuth_frame(centre: Vector) -> Frame:
+    """Return a frame whose axis is `centre` and from which azimuths of profiles count.
+
+    The zero direction is the part of the y or x axis of the link that is perpendicular to
+    the centre. The x axis is avoided if the centre is close to it.
+    """
     helper = np.eye(3)[1 if abs(float(centre[0])) > 0.9 else 0]
-    return _frame(centre, helper - (helper @ centre) * centre)
+    return _frame_toward(centre, helper - (helper @ centre) * centre)
 
 
-def frames_of_sizes(
+def frames_from_sizes(
     mechanism: Mechanism,
     geometry: SizeGeometry,
     sizes: Mapping[str, Sequence[Sequence[Ball]]],
     zeros: Mapping[str, Ball],
 ) -> Frames:
-    """Return frames from arcs and angles (rad) of links.
+    """Return the frames of R pairs from the arcs and angles of the links.
 
-    Those of float64 say which axes are on a line.
+    Parameters
+    ----------
+    mechanism
+        The mechanism, for its pairs.
+    geometry
+        The same sizes in float64, which decide whether two axes of a link coincide.
+    sizes
+        By link: the arcs and the angles (rad) as balls.
+    zeros
+        By pair: the angle (rad) at which its variable is zero; 0 if it is missing.
     """
-    near = {link: axes_from_sizes(given) for link, given in geometry.links.items()}
+    float_axes = {link: axes_from_sizes(given) for link, given in geometry.links.items()}
     axes = {}
-    for link, (arcs, turns) in sizes.items():
-        given = LinkSizes(geometry.links[link].axes, tuple(arcs), tuple(turns))
-        placed = axes_from_sizes(given).items()
-        axes[link] = {name: axis + exact(0.0) for name, axis in placed}
-    made = {}
+    for link, (arcs, angles) in sizes.items():
+        link_sizes = LinkSizes(geometry.links[link].axes, tuple(arcs), tuple(angles))
+        axes[link] = {
+            # Adding 0 turns coordinates that are plain numbers into balls.
+            name: axis + exact_ball(0.0)
+            for name, axis in axes_from_sizes(link_sizes).items()
+        }
+    frames = {}
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
             first, second = (
-                _reference_frame(axes[link], near[link], pair.name) for link in pair.links
+                _reference_frame(axes[link], float_axes[link], pair.name)
+                for link in pair.links
             )
-            made[pair.name] = turned(first, zeros.get(pair.name, exact(0.0))), second
-    return made
+            zero = zeros.get(pair.name, exact_ball(0.0))
+            frames[pair.name] = rotate_frame(first, zero), second
+    return frames
 
 
-def frames_of_pose(
+def frames_from_pose(
     geometry: PoseGeometry, axes: Mapping[str, Vector], values: Mapping[str, Ball]
 ) -> Frames:
-    """Return frames from unit axes in the reference pose, and the pairs' values there."""
-    made = {}
-    for name, near in geometry.axes.items():
-        first = _across(axes[name], np.array(near))
-        made[name] = first, turned(first, values.get(name, exact(0.0)))
-    return made
+    """Return the frames of R pairs from the axes in the reference pose.
+
+    In the reference pose the axes of all links coincide with ground axes.
+
+    Parameters
+    ----------
+    geometry
+        The axes in float64, which decide from which coordinate axis angles are counted.
+    axes
+        By pair: its unit axis in the reference pose, as balls.
+    values
+        By pair: its angle (rad) in the reference pose; 0 if it is missing.
+    """
+    frames = {}
+    for name, float_axis in geometry.axes.items():
+        first = _frame_across(axes[name], np.array(float_axis))
+        frames[name] = first, rotate_frame(first, values.get(name, exact_ball(0.0)))
+    return frames
 
 
 def declared_frames(mechanism: Mechanism) -> Frames:
-    """Return the frames with all sizes as the float64 numbers that they are."""
-    given = mechanism.geometry
-    if isinstance(given, PoseGeometry):
-        axes = {name: unit(exactly(axis)) for name, axis in given.axes.items()}
-        return frames_of_pose(given, axes, _exact(given.values))
+    """Return the frames of R pairs with all sizes taken as exact float64 numbers."""
+    geometry = mechanism.geometry
+    if isinstance(geometry, PoseGeometry):
+        axes = {
+            name: unit_vector(exact_balls(axis)) for name, axis in geometry.axes.items()
+        }
+        return frames_from_pose(geometry, axes, _exact_by_name(geometry.values))
     sizes = {
-        link: [[*exactly(near.arcs)], [*exactly(near.angles)]]
-        for link, near in given.links.items()
+        link: [[*exact_balls(link_sizes.arcs)], [*exact_balls(link_sizes.angles)]]
+        for link, link_sizes in geometry.links.items()
     }
-    return frames_of_sizes(mechanism, given, sizes, _exact(given.zeros))
+    return frames_from_sizes(mechanism, geometry, sizes, _exact_by_name(geometry.zeros))
 
 
-def _exact(numbers: Mapping[str, float]) -> dict[str, Ball]:
-    return {name: exact(number) for name, number in numbers.items()}
+def _exact_by_name(numbers: Mapping[str, float]) -> dict[str, Ball]:
+    return {name: exact_ball(number) for name, number in numbers.items()}
 
 
 def _reference_frame(
-    axes: Mapping[str, Vector], near: Mapping[str, Floats], name: str
+    axes: Mapping[str, Vector], float_axes: Mapping[str, Floats], name: str
 ) -> Frame:
-    """Return the frame of an axis; its x axis leads to the first other axis."""
+    """Return the frame of a pair in a link; its zero direction points to another axis.
+
+    That is the first axis of the link that does not coincide with the axis of the pair.
+
+    Parameters
+    ----------
+    axes
+        By pair of the link: its axis in link axes, as balls.
+    float_axes
+        The same axes in float64, by which coincidence is judged.
+    name
+        Name of the pair.
+    """
     axis = axes[name]
-    for other, direction in axes.items():
-        if np.linalg.norm(np.cross(near[name], near[other])) > COLLINEAR_SINE:
-            return _frame(axis, np.cross(np.cross(axis, direction), axis))
-    return _across(axis, near[name])
+    for other_name, other_axis in axes.items():
+        sine = np.linalg.norm(np.cross(float_axes[name], float_axes[other_name]))
+        if sine > COLLINEAR_SINE:
+            return _frame_toward(axis, np.cross(np.cross(axis, other_axis), axis))
+    return _frame_across(axis, float_axes[name])
 
 
-def _across(axis: Vector, near: Floats) -> Frame:
-    """Return the frame of an axis that no other one gives a direction."""
-    return _frame(axis, np.cross(axis, np.eye(3)[np.argmin(np.abs(near))]))
+def _frame_across(axis: Vector, float_axis: Floats) -> Frame:
+    """Return the frame of an axis for which the link has no other direction.
+
+    The zero direction is perpendicular to the coordinate axis that is farthest from the
+    pair axis.
+    """
+    coordinate_axis = np.eye(3)[np.argmin(np.abs(float_axis))]
+    return _frame_toward(axis, np.cross(axis, coordinate_axis))
 
 
-def _frame(axis: Vector, toward: Vector) -> Frame:
-    """Return the frame of an axis with its x axis along a vector across it."""
-    first = unit(toward)
-    return np.stack([first, np.cross(axis, first), axis])
+def _frame_toward(axis: Vector, perpendicular: Vector) -> Frame:
+    """Return the frame of an axis whose zero direction is along a vector across the axis.
+
+    The vector need not have unit length.
+    """
+    zero_direction = unit_vector(perpendicular)
+    return np.stack([zero_direction, np.cross(axis, zero_direction), axis])

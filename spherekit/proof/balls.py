@@ -1,7 +1,8 @@
-"""The only home of python-flint: numbers that carry a bound of their own error.
+"""Ball arithmetic: numbers that carry a bound of their own error.
 
-A ball is a centre and a radius; every operation returns a ball that contains all exact
-results of all numbers in its operands (F. Johansson, Arb, 2017).
+A ball is a centre and a radius. Every operation on balls returns a ball that contains the
+exact results for all numbers of its operands (F. Johansson, Arb, 2017). This is the only
+module that imports python-flint.
 """
 
 from __future__ import annotations
@@ -19,37 +20,56 @@ from spherekit.errors import EngineError
 Ball = Any
 """A real ball, `flint.arb`, or a complex one, `flint.acb`."""
 
-UNIT = 2.0**-53
+UNIT_ROUNDOFF = 2.0**-53
 """Relative error of one rounding to float64."""
 
-DIGITS = 50
-"""Decimal digits of `Digits` unless others are asked for."""
+DEFAULT_DIGITS = 50
+"""Decimal digits of `Digits` unless others are asked for.
 
-FEWEST, MOST = 20, 300
+Larger: reference values take longer. Smaller: more of their digits are rounding.
+"""
+
+MIN_DIGITS = 20
+"""Fewest decimal digits of `Digits`."""
+
+MAX_DIGITS = 300
+"""Most decimal digits of `Digits`."""
 
 
-def library() -> Any:
-    """Return python-flint."""
+def flint_library() -> Any:
+    """Return python-flint, which is imported when it is first needed."""
     import flint
 
     return flint
 
 
 @contextmanager
-def bits(precision: int) -> Iterator[None]:
-    """Compute with centres of so many bits within this context."""
-    with library().ctx.workprec(precision):
+def working_precision(bits: int) -> Iterator[None]:
+    """Compute with ball centres of `bits` bits within this context."""
+    with flint_library().ctx.workprec(bits):
         yield
 
 
-def precision() -> int:
-    """Return the bits of centres at present."""
-    return int(library().ctx.prec)
+def precision_bits() -> int:
+    """Return the number of bits of ball centres in the present context."""
+    return int(flint_library().ctx.prec)
 
 
 @checked_class(EngineError)
 class Digits:
-    """How many decimal `digits` reference values are computed in; `eps` is their spacing.
+    """The number of decimal digits in which reference values are computed.
+
+    Parameters
+    ----------
+    digits
+        Number of decimal digits, from 20 to 300.
+
+    Attributes
+    ----------
+    digits
+        Number of decimal digits.
+    eps
+        Spacing of the numbers next to 1 in this precision.
 
     Raises
     ------
@@ -57,117 +77,160 @@ class Digits:
         If fewer than 20 or more than 300 digits are asked for.
     """
 
-    def __init__(self, digits: int = DIGITS) -> None:
-        if not FEWEST <= digits <= MOST:
+    def __init__(self, digits: int = DEFAULT_DIGITS) -> None:
+        if not MIN_DIGITS <= digits <= MAX_DIGITS:
             raise EngineError(
-                f"{digits} digits were asked for; give between {FEWEST} and {MOST}"
+                f"{digits} digits were asked for; give between {MIN_DIGITS} and "
+                f"{MAX_DIGITS}"
             )
         self.digits = digits
         self._bits = round((digits + 1) * np.log2(10.0))
         self.eps = 2.0 ** (1 - self._bits)
 
     def within(self) -> AbstractContextManager[None]:
-        """Return the context in which balls are computed with so many digits."""
-        return bits(self._bits)
+        """Return the context in which balls are computed with this many digits."""
+        return working_precision(self._bits)
 
 
 sine_cosine = np.frompyfunc(lambda ball: ball.sin_cos(), 1, 2)
-middles = np.frompyfunc(lambda ball: ball.mid(), 1, 1)
+"""Return the sines and the cosines of an array of balls or power series (rad)."""
+
+exact_centres = np.frompyfunc(lambda ball: ball.mid(), 1, 1)
+"""Return the centres of an array of balls as balls of radius 0."""
 
 
-def floats(balls: Array) -> Floats:
-    """Return the float64 numbers next to the centres of real balls."""
+def centre_floats(balls: Array) -> Floats:
+    """Return the float64 numbers next to the centres of an array of real balls."""
     return np.asarray(balls, dtype=float)
 
 
-def series(*coefficients: Array) -> Array:
-    """Return power series with coefficients (...), that of the power 0 first."""
-    made, rows = library().arb_series, np.stack(coefficients, axis=-1)
-    out = np.empty(rows.shape[:-1], dtype=object)
-    for place in np.ndindex(out.shape):
-        out[place] = made(list(rows[place]), len(coefficients))
-    return out
+def centre_float(ball: Ball) -> float:
+    """Return the float64 number next to the centre of a real ball."""
+    return float(ball.mid())
 
 
-def coefficient(of: Array, power: int) -> Array:
-    """Return the coefficients (...) of a power in series; a ball is its own of power 0."""
-    kind = library().arb_series
+def power_series(*coefficients: Array) -> Array:
+    """Return an array of power series from the arrays of their coefficients.
 
-    def taken(item: Any) -> Ball:
-        if isinstance(item, kind):
-            return item[power]
-        return 0 * item if power else item
+    Parameters
+    ----------
+    coefficients
+        One array (...) of balls for each power of the variable, the power 0 first.
 
-    return np.asarray(np.frompyfunc(taken, 1, 1)(of))
+    Returns
+    -------
+    (...) power series of that length.
+    """
+    series_type = flint_library().arb_series
+    coefficient_rows = np.stack(coefficients, axis=-1)
+    series = np.empty(coefficient_rows.shape[:-1], dtype=object)
+    for index in np.ndindex(series.shape):
+        series[index] = series_type(list(coefficient_rows[index]), len(coefficients))
+    return series
+
+
+def series_coefficient(series: Array, power: int) -> Array:
+    """Return the coefficients (...) of one power in an array of power series.
+
+    An entry that is a ball counts as a constant series.
+    """
+    series_type = flint_library().arb_series
+
+    def select_coefficient(entry: Any) -> Ball:
+        if isinstance(entry, series_type):
+            return entry[power]
+        return 0 * entry if power else entry
+
+    return np.asarray(np.frompyfunc(select_coefficient, 1, 1)(series))
 
 
 @contextmanager
-def terms(count: int) -> Iterator[None]:
-    """Compute with series of at most so many terms within this context."""
-    context = library().ctx
-    before, context.cap = context.cap, count
+def series_length_limit(count: int) -> Iterator[None]:
+    """Compute with power series of at most `count` terms within this context."""
+    context = flint_library().ctx
+    length_before = context.cap
+    context.cap = count
     try:
         yield
     finally:
-        context.cap = before
+        context.cap = length_before
 
 
-def solved(square: Array, right: Array) -> Array:
-    """Return balls (n, m) of all solutions of linear equations, right sides (n, m).
+def solve_balls(square: Array, right: Array) -> Array:
+    """Return balls that contain all solutions of linear equations with ball coefficients.
+
+    Parameters
+    ----------
+    square
+        (n, n) real or complex balls, the matrix.
+    right
+        (n, m) real or complex balls, m right-hand sides.
+
+    Returns
+    -------
+    (n, m) balls.
 
     Raises
     ------
     ZeroDivisionError
-        If the square matrix may be singular.
+        If the matrix may be singular.
     """
-    flint = library()
-    either = any(isinstance(entry, flint.acb) for entry in (*square.flat, *right.flat))
-    matrix = flint.acb_mat if either else flint.arb_mat
-    return np.array(matrix(square.tolist()).solve(matrix(right.tolist())).tolist())
+    flint = flint_library()
+    has_complex = any(isinstance(entry, flint.acb) for entry in (*square.flat, *right.flat))
+    matrix_type = flint.acb_mat if has_complex else flint.arb_mat
+    solution = matrix_type(square.tolist()).solve(matrix_type(right.tolist()))
+    return np.array(solution.tolist())
 
 
-def wide(centre: Ball, radius: float) -> Ball:
-    """Return the ball around all numbers at most a radius from those of a ball."""
-    return centre + library().arb(0.0, radius)
+def widen(ball: Ball, radius: float) -> Ball:
+    """Return the ball of all numbers at a distance of at most `radius` from a real ball."""
+    return ball + flint_library().arb(0.0, radius)
 
 
-def pi() -> Ball:
-    """Return the circle's number."""
-    return library().arb.pi()
+def pi_ball() -> Ball:
+    """Return pi as a ball."""
+    return flint_library().arb.pi()
 
 
-def angle_of(cosine: Ball, sine: Ball) -> Ball:
-    """Return the angle (rad) of a point of a circle, without a jump at half a turn."""
-    atan2 = library().arb.atan2
+def polar_angle(cosine: Ball, sine: Ball) -> Ball:
+    """Return the polar angle (rad) of the plane vector (cosine, sine).
+
+    The arc tangent of two arguments jumps at half a turn. A ball across this jump would be
+    as wide as a turn. Vectors to the left are therefore rotated by half a turn first.
+    """
+    atan2 = flint_library().arb.atan2
     if cosine < 0:
-        return atan2(-sine, -cosine) + pi()
+        return atan2(-sine, -cosine) + pi_ball()
     return atan2(sine, cosine)
 
 
 def complex_ball(*parts: complex | Ball) -> Ball:
-    """Return a complex ball: of a number without error, of real and imaginary balls."""
-    return library().acb(*parts)
+    """Return a complex ball from an exact number, or from real and imaginary balls."""
+    return flint_library().acb(*parts)
 
 
-def upper(ball: Ball) -> float:
-    """Return a float64 number that no magnitude in a ball exceeds."""
+def upper_magnitude(ball: Ball) -> float:
+    """Return a float64 number that is at least the magnitude of every number in a ball."""
     return 0.0 if ball == 0 else float(np.nextafter(float(ball.abs_upper()), np.inf))
 
 
-def lower(ball: Ball) -> float:
-    """Return a float64 number that every magnitude in a ball reaches."""
+def lower_magnitude(ball: Ball) -> float:
+    """Return a float64 number that is at most the magnitude of every number in a ball."""
     return max(float(np.nextafter(float(ball.abs_lower()), -np.inf)), 0.0)
 
 
-def middle(ball: Ball) -> float:
-    """Return a float64 number next to the centre of a real ball."""
-    return float(ball.mid())
+def cosines_and_sines(angles: Any) -> Floats:
+    """Return the cosines and sines of angles, each with one rounding to float64.
 
+    Parameters
+    ----------
+    angles
+        (...) angles (rad): float64 numbers, which count as exact, or balls that are far
+        narrower than a rounding.
 
-def circle(angles: Any) -> Floats:
-    """Return float64 cosines and sines (..., 2) of angles (...), each rounded once.
-
-    Angles are float64 numbers, taken as they are, or balls far narrower than a rounding.
+    Returns
+    -------
+    (..., 2) cosine and sine of each angle.
     """
-    sine, cosine = sine_cosine(np.frompyfunc(library().arb, 1, 1)(angles))
-    return floats(np.stack([cosine, sine], axis=-1))
+    sine, cosine = sine_cosine(np.frompyfunc(flint_library().arb, 1, 1)(angles))
+    return centre_floats(np.stack([cosine, sine], axis=-1))

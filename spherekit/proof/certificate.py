@@ -1,74 +1,99 @@
-"""Certificates: what was proven, with all that a checker needs to prove it again."""
+"""Certificates: JSON tables of what was proven, from which a checker can prove it again."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from spherekit.completeness import Guarantee
-from spherekit.proof.ball_frames import exact
-from spherekit.proof.balls import Ball, bits, middle, upper
+from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.balls import (
+    Ball,
+    centre_float,
+    upper_magnitude,
+    working_precision,
+)
 from spherekit.proof.certified_modes import CertifiedModes
 from spherekit.proof.certified_singularities import CertifiedSingularities
+from spherekit.proof.collinear_loops import Arm
 from spherekit.proof.configuration_curves import CertifiedCurves
 from spherekit.proof.construction import Construction
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.enclosed_poles import enclosed_poles
+from spherekit.proof.decimal_mechanism import DecimalMechanism
+from spherekit.proof.enclosed_poles import enclose_poles
 from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED, InputMap
-from spherekit.proof.modes_over_boxes import System
-from spherekit.proof.root_ball import Root
+from spherekit.proof.modes_over_boxes import EquationSystem
+from spherekit.proof.root_ball import CertifiedRoot
+from spherekit.proof.tubes import CertifiedArc
 from spherekit.version import __version__
 
-FORMAT = 1
-WHEEL_BITS = 80
-CROSSING = {
+CERTIFICATE_FORMAT = 1
+"""Version of the form of certificates, in their entry "certificate"."""
+
+WHEEL_PRECISION_BITS = 80
+"""Bits of ball centres for the angles of wheels in a certificate."""
+
+CROSSING_WORDS = {
     0: "curves cross",
     1: "curves miss each other, above and below",
     -1: "curves miss each other, left and right",
     None: "curves cross or miss each other",
 }
-"""What is proven of a crossing, by the sign of its level; the first rows of its frame are
-to the right and upwards."""
+"""What is proven of a crossing, by the sign of its level.
+
+The first row of its frame points to the right, the second one upwards.
+"""
 
 
-def heading(statement: str, written: Written) -> dict[str, Any]:
-    """Return the entries that all certificates begin with."""
+def _make_heading(statement: str, decimal_mechanism: DecimalMechanism) -> dict[str, Any]:
+    """Return the entries with which all certificates begin."""
     return {
-        "certificate": FORMAT,
+        "certificate": CERTIFICATE_FORMAT,
         "made_by": f"spherekit {__version__}",
         "statement": statement,
-        "mechanism": written.document.text or "",
-        "tolerance_rad": written.tolerance,
+        "mechanism": decimal_mechanism.document.text or "",
+        "tolerance_rad": decimal_mechanism.tolerance,
     }
 
 
 def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
-    """Return the certificate of the modes at inputs.
+    """Return the certificate of the modes at given inputs.
 
-    The root centres are exact: mantissa and exponent of 2 of real and imaginary parts.
+    The centres of roots are exact: mantissa and exponent of 2 of real and imaginary parts.
     """
-    written = modes.written
-    driven = written.structure.names_of(modes.construction.driven)
+    decimal_mechanism = modes.decimal_mechanism
+    construction = modes.construction
+    input_names = decimal_mechanism.structure.names_of(construction.input_pairs)
     return {
-        **heading("modes at inputs", written),
-        "inputs": dict(zip(driven, modes.inputs, strict=True)),
-        "construction": construction_table(written, modes.construction),
-        "bound": modes.bound,
-        "complete": modes.complete,
-        "counted": modes.counted,
+        **_make_heading("modes at inputs", decimal_mechanism),
+        "inputs": dict(zip(input_names, modes.inputs, strict=True)),
+        "construction": _construction_table(decimal_mechanism, construction),
+        "bound": modes.mode_bound,
+        "complete": modes.is_complete,
+        "counted": modes.is_counted,
         "undecided_rad": [
-            {"centre": centre.tolist(), "half": half.tolist()}
-            for centre, half in modes.clusters
+            {"centre": centre.tolist(), "half": half_widths.tolist()}
+            for centre, half_widths in modes.clusters
         ],
         "modes": len(modes.real),
-        "precision_bits": modes.precision,
-        "systems": _systems(written, modes.construction, modes.systems),
-        "roots": [_root(root) for root in modes.roots],
+        "precision_bits": modes.precision_bits,
+        "systems": _system_tables(decimal_mechanism, construction, modes.systems),
+        "roots": [_root_table(root) for root in modes.roots],
     }
 
 
-def construction_table(written: Written, construction: Construction) -> Mapping[str, Any]:
-    """Return an order of placing links with names."""
-    structure = written.structure
+def _construction_table(
+    decimal_mechanism: DecimalMechanism, construction: Construction
+) -> Mapping[str, Any]:
+    """Return an order of placing links, with names of links and pairs."""
+    structure = decimal_mechanism.structure
     links = structure.links
+    couplers = {}
+    for number, contact in enumerate(structure.couplers):
+        link, pairs = structure.coupler_parts(number)
+        couplers[decimal_mechanism.mechanism.pairs[contact].name] = {
+            "link": links[link],
+            "pairs": structure.names_of(pairs),
+        }
+    unknown_pairs = construction.pairs[: construction.unknown_count]
     return {
         "root": links[construction.root],
         "steps": [
@@ -79,15 +104,8 @@ def construction_table(written: Written, construction: Construction) -> Mapping[
             }
             for step in construction.steps
         ],
-        "unknowns": structure.names_of(construction.pairs[: construction.unknowns]),
-        "couplers": {
-            written.mechanism.pairs[contact].name: {
-                "link": links[link],
-                "pairs": structure.names_of(pairs),
-            }
-            for number, contact in enumerate(structure.couplers)
-            for link, pairs in [structure.coupler(number)]
-        },
+        "unknowns": structure.names_of(unknown_pairs),
+        "couplers": couplers,
         "follow": structure.names_of(structure.followers),
     }
 
@@ -95,29 +113,31 @@ def construction_table(written: Written, construction: Construction) -> Mapping[
 def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     """Return the certificate of the curves over a range of the only input.
 
-    Centres and frames are the float64 numbers that they are. A checker has to pave space
-    again: the boxes are not in it.
+    Centres and frames are the exact float64 numbers. The boxes of the exclusion are not in
+    it: a checker has to pave the space again.
     """
-    written, made = curves.written, curves.construction
+    decimal_mechanism = curves.decimal_mechanism
+    construction = curves.construction
+    input_pair = construction.pairs[curves.input_variable]
     return {
-        **heading("curves over a range", written),
-        "inputs": {written.structure.pairs[made.pairs[curves.driven]]: curves.range_text},
-        "construction": construction_table(written, made),
-        "input_turns_of_its_variable": made.laps,
-        "wheels": _wheels(written, made),
-        "complete": curves.claim.guarantee is Guarantee.CERTIFIED,
-        "undecided_rad": curves.undecided,
+        **_make_heading("curves over a range", decimal_mechanism),
+        "inputs": {decimal_mechanism.structure.pairs[input_pair]: curves.range_text},
+        "construction": _construction_table(decimal_mechanism, construction),
+        "input_turns_of_its_variable": construction.cycle_turns,
+        "wheels": _wheel_tables(decimal_mechanism, construction),
+        "complete": curves.completeness.guarantee is Guarantee.CERTIFIED,
+        "undecided_rad": curves.undecided_ranges,
         "problems": curves.problems,
-        "boxes": curves.boxes,
+        "boxes": curves.box_count,
         "turning_points_rad": curves.turning_points,
         "modes": curves.intervals,
-        "curves_at_one_input_rad": curves.still_at,
+        "curves_at_one_input_rad": curves.constant_input_values,
         "crossings": [
             {
                 "centre": saddle.centre.tolist(),
                 "frame": saddle.frame.T.tolist(),
                 "limits": saddle.limits.tolist(),
-                "is": CROSSING[saddle.level],
+                "is": CROSSING_WORDS[saddle.level_sign],
                 "gap_at_most": saddle.gap,
             }
             for saddle in curves.saddles
@@ -125,93 +145,148 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
         "curves": [
             {
                 "closed": chain.closed,
-                "ends_at_crossings": [
-                    None if arm is None else [arm[0], *arm[1]] for arm in ends
-                ],
-                "at_one_input": still,
+                "ends_at_crossings": [_arm_entry(arm) for arm in arms],
+                "at_one_input": is_constant,
                 "input_stops": [
-                    {"place": stop.place.tolist(), "off": stop.off} for stop in stopped
+                    {"place": point.place.tolist(), "off": point.error}
+                    for point in stationary_points.proven
                 ],
-                "pieces": [
-                    {
-                        "centre": piece.centre.tolist(),
-                        "frame": piece.frame.T.tolist(),
-                        "half": piece.half,
-                        "radius": piece.radius,
-                    }
-                    for piece in chain.pieces
-                ],
+                "pieces": [_piece_table(piece) for piece in chain.pieces],
             }
-            for chain, (stopped, _), ends, still in zip(
-                curves.chains, curves.stopping, curves.ends, curves.still, strict=True
+            for chain, stationary_points, arms, is_constant in zip(
+                curves.chains,
+                curves.input_stationary_points,
+                curves.chain_arms,
+                curves.has_constant_input,
+                strict=True,
             )
         ],
     }
 
 
-def _near(balls: Sequence[Ball]) -> tuple[list[float], list[float]]:
-    """Return float64 numbers next to balls, and by how much each is off at most."""
-    numbers = [middle(ball) for ball in balls]
-    return numbers, [upper(x - number) for x, number in zip(balls, numbers, strict=True)]
+def _arm_entry(arm: Arm | None) -> list[int] | None:
+    """Return an arm as the number of its saddle and the signs of its quadrant."""
+    if arm is None:
+        return None
+    saddle_number, quadrant = arm
+    return [saddle_number, *quadrant]
 
 
-def _wheels(written: Written, made: Construction) -> list[dict[str, Any]]:
-    """Return by how much wheels turn with the only variable, and their angles at zero."""
-    structure = written.structure
-    turns = {step.pairs: step.turns for step in made.steps}
-    with bits(WHEEL_BITS):
-        angles, off = _near(written.given([exact(0.0)])[1:])
+def _piece_table(piece: CertifiedArc) -> dict[str, Any]:
+    """Return the numbers (rad) of a certified arc."""
+    return {
+        "centre": piece.centre.tolist(),
+        "frame": piece.frame.T.tolist(),
+        "half": piece.half_length,
+        "radius": piece.radius,
+    }
+
+
+@dataclass(frozen=True)
+class RoundedBalls:
+    """Float64 numbers near balls, and error bounds.
+
+    Attributes
+    ----------
+    numbers
+        One number near each ball.
+    errors
+        Bounds of the difference of each number from all numbers of its ball.
+    """
+
+    numbers: list[float]
+    errors: list[float]
+
+
+def _round_balls(balls: Sequence[Ball]) -> RoundedBalls:
+    """Return float64 numbers near balls, with their error bounds."""
+    numbers = [centre_float(ball) for ball in balls]
+    errors = [
+        upper_magnitude(ball - number) for ball, number in zip(balls, numbers, strict=True)
+    ]
+    return RoundedBalls(numbers, errors)
+
+
+def _wheel_tables(
+    decimal_mechanism: DecimalMechanism, construction: Construction
+) -> list[dict[str, Any]]:
+    """Return how each wheel rotates with the shared variable, and its angle at zero."""
+    structure = decimal_mechanism.structure
+    factors = {step.pairs: step.angle_factor for step in construction.steps}
+    with working_precision(WHEEL_PRECISION_BITS):
+        _, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
+        angles = _round_balls(wheel_angles)
     return [
         {
             "pair": structure.pairs[pair],
-            "turns": turns[(pair,)],
+            "turns": factors[(pair,)],
             "at_zero_rad": angle,
-            "off": spare,
+            "off": error,
         }
-        for pair, angle, spare in zip(structure.followers, angles, off, strict=True)
+        for pair, angle, error in zip(
+            structure.followers, angles.numbers, angles.errors, strict=True
+        )
     ]
 
 
-def map_certificate(boxes: InputMap) -> dict[str, Any]:
+def map_certificate(input_map: InputMap) -> dict[str, Any]:
     """Return the certificate of boxes of several inputs: what was proven of each."""
-    written, made = boxes.written, boxes.construction
-    driven = written.structure.names_of(made.driven)
-    kinds = {REGULAR: "regular", CONTAINS: "contains type II", UNDECIDED: "undecided"}
+    decimal_mechanism = input_map.decimal_mechanism
+    construction = input_map.construction
+    input_names = decimal_mechanism.structure.names_of(construction.input_pairs)
+    kind_words = {
+        REGULAR: "regular",
+        CONTAINS: "contains type II",
+        UNDECIDED: "undecided",
+    }
     return {
-        **heading("modes over boxes", written),
-        "inputs": dict(zip(driven, boxes.range_texts, strict=True)),
-        "construction": construction_table(written, made),
-        "systems": _systems(written, made, boxes.systems),
-        "shares": {words: boxes.share(kind) for kind, words in kinds.items()},
+        **_make_heading("modes over boxes", decimal_mechanism),
+        "inputs": dict(zip(input_names, input_map.range_texts, strict=True)),
+        "construction": _construction_table(decimal_mechanism, construction),
+        "systems": _system_tables(decimal_mechanism, construction, input_map.systems),
+        "shares": {words: input_map.share(kind) for kind, words in kind_words.items()},
         "boxes": [
             {
                 "centre_rad": centre.tolist(),
-                "half_rad": half.tolist(),
-                "is": kinds[kind],
-                "modes": int(modes) if kind == REGULAR else None,
+                "half_rad": half_widths.tolist(),
+                "is": kind_words[kind],
+                "modes": int(mode_count) if kind == REGULAR else None,
             }
-            for centre, half, kind, modes in zip(
-                boxes.centres, boxes.radii, boxes.kind, boxes.modes, strict=True
+            for centre, half_widths, kind, mode_count in zip(
+                input_map.centres,
+                input_map.radii,
+                input_map.kind,
+                input_map.modes,
+                strict=True,
             )
         ],
     }
 
 
 def wheels_certificate(
-    written: Written, ratios: Sequence[Sequence[Ball]]
+    decimal_mechanism: DecimalMechanism, ratios: Sequence[Sequence[Ball]]
 ) -> dict[str, Any]:
-    """Return the certificate of wheels that fix all angles: their rates by the inputs."""
-    structure = written.structure
+    """Return the certificate of a mechanism in which wheels determine all angles.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism.
+    ratios
+        (followers, inputs) rates of the followers at unit rates of the inputs.
+    """
+    structure = decimal_mechanism.structure
+    rounded_ratios = [_round_balls(row) for row in ratios]
     return {
-        **heading("wheels fix all angles", written),
+        **_make_heading("wheels fix all angles", decimal_mechanism),
         "inputs": structure.names_of(structure.inputs),
         "ratios": [
             {
                 "pair": structure.pairs[pair],
-                "ratios": _near(row)[0],
-                "off": max(_near(row)[1]),
+                "ratios": rounded.numbers,
+                "off": max(rounded.errors),
             }
-            for pair, row in zip(structure.followers, ratios, strict=True)
+            for pair, rounded in zip(structure.followers, rounded_ratios, strict=True)
         ],
     }
 
@@ -219,89 +294,94 @@ def wheels_certificate(
 def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
     """Return enclosures of all poles in all certified real modes.
 
-    As float64 numbers, and how far these are off at most.
+    Each row has float64 numbers near the balls, and error bounds of these.
     """
-    structure, table = modes.written.structure, []
-    with modes.sharp() as (equations, places):
-        for mode, place in enumerate(places):
-            for key, direction, coefficient in enclosed_poles(equations, place):
-                (*numbers, size), (*off, spare) = _near(
-                    [*(() if direction is None else direction), coefficient]
+    structure = modes.decimal_mechanism.structure
+    rows = []
+    with modes.narrow_balls() as (equations, balls_of_modes):
+        for mode, variables in enumerate(balls_of_modes):
+            for pole in enclose_poles(equations, variables):
+                coefficient = _round_balls([pole.coefficient])
+                direction = _round_balls(
+                    [] if pole.direction is None else [*pole.direction]
                 )
-                table.append(
+                rows.append(
                     {
                         "mode": mode,
-                        "moving": structure.pairs[key[0]],
-                        "link": structure.links[key[1]],
-                        "relative_to": structure.links[key[2]],
-                        "direction": numbers or None,
-                        "direction_off": max(off, default=None),
-                        "velocity_coefficient": size,
-                        "velocity_coefficient_off": spare,
+                        "moving": structure.pairs[pole.input_pair],
+                        "link": structure.links[pole.link],
+                        "relative_to": structure.links[pole.relative_to],
+                        "direction": direction.numbers or None,
+                        "direction_off": max(direction.errors, default=None),
+                        "velocity_coefficient": coefficient.numbers[0],
+                        "velocity_coefficient_off": coefficient.errors[0],
                     }
                 )
-    return table
+    return rows
 
 
 def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
-    """Return the singularities of a range."""
+    """Return the part of a certificate with the singularities of a range."""
     return {
         "undecided_parts": located.undecided,
         "outputs_without_pair": located.skipped,
         "at_rest_along_curves": located.resting,
         "found": [
             {
-                "output": output,
-                "type": kind,
-                "curve": curve,
-                "place": stop.place.tolist(),
-                "off": stop.off,
+                "output": singularity.output,
+                "type": singularity.type,
+                "curve": singularity.curve,
+                "place": singularity.point.place.tolist(),
+                "off": singularity.point.error,
             }
-            for output, kind, _, curve, stop in located.points
+            for singularity in located.singularities
         ],
     }
 
 
-def _systems(
-    written: Written, made: Construction, systems: Sequence[System]
+def _system_tables(
+    decimal_mechanism: DecimalMechanism,
+    construction: Construction,
+    systems: Sequence[EquationSystem],
 ) -> list[dict[str, Any]]:
-    """Return systems with the approximations of all their solutions for each mode.
+    """Return systems with approximations of all their solutions for each mode before.
 
-    A solution has e^(i angle) of each unknown, or its inverse where that says so.
+    A solution has e^(i angle) of each unknown, or its inverse where "inverse" is true.
     """
-    structure = written.structure
-    names = structure.names_of(made.pairs)
-    return [
-        {
-            "equations": [structure.links[made.equations[k].link] for k in system.rows],
-            "unknowns": [names[k] for k in system.unknowns],
-            "solved": [
-                {
-                    "given": dict(
-                        zip((names[k] for k in system.given), place.tolist(), strict=True)
-                    ),
-                    "solutions": [
-                        {
-                            "inverse": inverse.tolist(),
-                            "z": [[e.real, e.imag] for e in z],
-                        }
-                        for inverse, z in zip(roots.inverse, roots.z, strict=True)
-                    ],
-                }
-                for place, roots in system.solved
-            ],
-        }
-        for system in systems
-    ]
+    structure = decimal_mechanism.structure
+    names = structure.names_of(construction.pairs)
+    equation_links = [structure.links[step.link] for step in construction.equation_steps]
+    tables = []
+    for system in systems:
+        given_names = [names[variable] for variable in system.given]
+        solved = []
+        for choice in system.solved:
+            solutions = [
+                {"inverse": inverse.tolist(), "z": [[z.real, z.imag] for z in point]}
+                for inverse, point in zip(choice.roots.inverse, choice.roots.z, strict=True)
+            ]
+            given = dict(zip(given_names, choice.given.tolist(), strict=True))
+            solved.append({"given": given, "solutions": solutions})
+        tables.append(
+            {
+                "equations": [equation_links[row] for row in system.rows],
+                "unknowns": [names[variable] for variable in system.unknowns],
+                "solved": solved,
+            }
+        )
+    return tables
 
 
-def _root(root: Root) -> dict[str, Any]:
+def _root_table(root: CertifiedRoot) -> dict[str, Any]:
+    """Return a certified root with its exact centre."""
+    centre = []
+    for number in root.centre:
+        real_part = list(map(int, number.real.man_exp()))
+        imaginary_part = list(map(int, number.imag.man_exp()))
+        centre.append([real_part, imaginary_part])
     return {
         "real": root.real,
-        "centre": [
-            [list(map(int, part.man_exp())) for part in (number.real, number.imag)]
-            for number in root.centre
-        ],
+        "centre": centre,
         "radius": root.radius,
         "alone_within": root.unique,
     }

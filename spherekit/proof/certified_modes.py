@@ -1,6 +1,7 @@
-"""All assembly modes at inputs, certified: every complex root, counted.
+"""All assembly modes at given inputs, certified by counting every complex root.
 
-Where roots are not all told apart, real ones are by excluding the rest of space.
+If not all complex roots are told apart, the real ones are proven to be complete either by
+counting system by system, or by excluding the rest of space.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,279 +14,418 @@ import numpy as np
 from spherekit.arrays import Bools, Floats
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.conventions import TURN
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.ball_frames import exact
-from spherekit.proof.balls import Ball, angle_of, bits, circle, floats, pi
-from spherekit.proof.construction import Construction, construct
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.homotopy import SEEDS
-from spherekit.proof.modes_over_boxes import System, counted, modes_near, systems_of
-from spherekit.proof.paving import FIRST, Left, Ranges, paved
-from spherekit.proof.root_ball import Root, root_near
-from spherekit.proof.tubes import Zone, covered
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.balls import (
+    Ball,
+    centre_floats,
+    cosines_and_sines,
+    pi_ball,
+    polar_angle,
+    working_precision,
+)
+from spherekit.proof.construction import Construction, find_construction
+from spherekit.proof.decimal_mechanism import DecimalMechanism
+from spherekit.proof.homotopy import HOMOTOPY_SEEDS
+from spherekit.proof.modes_over_boxes import (
+    EquationSystem,
+    approximate_modes,
+    count_modes,
+    list_systems,
+)
+from spherekit.proof.paving import FIRST_ANGLE_RAD, BoxSet, VariableRanges, pave
+from spherekit.proof.root_ball import CertifiedRoot, find_root
+from spherekit.proof.tubes import OrientedBox, boxes_covered
 
-MOST_BOXES = 500_000
-PRECISIONS = (80, 160, 320, 640)
-"""Bits of centres; the next where roots are missing."""
-CENTRAL = 6.0
-"""Imaginary part (rad) below which an approximation surely is of no root at infinity."""
-MOST_APART = 3000
-"""Boxes left over, beyond which they are one cluster."""
+MAX_MODE_BOXES = 500_000
+"""Number of boxes after which none is halved.
+
+Larger: more is decided, in longer times. Smaller: larger undecided clusters.
+"""
+
+MODE_PRECISIONS_BITS = (80, 160, 320, 640)
+"""Bits of ball centres that are tried while roots are missing.
+
+More bits tell roots apart that are closer. A double root stays undecided with any number.
+"""
+
+FINITE_ROOT_IMAGINARY_RAD = 6.0
+"""Imaginary part (rad) below which an approximation cannot be of a root at infinity.
+
+Larger: approximations of roots at infinity count as finite. Smaller: finite roots do not
+count, and more homotopies are tried.
+"""
+
+MAX_CLUSTERED_BOXES = 3000
+"""Number of undecided boxes beyond which they are reported as one cluster.
+
+Larger: the comparison of all pairs of boxes takes longer. Smaller: clusters are not told
+apart.
+"""
 
 
 @dataclass(frozen=True)
 class CertifiedModes:
-    """What is proven of the modes at inputs.
+    """What is proven of the assembly modes at given inputs.
 
-    `inputs` are the texts of the inputs in the unit of the file. `roots` are proven
-    different from each other. They are all complex modes if there are `bound` of them.
-    Else `systems` has all solutions of the systems by which the real ones were counted,
-    those at infinity included, or `left` has those of so many `boxes` of all variables in
-    which real modes may be that are not among them. `precision` is the number of bits that
-    they were proven in.
+    Attributes
+    ----------
+    decimal_mechanism
+        The mechanism with its decimal sizes.
+    construction
+        The order of placing its links, with the numbers of the variables.
+    inputs
+        The inputs as decimal numbers in the unit of the file.
+    roots
+        Complex roots that are proven to be different. They are all if there are
+        `mode_bound` of them.
+    precision_bits
+        Bits of the ball centres with which they were proven.
+    systems
+        The systems by which the real roots were counted, each with all its solutions, those
+        at infinity included. Empty if this way was not needed, or failed.
+    box_count
+        Number of boxes that were examined to exclude other real roots.
+    undecided_boxes
+        Boxes in the space of all variables that may contain other real roots; None if no
+        exclusion was needed.
     """
 
-    written: Written
+    decimal_mechanism: DecimalMechanism
     construction: Construction
     inputs: Sequence[str]
-    roots: Sequence[Root]
-    precision: int
-    systems: Sequence[System] = ()
-    boxes: int = 0
-    left: Left | None = None
+    roots: Sequence[CertifiedRoot]
+    precision_bits: int
+    systems: Sequence[EquationSystem] = ()
+    box_count: int = 0
+    undecided_boxes: BoxSet | None = None
 
     @property
-    def counted(self) -> bool:
+    def is_counted(self) -> bool:
         """Whether all complex modes are proven."""
-        return len(self.roots) == self.bound
+        return len(self.roots) == self.mode_bound
 
     @property
-    def bound(self) -> int:
-        """Most isolated complex modes that there can be."""
-        return self.construction.bound
+    def mode_bound(self) -> int:
+        """Largest possible number of isolated complex modes."""
+        return self.construction.mode_bound
 
     @property
-    def real(self) -> list[Root]:
-        """The assembly modes."""
+    def real(self) -> list[CertifiedRoot]:
+        """The real roots: the assembly modes."""
         return [root for root in self.roots if root.real]
 
     @property
-    def complete(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether it is proven that no real mode is missing."""
-        excluded = self.left is not None and not len(self.left[0])
-        return self.counted or bool(self.systems) or excluded
+        is_excluded = self.undecided_boxes is not None and not len(self.undecided_boxes)
+        return self.is_counted or bool(self.systems) or is_excluded
 
     @property
     def clusters(self) -> list[tuple[Floats, Floats]]:
-        """Centres and half widths (unknowns,) rad of where modes are undecided."""
-        if self.left is None:
+        """Regions with undecided modes: centre and half widths (unknowns,) rad of each."""
+        if self.undecided_boxes is None:
             return []
-        return clusters(*(part[:, : self.construction.unknowns] for part in self.left))
+        unknown_count = self.construction.unknown_count
+        return join_boxes(
+            self.undecided_boxes.centres[:, :unknown_count],
+            self.undecided_boxes.radii[:, :unknown_count],
+        )
 
     @cached_property
-    def claim(self) -> Completeness:
-        """What is guaranteed, and what that rests on."""
-        rests = f"ball arithmetic of {self.precision} bits"
+    def completeness(self) -> Completeness:
+        """What is guaranteed, and on which facts the guarantee is based."""
+        arithmetic = f"ball arithmetic of {self.precision_bits} bits"
         statement = f"{len(self.real)} real modes, each alone in its ball"
-        if self.counted:
+        if self.is_counted:
             words = (
-                f"{len(self.real)} real of {self.bound} complex modes, as many as Bezout's "
-                f"bound, each alone in its ball; {rests}"
+                f"{len(self.real)} real of {self.mode_bound} complex modes, as many as "
+                f"Bezout's bound, each alone in its ball; {arithmetic}"
             )
         elif self.systems:
             words = (
                 f"{statement}; all solutions of each system of equations proven, "
-                f"with those at infinity of at most {self.bound}; {rests}"
+                f"with those at infinity of at most {self.mode_bound}; {arithmetic}"
             )
-        elif self.complete:
+        elif self.is_complete:
             words = (
-                f"{statement}, all others excluded in {self.boxes} boxes; {rests}; "
-                f"{len(self.roots)} of at most {self.bound} complex modes found"
+                f"{statement}, all others excluded in {self.box_count} boxes; "
+                f"{arithmetic}; {len(self.roots)} of at most {self.mode_bound} complex "
+                "modes found"
             )
         else:
-            widths = [2.0 * np.max(radius) for _, radius in self.clusters]
+            widths = [2.0 * np.max(half_widths) for _, half_widths in self.clusters]
             return Completeness(
                 Guarantee.TO_BOX,
                 f"{statement}; undecided in {len(widths)} clusters, nothing else outside; "
-                f"{rests}",
+                f"{arithmetic}",
                 max(widths, default=TURN),
             )
         return Completeness(Guarantee.CERTIFIED, words)
 
     def angles(self) -> list[list[Ball]]:
-        """Return balls (rad) of all pairs' angles, in the order of pairs, of real modes."""
-        with self.sharp() as (equations, places):
-            return [pair_angles(equations, balls) for balls in places]
+        """Return for each real mode balls (rad) of the angles of all pairs, in order."""
+        with self.narrow_balls() as (equations, modes):
+            return [enclose_pair_angles(equations, variables) for variables in modes]
 
     @contextmanager
-    def sharp(self) -> Iterator[tuple[Equations, list[list[Ball]]]]:
-        """Return equations, and narrow balls of all variables in each real mode.
+    def narrow_balls(self) -> Iterator[tuple[ArcEquations, list[list[Ball]]]]:
+        """Provide the equations, and for each real mode narrow balls of all variables.
 
-        Within the context there are the bits that they are for.
+        Within the context, balls have the precision with which the modes were proven.
         """
-        with bits(self.precision):
-            equations = Equations(self.written, self.construction)
-            driven = given_at(self.written, self.inputs)
-            yield equations, [[*root.balls(), *driven] for root in self.real]
+        with working_precision(self.precision_bits):
+            equations = ArcEquations(self.decimal_mechanism, self.construction)
+            known_angles = read_known_angles(self.decimal_mechanism, self.inputs)
+            yield equations, [[*root.balls(), *known_angles] for root in self.real]
 
 
-def certified_modes(written: Written, inputs: Sequence[str]) -> CertifiedModes:
-    """Return all complex modes at inputs, as far as they are proven.
+def certify_modes(
+    decimal_mechanism: DecimalMechanism, inputs: Sequence[str]
+) -> CertifiedModes:
+    """Return all complex modes at given inputs, as far as they are proven.
 
     Parameters
     ----------
-    written
-        The mechanism.
+    decimal_mechanism
+        The mechanism with its decimal sizes.
     inputs
         The input angles as decimal numbers in the unit of the file.
 
     Raises
     ------
     PlanError
-        If the mechanism is none that proofs are for.
+        If proofs do not apply to the mechanism.
     """
-    made = construct(written.structure)
-    if not made.unknowns:
-        return CertifiedModes(written, made, inputs, [Root((), 0, 0, True)], PRECISIONS[0])
-    near: list[Sequence[complex]] = []
-    systems: Sequence[System] = ()
-    for precision in PRECISIONS:
-        with bits(precision):
-            search = _Search(written, made, inputs)
-            for approximation in near:
-                search.take(approximation)
-            if precision == PRECISIONS[0]:
-                systems = search.from_homotopies(near)
-        proven = len(search.roots) >= made.bound or bool(systems)
-        if proven:
+    construction = find_construction(decimal_mechanism.structure)
+    if not construction.unknown_count:
+        only_root = CertifiedRoot((), 0, 0, True)
+        return CertifiedModes(
+            decimal_mechanism, construction, inputs, [only_root], MODE_PRECISIONS_BITS[0]
+        )
+    approximations: list[Sequence[complex]] = []
+    systems: Sequence[EquationSystem] = ()
+    for bits in MODE_PRECISIONS_BITS:
+        with working_precision(bits):
+            search = _RootSearch(decimal_mechanism, construction, inputs)
+            for approximation in approximations:
+                search.add_root(approximation)
+            if bits == MODE_PRECISIONS_BITS[0]:
+                systems = search.search_by_homotopies(approximations)
+        is_proven = len(search.roots) >= construction.mode_bound or bool(systems)
+        if is_proven:
             break
-        near = [*([complex(ball) for ball in r.centre] for r in search.roots), *near]
-    assert len(search.roots) <= made.bound, "more roots were proven than there can be"
-    with bits(precision):
-        excluded = () if proven else search.excluded()
-    roots = sorted(search.roots, key=_place)
-    return CertifiedModes(written, made, inputs, roots, precision, systems, *excluded)
+        # The next precision starts from the roots of this one, then from all
+        # approximations.
+        proven_angles = [[complex(ball) for ball in root.centre] for root in search.roots]
+        approximations = [*proven_angles, *approximations]
+    assert len(search.roots) <= construction.mode_bound, (
+        "more roots were proven than there can be"
+    )
+    box_count = 0
+    undecided_boxes = None
+    if not is_proven:
+        with working_precision(bits):
+            box_count, undecided_boxes = search.exclude_other_roots()
+    return CertifiedModes(
+        decimal_mechanism,
+        construction,
+        inputs,
+        roots=sorted(search.roots, key=_root_sort_key),
+        precision_bits=bits,
+        systems=systems,
+        box_count=box_count,
+        undecided_boxes=undecided_boxes,
+    )
 
 
-def given_at(written: Written, inputs: Sequence[str]) -> list[Ball]:
-    """Return the angles of inputs, given as decimal numbers, and what follows from them."""
-    return written.given([*map(written.input_angle, inputs)])
+def read_known_angles(
+    decimal_mechanism: DecimalMechanism, inputs: Sequence[str]
+) -> list[Ball]:
+    """Return the angles (rad) of inputs and followers from decimal input values."""
+    input_angles = [decimal_mechanism.input_angle(text) for text in inputs]
+    return decimal_mechanism.known_angles(input_angles)
 
 
-def clusters(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
-    """Return the hulls, centres and half widths, of boxes (n, k) that touch each other."""
+def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
+    """Join boxes that touch each other, and return the smallest box around each group.
+
+    Joining goes on until no two of the resulting boxes touch.
+
+    Parameters
+    ----------
+    centres, radii
+        (n, k) centres and half widths of the boxes.
+
+    Returns
+    -------
+    For each group the centre and the half widths (k,).
+    """
     from scipy.sparse.csgraph import connected_components
 
-    lows, highs, count = centres - radii, centres + radii, int(len(centres) > MOST_APART)
-    label = np.zeros(len(centres), dtype=int)
-    while count < len(lows):
-        if count:
-            groups = [label == k for k in range(count)]
+    lows = centres - radii
+    highs = centres + radii
+    labels = np.zeros(len(centres), dtype=int)
+    # Too many boxes are joined without comparison.
+    group_count = int(len(centres) > MAX_CLUSTERED_BOXES)
+    while group_count < len(lows):
+        if group_count:
+            groups = [labels == group for group in range(group_count)]
             lows = np.array([np.min(lows[group], axis=0) for group in groups])
             highs = np.array([np.max(highs[group], axis=0) for group in groups])
-        below = np.all(lows[:, None] <= highs + 1e-12, axis=2)
-        count, label = connected_components(below & below.T)
+        # Two boxes touch if each begins below the end of the other in all directions.
+        begins_below = np.all(lows[:, None] <= highs + 1e-12, axis=2)
+        group_count, labels = connected_components(begins_below & begins_below.T)
     return list(zip(0.5 * (lows + highs), 0.5 * (highs - lows), strict=True))
 
 
-class _Search:
-    """Roots proven so far at one precision."""
+class _RootSearch:
+    """The roots at given inputs that are proven with one precision.
+
+    Parameters
+    ----------
+    decimal_mechanism, construction, inputs
+        See `CertifiedModes`.
+
+    Attributes
+    ----------
+    equations
+        The equations in the present precision.
+    known_angles
+        Balls (rad) of the variables that are not unknown.
+    circle_points
+        (known, 2) cosines and sines of these.
+    roots
+        The roots that are proven so far; they are proven different.
+    """
 
     def __init__(
-        self, written: Written, construction: Construction, inputs: Sequence[str]
+        self,
+        decimal_mechanism: DecimalMechanism,
+        construction: Construction,
+        inputs: Sequence[str],
     ) -> None:
-        self.equations = Equations(written, construction)
-        self.driven = given_at(written, inputs)
-        self.turns = circle(self.driven)
-        self.roots: list[Root] = []
+        self.equations = ArcEquations(decimal_mechanism, construction)
+        self.known_angles = read_known_angles(decimal_mechanism, inputs)
+        self.circle_points = cosines_and_sines(self.known_angles)
+        self.roots: list[CertifiedRoot] = []
 
     @property
-    def real(self) -> list[Root]:
+    def real(self) -> list[CertifiedRoot]:
         """The roots that are real."""
         return [root for root in self.roots if root.real]
 
-    def from_homotopies(self, near: list[Sequence[complex]]) -> Sequence[System]:
-        """Try what homotopies find; return the systems if these show all real roots.
+    def search_by_homotopies(
+        self, approximations: list[Sequence[complex]]
+    ) -> Sequence[EquationSystem]:
+        """Try to prove the roots that homotopies find.
 
-        All approximations tried are put in `near`, with their complex conjugates. It ends
-        when they are as many as roots can be, none near infinity.
+        It ends when all roots are proven, when homotopies have found as many finite ones as
+        there can be, or when the real roots are proven to be complete system by system.
+
+        Parameters
+        ----------
+        approximations
+            Receives all approximations that were tried, with their complex conjugates.
+
+        Returns
+        -------
+        The systems that prove the real roots complete, else nothing.
         """
-        bound = self.equations.construction.bound
-        for seed in range(SEEDS):
-            nearby = modes_near(self.equations, self.turns, seed)
-            fresh = [two.tolist() for start in nearby for two in (start, start.conj())]
-            for approximation in fresh:
-                self.take(approximation)
-            near += fresh
-            finite = np.sum(np.all(np.abs(nearby.imag) < CENTRAL, axis=1))
-            if max(len(self.roots), finite) >= bound:
+        bound = self.equations.construction.mode_bound
+        for seed in range(HOMOTOPY_SEEDS):
+            modes = approximate_modes(self.equations, self.circle_points, seed)
+            # The conjugate of a root is a root.
+            candidates = [
+                angles.tolist() for mode in modes for angles in (mode, mode.conj())
+            ]
+            for candidate in candidates:
+                self.add_root(candidate)
+            approximations += candidates
+            is_finite = np.all(np.abs(modes.imag) < FINITE_ROOT_IMAGINARY_RAD, axis=1)
+            if max(len(self.roots), np.sum(is_finite)) >= bound:
                 break
-            if len(nearby) and self.real_by_systems[0] == len(self.real):
-                return self.real_by_systems[1]
+            if len(modes):
+                real_count, systems = self.real_roots_by_systems
+                if real_count == len(self.real):
+                    return systems
         return ()
 
     @cached_property
-    def real_by_systems(self) -> tuple[int, Sequence[System]]:
-        """The number of real roots, -1 if not proven, and the systems that show it."""
-        place = floats(np.array([self.driven]))
-        systems = systems_of(self.equations)
-        good, modes = counted(systems, place, self.turns[None], 0.0 * place)
-        return int(modes[0]) if good[0] else -1, systems
+    def real_roots_by_systems(self) -> tuple[int, Sequence[EquationSystem]]:
+        """The number of real roots, -1 if not proven, and the systems that prove it."""
+        centre = centre_floats(np.array([self.known_angles]))
+        systems = list_systems(self.equations)
+        is_proven, mode_counts = count_modes(
+            systems, centre, self.circle_points[None], half=0.0 * centre
+        )
+        return int(mode_counts[0]) if is_proven[0] else -1, systems
 
-    def take(self, near: Sequence[complex]) -> None:
-        """Try one approximation; keep what it leads to if that is new."""
-        if any(root.leads_to(near) for root in self.roots):
+    def add_root(self, approximation: Sequence[complex]) -> None:
+        """Add the root near an approximation (rad) if it is proven and new."""
+        if any(root.attracts(approximation) for root in self.roots):
             return
-        root = root_near(self.equations, self.driven, near)
-        if root and all(root.apart(other) for other in self.roots):
+        root = find_root(self.equations, self.known_angles, approximation)
+        if root and all(root.differs_from(other) for other in self.roots):
             self.roots.append(root)
 
-    def excluded(self) -> tuple[int, Left]:
-        """Return how many boxes of space were looked at, and those that may have roots."""
-        count, still = self.equations.unknowns, [exact(0.0)] * len(self.driven)
-        ranges = Ranges([exact(FIRST)] * count + self.driven, [2 * pi()] * count + still)
-        return paved(self.equations, ranges, self._covers, self._take_real, MOST_BOXES)
+    def exclude_other_roots(self) -> tuple[int, BoxSet]:
+        """Exclude other real roots; return the number of boxes and the undecided ones."""
+        unknown_count = self.equations.unknown_count
+        no_width = [exact_ball(0.0)] * len(self.known_angles)
+        ranges = VariableRanges(
+            [exact_ball(FIRST_ANGLE_RAD)] * unknown_count + self.known_angles,
+            [2 * pi_ball()] * unknown_count + no_width,
+        )
+        return pave(
+            self.equations, ranges, self._covers, self._add_configuration, MAX_MODE_BOXES
+        )
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which boxes are in balls of which the root is known."""
-        count = self.equations.unknowns
-        balls = (
-            Zone(
-                floats(np.array(root.centre)),
+        """Return which boxes are in balls whose only root is known, (n,).
+
+        `centres` and `radii` (n, variables) are the centres and half widths (rad).
+        """
+        count = self.equations.unknown_count
+        root_boxes = (
+            OrientedBox(
+                centre_floats(np.array(root.centre)),
                 np.eye(count),
                 np.full(count, root.unique),
             )
             for root in self.real
         )
-        return covered(balls, centres[:, :count], radii[:, :count])
+        return boxes_covered(root_boxes, centres[:, :count], radii[:, :count])
 
-    def _take_real(self, place: Floats) -> bool:
-        """Try a real configuration; return whether there is a new root."""
-        before = len(self.real)
+    def _add_configuration(self, place: Floats) -> bool:
+        """Try to prove a real configuration (v,); return whether a real root was added."""
+        count_before = len(self.real)
         if not self._covers(place[None], 0.0 * place[None])[0]:
-            self.take(place[: self.equations.unknowns].tolist())
-        return len(self.real) > before
+            self.add_root(place[: self.equations.unknown_count].tolist())
+        return len(self.real) > count_before
 
 
-def _place(root: Root) -> tuple[float, ...]:
-    """Return where a root comes in the order: real ones first, by their angles."""
-    middles = [complex(ball) for ball in root.centre]
-    wrapped = [round((m.real + np.pi) % TURN, 9) for m in middles]
-    return (not root.real, *wrapped, *(m.imag for m in middles))
+def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
+    """Return the key that sorts roots: real ones first, then by their angles."""
+    angles = [complex(ball) for ball in root.centre]
+    # Rounded, so that the order does not depend on the last digits.
+    wrapped = [round((angle.real + np.pi) % TURN, 9) for angle in angles]
+    return (not root.real, *wrapped, *(angle.imag for angle in angles))
 
 
-def pair_angles(equations: Equations, places: Sequence[Ball]) -> list[Ball]:
-    """Return balls of the angles of all pairs (rad) at real balls of all variables."""
+def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> list[Ball]:
+    """Return balls (rad) of the angles of all pairs, at real balls of all variables."""
     construction = equations.construction
-    placed = equations.orientations(places)
+    orientations = equations.link_orientations(variables)
     angles = []
-    for number, ends in enumerate(equations.written.structure.ends):
-        if number in construction.pairs:
-            angles.append(places[construction.pairs.index(number)])
+    for pair, ends in enumerate(equations.decimal_mechanism.structure.ends):
+        if pair in construction.pairs:
+            angles.append(variables[construction.pairs.index(pair)])
             continue
+        # Rows: zero direction, side and axis of the pair's frames in root axes.
         first, second = (
-            frame @ placed[link][()].T
-            for link, frame in zip(ends, equations.frames[number], strict=True)
+            frame @ orientations[link][()].T
+            for link, frame in zip(ends, equations.pair_frames[pair], strict=True)
         )
-        angles.append(angle_of(*(first[:2] @ second[0])))
+        angles.append(polar_angle(*(first[:2] @ second[0])))
     return angles

@@ -1,8 +1,9 @@
 """Singularities over a range, proven: where the input or an output is stationary.
 
-An output that a pair joins to the link it is seen from turns about one axis, so it rests
-where that pair's variable stops: type I. The input rests where its own variable stops:
-type II. Where neither does, the curves are free of both.
+An output that a pair joins to the link relative to which it is seen rotates about one axis.
+It is stationary where the variable of this pair is: type I. The input is stationary where
+its own variable is: type II. Elsewhere on the curves there are no singularities of these
+types.
 """
 
 from collections.abc import Sequence
@@ -13,110 +14,185 @@ import numpy as np
 from spherekit.completeness import Guarantee
 from spherekit.numerics.angles import wrap
 from spherekit.proof.configuration_curves import CertifiedCurves
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.stationary_points import StationaryPlace, Stops
+from spherekit.proof.decimal_mechanism import DecimalMechanism
+from spherekit.proof.stationary_points import StationaryPoint, StationaryPoints
 
-ROUNDING = 1e-12
-"""More than inputs (rad) are off by in float64."""
+INPUT_ROUNDING_RAD = 1e-12
+"""Bound (rad) of the rounding of inputs, by which clearances are reduced.
+
+Larger: smaller clearances. Smaller: below some 1e-14 it is no longer a bound.
+"""
+
+
+@dataclass(frozen=True)
+class CertifiedSingularity:
+    """A proven singular configuration, the only one within the error of its point.
+
+    Attributes
+    ----------
+    output
+        Name of the output.
+    type
+        "I", "II", or "I or III" and "II or III" if the input and the output are both
+        stationary as far as is told.
+    q
+        The input (rad).
+    curve
+        Number of the curve.
+    point
+        The configuration.
+    """
+
+    output: str
+    type: str
+    q: float
+    curve: int
+    point: StationaryPoint
 
 
 @dataclass(frozen=True)
 class CertifiedSingularities:
-    """All singularities of types I and II of outputs along certified curves.
+    """All singularities of types I and II of the outputs along certified curves.
 
-    Of the `points` each is the only singular configuration within `off` of its place: the
-    output, I, II, or "I or III" and "II or III" where the other one stops as near, the
-    input (rad), the number of the curve and the place. `undecided` counts the parts in
-    which one may be; `skipped` are outputs that no variable of the construction is the rate
-    of, of which only type II is known. An output of `resting` is at rest all along the
-    curve of that number.
+    Attributes
+    ----------
+    curves
+        The configuration curves.
+    singularities
+        The singularities, ordered by output, type and input.
+    undecided
+        Number of parts of curves in which there may be others.
+    skipped
+        Outputs that no variable measures. Only their singularities of type II are known.
+    resting
+        Outputs that are stationary all along a curve, each with the number of the curve.
     """
 
     curves: CertifiedCurves
-    points: Sequence[tuple[str, str, float, int, StationaryPlace]]
+    singularities: Sequence[CertifiedSingularity]
     undecided: int
     skipped: Sequence[str]
     resting: Sequence[tuple[str, int]]
 
     def clearance(self, q: float) -> float:
-        """Return how far (rad) the input may go from q before a singularity, at least.
+        """Return how far (rad) the input may move from q, at least, before a singularity.
 
-        In all modes, both ways, and not beyond the range; 0 where not all is proven.
+        The clearance applies to all modes and to both directions, within the range. It is 0
+        if not everything is proven.
         """
         curves = self.curves
-        if curves.claim.guarantee is not Guarantee.CERTIFIED or self.undecided:
+        if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
             return 0.0
-        ends = [] if curves.whole else [q - curves.low, curves.high - q]
-        stops = [stop for stopped, _ in curves.stopping for stop in stopped]
-        stops += [stop for *_, stop in self.points]
-        at = curves.input_at
-        places = [(at(stop.place), curves.laps * stop.off) for stop in stops]
-        places += [(at(saddle.centre), at(saddle.zone)) for saddle in curves.saddles]
-        places += [(place, 0.0) for place in curves.still_at]
-        half = np.pi * curves.laps
-        gaps = [
-            abs(np.remainder(place - q + half, 2.0 * half) - half) - off
-            for place, off in places
+        points = [
+            point
+            for stationary_points in curves.input_stationary_points
+            for point in stationary_points.proven
         ]
-        return max(min([*gaps, *ends, half]) - curves.laps * ROUNDING, 0.0)
+        points += [singularity.point for singularity in self.singularities]
+        # Inputs at which something happens, with their errors.
+        inputs = [
+            (curves.input_angle(point.place), curves.cycle_turns * point.error)
+            for point in points
+        ]
+        inputs += [
+            (curves.input_angle(saddle.centre), curves.input_angle(saddle.central_zone))
+            for saddle in curves.saddles
+        ]
+        inputs += [(value, 0.0) for value in curves.constant_input_values]
+        half_cycle = np.pi * curves.cycle_turns
+        distances = []
+        for value, error in inputs:
+            offset = np.remainder(value - q + half_cycle, 2.0 * half_cycle) - half_cycle
+            distances.append(abs(offset) - error)
+        if not curves.is_full_cycle:
+            distances += [q - curves.low, curves.high - q]
+        nearest = min([*distances, half_cycle])
+        return max(nearest - curves.cycle_turns * INPUT_ROUNDING_RAD, 0.0)
 
 
-def output_pairs(written: Written) -> dict[str, int]:
-    """Return the pairs that join outputs to what they are seen from, by output."""
-    mechanism, pairs = written.mechanism, dict[str, int]()
+def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
+    """Return the pair that joins each output to the link relative to which it is seen.
+
+    Outputs without such a pair are missing. Pairs are numbers of the structure.
+    """
+    mechanism = decimal_mechanism.mechanism
+    pairs = dict[str, int]()
     for output in mechanism.outputs:
-        two = {mechanism.link(output.link), mechanism.link(output.relative_to)}
-        for number, ends in enumerate(written.structure.ends):
-            if set(ends) == two:
+        output_links = {mechanism.link(output.link), mechanism.link(output.relative_to)}
+        for number, ends in enumerate(decimal_mechanism.structure.ends):
+            if set(ends) == output_links:
                 pairs.setdefault(output.name, number)
     return pairs
 
 
-def singularities(curves: CertifiedCurves) -> CertifiedSingularities:
-    """Return the singularities of all declared outputs but the input itself."""
-    made, pairs = curves.construction, output_pairs(curves.written)
-    points: list[tuple[str, str, float, int, StationaryPlace]] = []
+def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
+    """Return the singularities of all declared outputs other than the input itself."""
+    construction = curves.construction
+    output_pairs = find_output_pairs(curves.decimal_mechanism)
+    singularities: list[CertifiedSingularity] = []
     skipped: list[str] = []
     resting: list[tuple[str, int]] = []
-    fixed = {made.pairs[curves.driven], *curves.equations.offsets}
-    looked = [(curves.driven, curves.stopping)]
-    for output in (item.name for item in curves.written.mechanism.outputs):
-        pair = pairs.get(output)
-        if pair in fixed:
+    # Pairs that rotate with the input: the input itself, and wheels that share its
+    # variable.
+    input_like_pairs = {
+        construction.pairs[curves.input_variable],
+        *curves.equations.follower_offsets,
+    }
+    # Each variable that was examined, with its stationary points on each chain.
+    examined = [(curves.input_variable, curves.input_stationary_points)]
+    for output in (item.name for item in curves.decimal_mechanism.mechanism.outputs):
+        pair = output_pairs.get(output)
+        if pair in input_like_pairs:
             continue
-        rests: list[Stops] = [([], []) for _ in curves.chains]
-        if pair in made.pairs:
-            variable = made.pairs.index(pair)
-            rests = curves.stops_of(variable)
-            looked.append((variable, rests))
+        output_points = [StationaryPoints() for _ in curves.chains]
+        if pair in construction.pairs:
+            variable = construction.pairs.index(pair)
+            output_points = curves.locate_stationary_points(variable)
+            examined.append((variable, output_points))
             resting += [
-                (output, k) for k, still in enumerate(curves.still_in(variable)) if still
+                (output, curve)
+                for curve, is_constant in enumerate(curves.find_constant_chains(variable))
+                if is_constant
             ]
         else:
             skipped.append(output)
-        both = enumerate(zip(rests, curves.stopping, strict=True))
-        for curve, ((resting_at, _), (driven_at, _)) in both:
-            for kind, one, others in (
-                ("I", resting_at, driven_at),
-                ("II", driven_at, resting_at),
+        for curve, (of_output, of_input) in enumerate(
+            zip(output_points, curves.input_stationary_points, strict=True)
+        ):
+            for singularity_type, points, other_points in (
+                ("I", of_output.proven, of_input.proven),
+                ("II", of_input.proven, of_output.proven),
             ):
-                for stop in one:
-                    words = f"{kind} or III" if _meets(stop, others) else kind
-                    q = curves.input_at(stop.place)
-                    inside = curves.inside(q)
-                    q = q if inside is None else inside
-                    points.append((output, words, q, curve, stop))
-    points.sort(key=lambda point: point[:3])
-    undecided = sum(len(doubts) for _, stops in looked for _, doubts in stops)
-    undecided += sum(
-        off > 0.0 for variable, _ in looked for off in curves.open_at(variable)
+                for point in points:
+                    type_text = singularity_type
+                    if _may_coincide(point, other_points):
+                        type_text = f"{singularity_type} or III"
+                    q = curves.input_angle(point.place)
+                    q_in_range = curves.wrap_into_range(q)
+                    singularities.append(
+                        CertifiedSingularity(
+                            output,
+                            type_text,
+                            q if q_in_range is None else q_in_range,
+                            curve,
+                            point,
+                        )
+                    )
+    singularities.sort(key=lambda item: (item.output, item.type, item.q))
+    undecided = sum(
+        len(points.undecided) for _, by_chain in examined for points in by_chain
     )
-    return CertifiedSingularities(curves, points, undecided, skipped, resting)
+    undecided += sum(
+        doubt > 0.0
+        for variable, _ in examined
+        for doubt in curves.bound_saddle_doubts(variable)
+    )
+    return CertifiedSingularities(curves, singularities, undecided, skipped, resting)
 
 
-def _meets(one: StationaryPlace, others: Sequence[StationaryPlace]) -> bool:
-    """Return whether a stop may be at the same configuration as others."""
+def _may_coincide(point: StationaryPoint, others: Sequence[StationaryPoint]) -> bool:
+    """Return whether a stationary point may be the same configuration as one of others."""
     return any(
-        np.all(np.abs(wrap(one.place - other.place)) <= one.off + other.off)
+        np.all(np.abs(wrap(point.place - other.place)) <= point.error + other.error)
         for other in others
     )

@@ -1,4 +1,8 @@
-"""Configuration curves as chains of pieces, each with the centre of the next one in it."""
+"""Configuration curves as chains of certified arcs.
+
+The box of each arc contains the centre of the next one. Neighbouring arcs therefore have a
+configuration in common and belong to one curve.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,42 +11,71 @@ from itertools import pairwise
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.proof.arc_equations import Equations
+from spherekit.proof.arc_equations import ArcEquations
 from spherekit.proof.collinear_loops import Arm, Crossings
 from spherekit.proof.tubes import (
-    LONGEST,
+    LONGEST_ARC_RAD,
     CertifiedArc,
-    corrected,
-    piece_at,
+    correct_configuration,
+    find_piece,
 )
 
-FORWARD = 0.9
-"""Where the next centre is looked for, over the half length of a piece."""
+NEXT_CENTRE_RATIO = 0.9
+"""Distance to the next centre that is tried first, over the half length of an arc.
 
+Larger: fewer arcs, more trials that fail. Smaller: more arcs that overlap more.
+"""
 
-MOST_PIECES = 6000
+CENTRE_RATIO_REDUCTION = 0.6
+"""Each distance to the next centre that is tried, over the one before it."""
 
+MIN_CENTRE_RATIO = 1e-3
+"""Smallest distance to the next centre that is tried, over the half length of an arc.
 
-BEYOND = 1e-9
-"""How far (rad) out of the range a chain goes on at least."""
+Larger: a curve is given up sooner. Smaller: chains of many overlapping arcs.
+"""
 
+LENGTH_GROWTH = 1.6
+"""Half length that is tried for the next arc, over that of the last one.
 
-LONGER = 1.6
-"""How much longer than the last the next piece is tried."""
+Larger: more trials that fail. Smaller: arcs stay short after a sharp bend.
+"""
 
+MAX_CHAIN_PIECES = 6000
+"""Largest number of arcs in a chain.
 
-Side = Callable[[float, float], int]
-"""Returns 1 for inputs above the range (rad) by more than a second number, -1 for those
-below it, else 0."""
+Larger: long curves are followed longer. Smaller: they are reported as not followed.
+"""
+
+RANGE_OVERSHOOT_RAD = 1e-9
+"""Distance (rad) beyond the range of the input that a chain reaches at least.
+
+Larger: more of each curve outside the range. Smaller: below the rounding of the input, a
+gap between chain and range cannot be excluded.
+"""
+
+RangeSide = Callable[[float, float], int]
+"""Returns on which side of its range the input is.
+
+The arguments are the input's variable (rad) and a margin (rad). The result is 1 if the
+variable exceeds the range by more than the margin, -1 if it is below the range by more than
+the margin, else 0.
+"""
 
 
 @dataclass(frozen=True)
 class Chain:
-    """A curve, or the part of it that goes through the range of the input.
+    """A configuration curve, or its part in the range of the input.
 
-    Every piece but the last has the centre of the next one in it; if `closed`, the last has
-    that of the first, up to whole turns. Else both ends are beyond the range or on an arm
-    of a crossing, or `problem` says why the chain does not go on.
+    Attributes
+    ----------
+    pieces
+        The arcs in order. The box of each one contains the centre of the next one.
+    closed
+        Whether the box of the last arc contains the centre of the first, modulo turns.
+        Otherwise both ends are beyond the range or on an arm of a crossing.
+    problem
+        Why the chain ends elsewhere, or "".
     """
 
     pieces: Sequence[CertifiedArc]
@@ -51,92 +84,146 @@ class Chain:
 
     @property
     def links(self) -> list[tuple[CertifiedArc, CertifiedArc]]:
-        """Every piece with the one whose centre is in it."""
+        """Each arc together with the next one, whose centre its box contains."""
         return list(pairwise([*self.pieces, *self.pieces[: self.closed]]))
 
-    def again(self) -> bool:
-        """Return whether it may come through its start a second time."""
-        for piece, further in self.links[1 : len(self.pieces) - 1]:
-            s = piece.coordinates(self.pieces[0].centre)
-            reach = piece.coordinates(further.centre)[0]
-            inside = np.all(np.abs(s[1:]) <= piece.radius + 1e-9)
-            if inside and -1e-9 <= s[0] <= reach + 1e-9:
+    def may_repeat_start(self) -> bool:
+        """Return whether the chain may pass through its start a second time."""
+        start = self.pieces[0].centre
+        for piece, next_piece in self.links[1 : len(self.pieces) - 1]:
+            coordinates = piece.coordinates(start)
+            next_centre = piece.coordinates(next_piece.centre)[0]
+            # 1e-9 rad covers the rounding of coordinates and the error of centres.
+            is_near_axis = np.all(np.abs(coordinates[1:]) <= piece.radius + 1e-9)
+            if is_near_axis and -1e-9 <= coordinates[0] <= next_centre + 1e-9:
                 return True
         return False
 
 
-def chain_through(
-    equations: Equations, first: CertifiedArc, side: Side, crossings: Crossings
+def find_chain(
+    equations: ArcEquations, first: CertifiedArc, side: RangeSide, crossings: Crossings
 ) -> Chain | None:
-    """Return the chain of the curve through a piece, from one of its ends to the other.
+    """Return the chain of the whole curve through an arc.
 
-    Crossings that it leads to are kept; a configuration in one of these has no chain.
+    Crossings that the curve leads to are added to `crossings`.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    first
+        An arc of the curve.
+    side
+        The side of the range on which an input is.
+    crossings
+        The crossings found so far.
+
+    Returns
+    -------
+    None if the first arc turns out to be at a crossing.
     """
-    made = _followed(equations, first, side, crossings)
-    if not made.closed:
-        problem, last = made.problem, _turned(made.pieces[-1])
-        made = _followed(equations, last, side, crossings)
-        made = replace(made, problem=problem or made.problem)
-    return None if crossings.may_hold(first.centre, first.miss) else made
+    chain = _follow_forward(equations, first, side, crossings)
+    if not chain.closed:
+        # Turn around at the end, and follow the curve to its other end.
+        problem = chain.problem
+        last = _reverse(chain.pieces[-1])
+        chain = _follow_forward(equations, last, side, crossings)
+        chain = replace(chain, problem=problem or chain.problem)
+    return None if crossings.may_contain(first.centre, first.centre_error) else chain
 
 
-def _turned(piece: CertifiedArc) -> CertifiedArc:
-    """Return the same piece the other way round: its test has sizes only."""
+def _reverse(piece: CertifiedArc) -> CertifiedArc:
+    """Return the same arc with the opposite tangent; its test is symmetric."""
     frame = piece.frame.copy()
     frame[:, 0] *= -1.0
     return replace(piece, frame=frame)
 
 
-def _ahead(
-    equations: Equations, piece: CertifiedArc, place: Floats, longest: float
+def find_piece_ahead(
+    equations: ArcEquations, piece: CertifiedArc, place: Floats, longest: float
 ) -> CertifiedArc | None:
-    """Return a piece next to a place, the centre of which is ahead in another, or None."""
-    on = corrected(equations, place)
-    made = None if on is None else piece_at(equations, on, piece.tangent, longest)
-    if made is None or not piece.coordinates(made.centre)[0] > 0.0:
+    """Return an arc near a place whose centre is ahead in the box of another arc.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    piece
+        The other arc. The result is oriented like it.
+    place
+        (v,) where the centre is looked for (rad).
+    longest
+        Largest half length (rad) that is tried.
+    """
+    configuration = correct_configuration(equations, place)
+    if configuration is None:
         return None
-    return made if piece.holds(made.centre, made.miss) else None
+    next_piece = find_piece(equations, configuration, piece.tangent, longest)
+    if next_piece is None or not piece.coordinates(next_piece.centre)[0] > 0.0:
+        return None
+    if not piece.contains(next_piece.centre, next_piece.centre_error):
+        return None
+    return next_piece
 
 
-def _next(equations: Equations, last: CertifiedArc) -> CertifiedArc | None:
-    """Return the piece that goes on from one, with its centre in that one."""
-    part, longest = FORWARD, min(LONGEST, LONGER * last.half)
-    while part > 1e-3:
-        place = last.centre + part * last.half * last.tangent
-        if further := _ahead(equations, last, place, longest):
-            return further
-        part *= 0.6
+def _find_next_piece(equations: ArcEquations, last: CertifiedArc) -> CertifiedArc | None:
+    """Return the arc that continues a chain after its last arc, None if none is proven."""
+    ratio = NEXT_CENTRE_RATIO
+    longest = min(LONGEST_ARC_RAD, LENGTH_GROWTH * last.half_length)
+    while ratio > MIN_CENTRE_RATIO:
+        place = last.centre + ratio * last.half_length * last.tangent
+        if next_piece := find_piece_ahead(equations, last, place, longest):
+            return next_piece
+        ratio *= CENTRE_RATIO_REDUCTION
     return None
 
 
-def _followed(
-    equations: Equations, start: CertifiedArc, side: Side, crossings: Crossings
+def _follow_forward(
+    equations: ArcEquations, start: CertifiedArc, side: RangeSide, crossings: Crossings
 ) -> Chain:
-    """Return the chain from a piece on: round to it, or until the curve ends.
+    """Return the chain from an arc on, until it closes or ends.
 
-    It ends out of the range or on an arm. Where it starts on one of these it goes on until
-    it is in the range and on none, or on another one.
+    A curve ends outside the range or on an arm of a crossing. If it starts in such a place,
+    it is followed until it has left the place and ends in another one.
+
+    Parameters
+    ----------
+    equations, side, crossings
+        See `find_chain`.
+    start
+        The first arc of the chain.
     """
 
-    def outside(piece: CertifiedArc) -> Arm | int | None:
-        return crossings.arm(piece) or side(piece.centre[-1], max(piece.tight, BEYOND))
+    def end_of_curve(piece: CertifiedArc) -> Arm | int | None:
+        """Return the arm or the side of the range where an arc is, else 0 or None."""
+        overshoot = max(piece.distance_bound, RANGE_OVERSHOOT_RAD)
+        return crossings.arm(piece) or side(piece.centre[-1], overshoot)
 
-    pieces, gone, begun = [start], 0.0, outside(start)
-    while len(pieces) < MOST_PIECES:
+    pieces = [start]
+    distance_covered = 0.0
+    end_to_leave = end_of_curve(start)
+    while len(pieces) < MAX_CHAIN_PIECES:
         last = pieces[-1]
-        here = outside(last)
-        if here and here != begun:
+        end = end_of_curve(last)
+        if end and end != end_to_leave:
             return Chain(pieces, False)
-        begun = here and begun
-        ahead = gone > 1.5 * start.half and last.coordinates(start.centre)[0] > 0
-        same = last.tangent @ start.tangent > 0.5
-        if ahead and same and last.holds(start.centre, start.miss):
+        # Once the curve has left its starting place, any end counts.
+        end_to_leave = end and end_to_leave
+        has_left_start = distance_covered > 1.5 * start.half_length
+        start_is_ahead = has_left_start and last.coordinates(start.centre)[0] > 0
+        has_same_sense = last.tangent @ start.tangent > 0.5
+        if (
+            start_is_ahead
+            and has_same_sense
+            and last.contains(start.centre, start.centre_error)
+        ):
             return Chain(pieces, True)
-        further = _next(equations, last)
-        if further is None:
+        next_piece = _find_next_piece(equations, last)
+        if next_piece is None:
             if crossings.find(last.centre):
-                return _followed(equations, start, side, crossings)
+                # The new crossing may begin before this arc: follow once more.
+                return _follow_forward(equations, start, side, crossings)
             return Chain(pieces, False, "a curve could not be followed to its end")
-        gone += float(np.linalg.norm(further.centre - last.centre))
-        pieces.append(further)
-    return Chain(pieces, False, f"a curve has more than {MOST_PIECES} pieces")
+        distance_covered += float(np.linalg.norm(next_piece.centre - last.centre))
+        pieces.append(next_piece)
+    return Chain(pieces, False, f"a curve has more than {MAX_CHAIN_PIECES} pieces")

@@ -1,15 +1,19 @@
-"""Configurations in which a loop of four pairs lies in a plane, exactly.
+"""Loops of four pairs that close with all four axes in one plane, exactly.
 
-Mirrored at the plane of its four axes, a loop closes with the same arcs: its equation is
-even about such a configuration, and its slopes vanish there. Whether it closes in line is a
-sum of arcs, decided on the decimal numbers of the file. Where it closes with one angle at a
-value, and the other at both of its values in line, it closes with all values of the other:
-the equation is a + b cos of it then, and both a + b and a - b are zero.
+If a loop of four pairs is reflected in the plane of its axes, it closes with the same
+arcs. Its equation is therefore an even function about such a configuration, and its
+derivatives vanish there: F' loses a rank, and curves may cross. Whether the loop closes in
+a plane is a question of a sum of arcs. It is decided exactly, with the decimal numbers of
+the file.
 
-Saddles met by chains are kept here: where arms begin and end, and what is still at them.
+Let x be one of the two variables of the loop. If the loop closes with x at a value in the
+plane and the other variable at both of its values in the plane, then it closes with all
+values of the other variable: the equation is a + b cos of it, and both a + b and a - b are
+zero. The configurations are then a whole curve along which x is constant.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise, product
 
@@ -18,232 +22,391 @@ import numpy as np
 from spherekit.arrays import Array, Bools, Floats
 from spherekit.mechanism.elements import SizeGeometry
 from spherekit.numerics.angles import wrap
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.ball_frames import exact, exactly
-from spherekit.proof.balls import Ball, angle_of, floats, middle, pi, upper, wide
-from spherekit.proof.construction import Step
-from spherekit.proof.decimal_mechanism import Written, text_of
-from spherekit.proof.root_ball import zero_within
-from spherekit.proof.saddles import Quadrant, Saddle, saddle_near
-from spherekit.proof.tubes import CertifiedArc, Zone
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_ball, exact_balls
+from spherekit.proof.balls import (
+    Ball,
+    centre_float,
+    centre_floats,
+    pi_ball,
+    polar_angle,
+    upper_magnitude,
+    widen,
+)
+from spherekit.proof.construction import PlacementStep
+from spherekit.proof.decimal_geometry import decimal_text
+from spherekit.proof.decimal_mechanism import DecimalMechanism
+from spherekit.proof.root_ball import bound_zero_distance
+from spherekit.proof.saddle_arms import Quadrant
+from spherekit.proof.saddles import Saddle, find_saddle
+from spherekit.proof.tubes import CertifiedArc, OrientedBox
 
-NEAR = 1e-9
-"""Variables (rad) that differ by less are tried as the same."""
-BALL = 1e-9
-"""Half widths (rad) of balls in which the other variables are shown to be."""
+GIVEN_VALUE_TOLERANCE_RAD = 1e-9
+"""Largest distance (rad) of a variable from a value that it is tried with.
 
-
-Folding = tuple[int, tuple[int, int], Array, Bools]
-"""The equation of a loop of four pairs, both its variables, and where they are in line.
-
-These are angles (2, 2) rad of each variable: links on the same side, and on opposite sides;
-and whether the loop closes (2, 2) with two of these.
+Larger: more values are tried in vain. Smaller: rounding of the place excludes a value.
 """
 
+SOLUTION_RADIUS_RAD = 1e-9
+"""Half width (rad) of the balls in which the other variables are proven to be.
 
-def completed(
-    equations: Equations, equation: int, given: Mapping[int, Ball], place: Floats
-) -> Array | None:
-    """Return balls next to a place, with variables given, that solve all other equations.
+Larger: the derivatives in the balls may be singular. Smaller: the error of the place is no
+longer inside.
+"""
 
-    None if the variables given are not next to the place, or nothing is proven.
+MAX_SADDLES = 64
+"""Largest number of saddles of one search.
+
+Larger: mechanisms with many crossings take longer. Smaller: they are not decided.
+"""
+
+Arm = tuple[int, Quadrant]
+"""One of the four arms of a saddle: the number of the saddle, and the quadrant."""
+
+
+@dataclass(frozen=True)
+class FourPairLoop:
+    """The equation of a loop of four pairs, of which two angles are variables.
+
+    Attributes
+    ----------
+    equation
+        Number of the equation.
+    variables
+        Numbers of the two variables.
+    planar_angles
+        (2, 2) balls (rad). Row i has the two values of variable i at which both links of
+        the joint are in one plane: on the same side of its axis [0], on opposite sides [1].
+    closes
+        (2, 2) whether the loop closes in a plane with value i of the first variable and
+        value j of the second.
     """
-    balls = exactly(place)
+
+    equation: int
+    variables: tuple[int, int]
+    planar_angles: Array
+    closes: Bools
+
+
+def complete_configuration(
+    equations: ArcEquations, equation: int, given: Mapping[int, Ball], place: Floats
+) -> Array | None:
+    """Return balls near a place that solve all equations but one, with given variables.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    equation
+        Number of the equation that is left out.
+    given
+        By variable: its value (rad), modulo turns.
+    place
+        (v,) the place (rad).
+
+    Returns
+    -------
+    (v,) balls, of which those not given contain exactly one solution. None if a given value
+    is not near the place, or if no solution is proven.
+    """
+    balls = exact_balls(place)
     for variable, value in given.items():
-        turns = np.round((place[variable] - middle(value)) / (2.0 * np.pi))
-        balls[variable] = value + 2 * pi() * turns
-        if abs(middle(balls[variable]) - place[variable]) > NEAR:
+        turns = np.round((place[variable] - centre_float(value)) / (2.0 * np.pi))
+        balls[variable] = value + 2 * pi_ball() * turns
+        distance = abs(centre_float(balls[variable]) - place[variable])
+        if distance > GIVEN_VALUE_TOLERANCE_RAD:
             return None
-    free = [j for j in range(equations.variables) if j not in given]
-    rows = [k for k in range(equations.unknowns) if k != equation]
-    if len(free) != len(rows):
+    free = [j for j in range(equations.variable_count) if j not in given]
+    other_equations = [k for k in range(equations.unknown_count) if k != equation]
+    if len(free) != len(other_equations):
         return None
     if not free:
         return balls
-    (values,), around = equations.arrays(balls, 0), balls.copy()
-    around[free] += wide(0.0, BALL)
-    over = equations.arrays(around)[1][np.ix_(rows, free)]
-    return around if zero_within(values[rows], over) < BALL else None
+    (values,) = equations.evaluate(balls, 0)
+    wide_balls = balls.copy()
+    wide_balls[free] += widen(0.0, SOLUTION_RADIUS_RAD)
+    slopes = equations.evaluate(wide_balls)[1][np.ix_(other_equations, free)]
+    distance = bound_zero_distance(values[other_equations], slopes)
+    return wide_balls if distance < SOLUTION_RADIUS_RAD else None
 
 
-def _folding(equations: Equations, number: int, step: Step) -> Folding | None:
-    """Return the loop of an equation, None if it is none of four pairs in exact arcs."""
-    shared, first, second = equations.construction.apart(step)
-    turned = [s for s in equations.construction.steps if s.link in (*first, *second)]
-    joints = [s for s in turned if not s.is_dyad]
-    if not len(turned) == len(joints) == len({s.variable for s in joints}) == 2:
+def _find_four_pair_loop(
+    equations: ArcEquations, equation: int, step: PlacementStep
+) -> FourPairLoop | None:
+    """Return the loop of an equation if it has four pairs and exact arcs, else None.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    equation
+        Number of the equation.
+    step
+        The step that gives this equation.
+    """
+    construction = equations.construction
+    paths = construction.parent_paths(step)
+    path_links = (*paths.first, *paths.second)
+    path_steps = [item for item in construction.steps if item.link in path_links]
+    joints = [item for item in path_steps if not item.is_dyad]
+    joint_variables = {joint.variable for joint in joints}
+    # Four pairs: two rotate with different variables, two are those of the dyad.
+    if not len(path_steps) == len(joints) == len(joint_variables) == 2:
         return None
-    if any(s.turns != 1 or s.pairs[0] in equations.offsets for s in joints):
+    if any(
+        joint.angle_factor != 1 or joint.pairs[0] in equations.follower_offsets
+        for joint in joints
+    ):
         return None
-    # the loop as links with the pairs between them, from the shared link round to it
-    links = [shared, *first[::-1], step.link, *second]
-    pairs = {s.link: s.pairs[0] for s in joints}
-    hinges = [
-        *(pairs[link] for link in first[::-1]),
+    # The links around the loop from the shared link on, and the pair after each of them.
+    links = [paths.shared_link, *paths.first[::-1], step.link, *paths.second]
+    pair_of_link = {joint.link: joint.pairs[0] for joint in joints}
+    pairs = [
+        *(pair_of_link[link] for link in paths.first[::-1]),
         *step.pairs,
-        *(pairs[link] for link in second),
+        *(pair_of_link[link] for link in paths.second),
     ]
-    written = equations.written
+    decimal_mechanism = equations.decimal_mechanism
     arcs = [
         arc
-        for link, two in zip(links, pairwise([hinges[-1], *hinges]), strict=True)
-        if (arc := _arc(written, link, *two)) is not None
+        for link, (pair_before, pair_after) in zip(
+            links, pairwise([pairs[-1], *pairs]), strict=True
+        )
+        if (arc := _exact_arc(decimal_mechanism, link, pair_before, pair_after)) is not None
     ]
     if len(arcs) < len(links):
         return None
-    places = [hinges.index(joint.pairs[0]) for joint in joints]
-    closes = [[_closes(arcs, places, (i, j), written) for j in (0, 1)] for i in (0, 1)]
-    angles = np.array([_in_line(equations, hinges, links, k) for k in places])
-    return number, (joints[0].variable, joints[1].variable), angles, np.array(closes)
+    positions = [pairs.index(joint.pairs[0]) for joint in joints]
+    closes = [
+        [
+            _closes_in_plane(arcs, positions, (i, j), decimal_mechanism.in_degrees)
+            for j in (0, 1)
+        ]
+        for i in (0, 1)
+    ]
+    planar_angles = [
+        _planar_angles(equations, pairs, links, position) for position in positions
+    ]
+    return FourPairLoop(
+        equation,
+        (joints[0].variable, joints[1].variable),
+        np.array(planar_angles),
+        np.array(closes),
+    )
 
 
-def _closes(
+def _closes_in_plane(
     arcs: Sequence[Fraction],
-    places: Sequence[int],
+    positions: Sequence[int],
     sides: tuple[int, int],
-    written: Written,
+    in_degrees: bool,
 ) -> bool:
-    """Return whether a loop closes in line with two of its joints folded or stretched.
+    """Return whether a loop of four links closes in a plane with two joints as given.
 
-    `arcs[k]` is that of the link before joint k, `sides` are 0 where both links of a joint
-    lie on the same side of its axis; the other two joints lie as they must.
+    In a plane every arc is passed in one of two senses. The loop closes if the sum of the
+    signed arcs is a whole number of turns. At a joint both links are on the same side of
+    the axis if their arcs are passed in opposite senses.
+
+    Parameters
+    ----------
+    arcs
+        Arc of the link before each joint, in the unit of the file.
+    positions
+        Numbers of the two given joints in the loop.
+    sides
+        For each given joint 0 if both links are on the same side, else 1.
+    in_degrees
+        Whether the unit is degrees and not radians.
     """
-    # a number of whole turns; no sum in rad is one but 0
     for senses in product((1, -1), repeat=4):
-        left = sum(sense * arc for sense, arc in zip(senses, arcs, strict=True))
-        lie = [senses[k] == senses[(k + 1) % 4] for k in places]
-        if lie == [*sides] and (left % 360 if written.in_degrees else left) == 0:
+        total = sum(sense * arc for sense, arc in zip(senses, arcs, strict=True))
+        # 0 is False: the senses differ.
+        sides_of_senses = [senses[k] == senses[(k + 1) % 4] for k in positions]
+        # In radians no decimal number but 0 is a whole number of turns.
+        remainder = total % 360 if in_degrees else total
+        if sides_of_senses == [*sides] and remainder == 0:
             return True
     return False
 
 
-def _arc(written: Written, link: int, one: int, other: int) -> Fraction | None:
-    """Return the arc between two axes of a link as the decimal number that the file has.
+def _exact_arc(
+    decimal_mechanism: DecimalMechanism, link: int, first_pair: int, second_pair: int
+) -> Fraction | None:
+    """Return the arc between two axes of a link exactly as the file states it.
 
-    None where it is none, or would be 0 or half a turn.
+    Returns
+    -------
+    The arc in the unit of the file, from 0 to half a turn. None if the file does not state
+    this arc, or if it is 0 or half a turn.
     """
-    structure = written.structure
-    item = written.document.data["links"].get(structure.links[link])
-    if not item or "axes" not in item:
+    structure = decimal_mechanism.structure
+    table = decimal_mechanism.document.data["links"].get(structure.links[link])
+    if not table or "axes" not in table:
         return None
-    names, pairs = item["axes"], (structure.pairs[one], structure.pairs[other])
-    if names[0] not in pairs or not set(pairs) <= set(names) or one == other:
+    names = table["axes"]
+    pair_names = (structure.pairs[first_pair], structure.pairs[second_pair])
+    # The file states the arcs of a link from its first axis to each other axis.
+    if names[0] not in pair_names or not set(pair_names) <= set(names):
         return None
-    number = max(names.index(pair) for pair in pairs) - 1
-    arc = Fraction(text_of(item["arcs"][number]).replace("_", ""))
-    half = 3.14159
-    if written.in_degrees:
-        arc, half = min(arc % 360, -arc % 360), 180
-    return arc if 0 < arc < half else None
+    if first_pair == second_pair:
+        return None
+    number = max(names.index(pair) for pair in pair_names) - 1
+    arc = Fraction(decimal_text(table["arcs"][number]).replace("_", ""))
+    # Below pi, which no decimal number in radians equals.
+    half_turn = 3.14159
+    if decimal_mechanism.in_degrees:
+        arc = min(arc % 360, -arc % 360)
+        half_turn = 180
+    return arc if 0 < arc < half_turn else None
 
 
-def _in_line(
-    equations: Equations, hinges: Sequence[int], links: Sequence[int], joint: int
+def _planar_angles(
+    equations: ArcEquations, pairs: Sequence[int], links: Sequence[int], joint: int
 ) -> tuple[Ball, Ball]:
-    """Return the angles of a joint with both its links on the same side, and on opposite.
+    """Return the two angles (rad) of a joint at which both its links are in one plane.
 
-    Joint k lies between links k and k + 1 of the loop.
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    pairs, links
+        Pairs and links around the loop. Joint k is between the links k and k + 1.
+    joint
+        Number k of the joint.
+
+    Returns
+    -------
+    The angle with both links on the same side of the axis, and on opposite sides.
     """
-    pair, count = hinges[joint], len(hinges)
+    pair = pairs[joint]
+    count = len(pairs)
+    # Azimuth, about the joint axis, of the other axis of each link.
     azimuths = {}
-    for k, other in ((joint, joint - 1), (joint + 1, joint + 1)):
-        link = links[k % count]
-        axis = equations.frame(hinges[other % count], link)[2]
-        azimuths[link] = angle_of(*(equations.frame(pair, link)[:2] @ axis))
-    one, two = equations.written.structure.ends[pair]
-    same = azimuths[one] - azimuths[two]
-    return same, same + pi()
-
-
-MOST_SADDLES = 64
-
-
-Arm = tuple[int, Quadrant]
-"""One of the four arms of a saddle, by the saddle's number and its quadrant."""
+    for position, other_joint in ((joint, joint - 1), (joint + 1, joint + 1)):
+        link = links[position % count]
+        axis = equations.pair_frame(pairs[other_joint % count], link)[2]
+        zero_and_side = equations.pair_frame(pair, link)[:2]
+        azimuths[link] = polar_angle(*(zero_and_side @ axis))
+    first_link, second_link = equations.decimal_mechanism.structure.ends[pair]
+    same_side = azimuths[first_link] - azimuths[second_link]
+    return same_side, same_side + pi_ball()
 
 
 class Crossings:
-    """All saddles of a search, whose parts of space have no point in common."""
+    """All saddles of a search; their boxes have no point in common.
 
-    def __init__(self, equations: Equations) -> None:
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+
+    Attributes
+    ----------
+    loops
+        The loops of four pairs with exact arcs. With a tolerance there are none.
+    saddles
+        The saddles found so far.
+    """
+
+    def __init__(self, equations: ArcEquations) -> None:
         self.equations = equations
-        written, self.loops = equations.written, list[Folding]()
-        if isinstance(written.mechanism.geometry, SizeGeometry) and not written.tolerance:
-            for number, step in enumerate(equations.construction.equations):
-                if folding := _folding(equations, number, step):
-                    self.loops.append(folding)
+        self.loops: list[FourPairLoop] = []
+        decimal_mechanism = equations.decimal_mechanism
+        has_sizes = isinstance(decimal_mechanism.mechanism.geometry, SizeGeometry)
+        if has_sizes and not decimal_mechanism.tolerance:
+            for number, step in enumerate(equations.construction.equation_steps):
+                if loop := _find_four_pair_loop(equations, number, step):
+                    self.loops.append(loop)
         self.saddles: list[Saddle] = []
 
     def find(self, place: Floats) -> bool:
-        """Look for a saddle next to a place; return whether there is a new one."""
-        if len(self.saddles) >= MOST_SADDLES:
+        """Look for a saddle near a place (v,) rad, and return whether one was added."""
+        if len(self.saddles) >= MAX_SADDLES:
             return False
-        made = saddle_near(self.equations, place, self._crosses, self._fits)
-        if made is not None:
-            self.saddles.append(made)
-        return made is not None
+        saddle = find_saddle(
+            self.equations, place, self._contains_proven_crossing, self._is_disjoint
+        )
+        if saddle is not None:
+            self.saddles.append(saddle)
+        return saddle is not None
 
     def arm(self, piece: CertifiedArc) -> Arm | None:
-        """Return the arm that the middle of a piece's arc is on, None if on none."""
+        """Return the arm that the middle of an arc is on, None if it is on none."""
         for number, saddle in enumerate(self.saddles):
-            if quadrant := saddle.quadrant(piece.centre, piece.miss):
+            if quadrant := saddle.find_quadrant(piece.centre, piece.centre_error):
                 return number, quadrant
         return None
 
-    def ends(
+    def chain_ends(
         self, pieces: Sequence[CertifiedArc], closed: bool
     ) -> tuple[Arm | None, Arm | None]:
-        """Return the arms that a chain begins and ends on, None where on none.
+        """Return the arms on which a chain of arcs begins and ends, None for no arm.
 
-        A chain of one piece on an arm comes from beyond the range.
+        A chain of one arc that is on an arm begins outside the range of the input.
         """
         if closed:
             return None, None
         return None if len(pieces) == 1 else self.arm(pieces[0]), self.arm(pieces[-1])
 
-    def may_hold(self, place: Floats, off: float) -> bool:
-        """Return whether a configuration, off by at most `off`, may be in a saddle."""
-        return any(saddle.may_hold(place, off) for saddle in self.saddles)
+    def may_contain(self, place: Floats, error: float) -> bool:
+        """Return whether a saddle's box may contain a configuration within an error.
 
-    def still(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
-        """Return whether a variable is proven the same along a whole chain of pieces.
+        `place` (v,) and `error` are in rad.
+        """
+        return any(saddle.may_contain(place, error) for saddle in self.saddles)
 
-        One configuration of it is enough: where the slopes of the loop's equation by the
-        other variable vanish, and not all do, there is no other near by.
+    def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
+        """Return whether a variable is proven to be constant along a chain of arcs.
+
+        The proof for one configuration of the chain is enough. There the variable has a
+        value with which the loop closes for all values of the loop's other variable, so
+        that a whole curve with this value passes. An arc has no second curve through it.
         """
         piece = pieces[len(pieces) // 2]
-        for equation, variables, values, closes in self.loops:
-            if variable not in variables:
+        for loop in self.loops:
+            if variable not in loop.variables:
                 continue
-            side = variables.index(variable)
-            other = variables[1 - side]
-            for value in values[side][np.all(closes, axis=1 - side)]:
-                given = {variable: value, other: exact(piece.centre[other])}
-                balls = completed(self.equations, equation, given, piece.centre)
+            side = loop.variables.index(variable)
+            other_variable = loop.variables[1 - side]
+            closes_with_both = np.all(loop.closes, axis=1 - side)
+            for value in loop.planar_angles[side][closes_with_both]:
+                given = {
+                    variable: value,
+                    other_variable: exact_ball(piece.centre[other_variable]),
+                }
+                balls = complete_configuration(
+                    self.equations, loop.equation, given, piece.centre
+                )
                 if balls is not None:
-                    return piece.holds(floats(balls), 2.0 * BALL)
+                    return piece.contains(centre_floats(balls), 2.0 * SOLUTION_RADIUS_RAD)
         return False
 
-    def _crosses(self, part: Zone) -> bool:
-        """Return whether a loop is proven to close in line next to a saddle's centre."""
-        reach, centre = 1e-3 * np.min(part.limits), exactly(part.centre)
-        for equation, variables, values, closes in self.loops:
-            for i, j in np.argwhere(closes):
-                given = dict(zip(variables, (values[0, i], values[1, j]), strict=True))
-                balls = completed(self.equations, equation, given, part.centre)
-                if balls is not None and max(map(upper, balls - centre)) < reach:
+    def _contains_proven_crossing(self, box: OrientedBox) -> bool:
+        """Return whether a loop is proven to close in a plane near the centre of a box."""
+        reach = 1e-3 * np.min(box.limits)
+        centre = exact_balls(box.centre)
+        for loop in self.loops:
+            for i, j in np.argwhere(loop.closes):
+                planar_values = (loop.planar_angles[0, i], loop.planar_angles[1, j])
+                given = dict(zip(loop.variables, planar_values, strict=True))
+                balls = complete_configuration(
+                    self.equations, loop.equation, given, box.centre
+                )
+                if balls is not None and max(map(upper_magnitude, balls - centre)) < reach:
                     return True
         return False
 
-    def _fits(self, made: Zone) -> bool:
-        return all(_disjoint(made, other) for other in self.saddles)
+    def _is_disjoint(self, box: OrientedBox) -> bool:
+        """Return whether a box has no point in common with those of all saddles."""
+        return all(_are_disjoint(box, saddle) for saddle in self.saddles)
 
 
-def _disjoint(one: Zone, other: Zone) -> bool:
-    """Return whether a face of one of two parts of space has them on both its sides."""
-    apart = wrap(other.centre - one.centre)
-    for first, second in ((one, other), (other, one)):
-        inner = np.abs(first.frame.T @ second.frame) @ second.limits
-        if np.any(np.abs(apart @ first.frame) > first.limits + inner + 1e-9):
+def _are_disjoint(first: OrientedBox, second: OrientedBox) -> bool:
+    """Return whether a side of one of two oriented boxes separates them."""
+    offset = wrap(second.centre - first.centre)
+    for box, other_box in ((first, second), (second, first)):
+        other_reach = np.abs(box.frame.T @ other_box.frame) @ other_box.limits
+        # 1e-9 rad covers the rounding of offset and reach.
+        if np.any(np.abs(offset @ box.frame) > box.limits + other_reach + 1e-9):
             return True
     return False

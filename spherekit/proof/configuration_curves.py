@@ -1,7 +1,8 @@
-"""All configuration curves over a range of one input, proven complete.
+"""All configuration curves over a range of the only input, proven complete.
 
-Chains of pieces are found from boxes that paving cannot decide, until every box is proven
-empty or lies in a piece, in which there is one arc. So the arcs are all configurations.
+The space of all variables is paved with boxes. From boxes that cannot be excluded, chains
+of certified arcs are found, until every box is excluded or inside an arc's box. Each of
+these contains exactly one arc, so the arcs are all configurations.
 """
 
 from collections.abc import Iterable, Sequence
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,278 +19,416 @@ from spherekit.completeness import Completeness, Guarantee
 from spherekit.conventions import TURN
 from spherekit.errors import PlanError
 from spherekit.numerics.angles import wrap
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.ball_frames import exact
-from spherekit.proof.balls import Ball, bits, middle, pi
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.balls import Ball, centre_float, pi_ball, working_precision
 from spherekit.proof.chains import Chain
 from spherekit.proof.collinear_loops import Arm, Crossings
-from spherekit.proof.construction import Construction, construct, turned_together
-from spherekit.proof.curve_search import OVERLAPPING, Search
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.paving import FIRST, Left, Ranges, paved
+from spherekit.proof.construction import (
+    Construction,
+    find_construction,
+    share_input_variable,
+)
+from spherekit.proof.curve_search import OVERLAPPING, CurveSearch
+from spherekit.proof.decimal_mechanism import DecimalMechanism
+from spherekit.proof.paving import FIRST_ANGLE_RAD, BoxSet, VariableRanges, pave
 from spherekit.proof.saddles import Saddle
-from spherekit.proof.stationary_points import Stops, stops
+from spherekit.proof.stationary_points import StationaryPoints, find_stationary_points
 from spherekit.wording import counted
 
-PRECISION = 80
-MOST_BOXES = 6_000_000
+CURVE_PRECISION_BITS = 80
+"""Bits of ball centres for curves over a range.
+
+More bits do not help: the tests along curves are in float64.
+"""
+
+MAX_CURVE_BOXES = 6_000_000
+"""Number of boxes after which none is halved.
+
+Larger: more is decided, in longer times. Smaller: more of the range stays undecided.
+"""
+
+SAME_INPUT_RAD = 1e-9
+"""Inputs (rad) that differ by less count as one.
+
+Larger: two curves of modes at neighbouring inputs are listed as one. Smaller: one is listed
+several times.
+"""
+
+SHORTEST_INTERVAL_RAD = 1e-12
+"""Length (rad) below which a part of the range gets no number of modes."""
+
+
+class ModeInterval(NamedTuple):
+    """A part of the range with one number of assembly modes.
+
+    Attributes
+    ----------
+    low, high
+        Ends (rad) of the input.
+    mode_count
+        Number of modes at every input between them.
+    """
+
+    low: float
+    high: float
+    mode_count: int
 
 
 @dataclass(frozen=True)
 class CertifiedCurves:
     """What is proven of the configuration curves over a range of the only input.
 
-    `low` and `high` (rad); all `laps` turns of the input if `whole`. Every closed
-    configuration of the range is on one of the `chains`, on an arm of one of the
-    `crossings`, or in one of those `left` of so many `boxes`.
-    `stopping` holds for each chain where the input stops along it, and undecided parts.
+    Every closed configuration of the range is on one of the chains, on an arm of one of the
+    crossings, or in one of the undecided boxes.
+
+    Attributes
+    ----------
+    decimal_mechanism
+        The mechanism with its decimal sizes.
+    construction
+        The order of placing its links, with the numbers of the variables.
+    equations
+        Its equations.
+    range_text
+        Ends of the range as decimal numbers in the unit of the file.
+    low, high
+        Ends of the range (rad).
+    is_full_cycle
+        Whether the range is exactly the turns of the input after which everything is back.
+    chains
+        The curves, as chains of certified arcs.
+    crossings
+        The places where curves cross or nearly do.
+    box_count
+        Number of boxes that were examined.
+    undecided_boxes
+        Boxes in the space of all variables that may contain other configurations.
+    problems
+        Why chains are not whole curves, or may belong to one curve.
     """
 
-    written: Written
+    decimal_mechanism: DecimalMechanism
     construction: Construction
-    equations: Equations
+    equations: ArcEquations
     range_text: tuple[str, str]
     low: float
     high: float
-    whole: bool
+    is_full_cycle: bool
     chains: Sequence[Chain]
     crossings: Crossings
-    boxes: int
-    left: Left
+    box_count: int
+    undecided_boxes: BoxSet
     problems: Sequence[str]
 
     @property
-    def driven(self) -> int:
-        """The number of the input's variable."""
-        return self.construction.unknowns
+    def input_variable(self) -> int:
+        """Number of the input's variable."""
+        return self.construction.unknown_count
 
     @property
-    def laps(self) -> int:
-        """The turns of the input in which its variable goes round: 1 without wheels."""
-        return self.construction.laps
+    def cycle_turns(self) -> int:
+        """Turns of the input after which everything is back; 1 without wheels.
 
-    def input_at(self, place: Floats) -> float:
-        """Return the input (rad) at a place (v,)."""
-        return place[self.driven] * self.laps
-
-    @cached_property
-    def stopping(self) -> list[Stops]:
-        """Where the input stops along each chain: type II, dead centres of the input."""
-        return self.stops_of(self.driven)
-
-    def stops_of(self, variable: int) -> list[Stops]:
-        """Return where a variable stops along each chain, and undecided parts."""
-        with bits(PRECISION):
-            return [
-                ([], []) if rests else stops(self.equations, chain, variable)
-                for chain, rests in zip(self.chains, self.still_in(variable), strict=True)
-            ]
-
-    @cached_property
-    def ends(self) -> list[tuple[Arm | None, Arm | None]]:
-        """The arms of crossings that each chain begins and ends on, None where on none."""
-        return [self.crossings.ends(c.pieces, c.closed) for c in self.chains]
-
-    @cached_property
-    def still(self) -> list[bool]:
-        """Whether all of a chain is at one input exactly: a curve of modes there."""
-        return self.still_in(self.driven)
-
-    def still_in(self, variable: int) -> list[bool]:
-        """Return of each chain whether a variable is exactly the same all along it."""
-        with bits(PRECISION):
-            return [self.crossings.still(chain.pieces, variable) for chain in self.chains]
-
-    @cached_property
-    def undecided(self) -> list[tuple[float, float]]:
-        """Parts of the range (rad) at which configurations may be missing."""
-        parts = [
-            (self.input_at(q - r), self.input_at(q + r))
-            for q, r in zip(*self.left, strict=True)
-        ]
-        around = [
-            (saddle.centre, off, 0.0)
-            for saddle, off in zip(self.saddles, self.open_at(self.driven), strict=True)
-            if off
-        ]
-        # parts of chains along which the input may stop, that may reach into the range
-        around += [
-            (doubt.place, doubt.off, part)
-            for _, doubts in self.stopping
-            for doubt in doubts
-            for part in (-1.0, 0.0, 1.0)
-        ]
-        for place, off, part in around:
-            half = off * self.laps
-            within = self.inside(self.input_at(place) + part * half)
-            if within is not None:
-                middle = within - part * half
-                parts.append((middle - half, middle + half))
-        joined: list[tuple[float, float]] = []
-        for low, high in sorted(parts):
-            if joined and low <= joined[-1][1] + 1e-12:
-                low, last = joined.pop()
-                high = max(last, high)
-            joined.append((low, high))
-        return joined
-
-    def open_at(self, variable: int) -> list[float]:
-        """Return how far (rad) from each crossing a variable may stop, 0 if nowhere.
-
-        That is but at the crossing itself.
+        The input angle is this number times its variable.
         """
-        still = self.still_in(variable)
-        moving = [two for two, rests in zip(self.ends, still, strict=True) if not rests]
-        offs = []
-        for number, saddle in enumerate(self.saddles):
-            passed = saddle.level == 0 or saddle.passes[variable]
-            parts = [0.0 if passed else saddle.zone[variable]]
-            parts += [
-                saddle.reach[arm[1]][variable]
-                for two in moving
-                for arm in two
-                if arm and arm[0] == number and not saddle.rates[arm[1]][variable]
+        return self.construction.cycle_turns
+
+    def input_angle(self, place: Floats) -> float:
+        """Return the input (rad) at a place (v,) in the space of all variables."""
+        return place[self.input_variable] * self.cycle_turns
+
+    @cached_property
+    def input_stationary_points(self) -> list[StationaryPoints]:
+        """For each chain where the input is stationary: type II, its dead centres."""
+        return self.locate_stationary_points(self.input_variable)
+
+    def locate_stationary_points(self, variable: int) -> list[StationaryPoints]:
+        """Return for each chain where a variable is stationary, and what is undecided.
+
+        A chain along which the variable is constant has no stationary points here.
+        """
+        with working_precision(CURVE_PRECISION_BITS):
+            return [
+                StationaryPoints()
+                if is_constant
+                else find_stationary_points(self.equations, chain, variable)
+                for chain, is_constant in zip(
+                    self.chains, self.find_constant_chains(variable), strict=True
+                )
             ]
-            offs.append(max(parts))
-        return offs
+
+    @cached_property
+    def chain_arms(self) -> list[tuple[Arm | None, Arm | None]]:
+        """For each chain the arms on which it begins and ends, None for no arm."""
+        return [
+            self.crossings.chain_ends(chain.pieces, chain.closed) for chain in self.chains
+        ]
+
+    @cached_property
+    def has_constant_input(self) -> list[bool]:
+        """For each chain whether the input is constant: a whole curve of modes there."""
+        return self.find_constant_chains(self.input_variable)
+
+    def find_constant_chains(self, variable: int) -> list[bool]:
+        """Return for each chain whether a variable is exactly constant along it."""
+        with working_precision(CURVE_PRECISION_BITS):
+            return [
+                self.crossings.is_constant(chain.pieces, variable) for chain in self.chains
+            ]
+
+    @cached_property
+    def undecided_ranges(self) -> list[tuple[float, float]]:
+        """Parts of the range (low, high) rad in which configurations may be missing."""
+        ranges = []
+        for centre, radius in zip(
+            self.undecided_boxes.centres, self.undecided_boxes.radii, strict=True
+        ):
+            low = self.input_angle(centre - radius)
+            high = self.input_angle(centre + radius)
+            ranges.append((low, high))
+        # Parts of curves in which the input may be stationary, as (place, error, offset).
+        # Those that only reach into the range are tried with an offset of -1, 0 and 1 times
+        # the error.
+        doubtful_places = [
+            (saddle.centre, error, 0.0)
+            for saddle, error in zip(
+                self.saddles, self.bound_saddle_doubts(self.input_variable), strict=True
+            )
+            if error
+        ]
+        doubtful_places += [
+            (point.place, point.error, offset)
+            for points in self.input_stationary_points
+            for point in points.undecided
+            for offset in (-1.0, 0.0, 1.0)
+        ]
+        for place, error, offset in doubtful_places:
+            half_width = error * self.cycle_turns
+            position = self.wrap_into_range(self.input_angle(place) + offset * half_width)
+            if position is not None:
+                middle = position - offset * half_width
+                ranges.append((middle - half_width, middle + half_width))
+        return _join_ranges(ranges)
+
+    def bound_saddle_doubts(self, variable: int) -> list[float]:
+        """Return how far from each saddle a variable may be stationary on its arms.
+
+        Returns
+        -------
+        For each saddle the largest change (rad) of the variable from its centre; 0 if the
+        variable is stationary nowhere but at the crossing itself.
+        """
+        is_constant = self.find_constant_chains(variable)
+        arms_of_moving_chains = [
+            arm
+            for arms, constant in zip(self.chain_arms, is_constant, strict=True)
+            if not constant
+            for arm in arms
+            if arm
+        ]
+        doubts = []
+        for number, saddle in enumerate(self.saddles):
+            centre_is_decided = saddle.level_sign == 0 or saddle.is_monotonic[variable]
+            distances = [0.0 if centre_is_decided else saddle.central_zone[variable]]
+            distances += [
+                saddle.reach[quadrant][variable]
+                for saddle_number, quadrant in arms_of_moving_chains
+                if saddle_number == number and not saddle.outward_signs[quadrant][variable]
+            ]
+            doubts.append(max(distances))
+        return doubts
 
     @property
     def saddles(self) -> list[Saddle]:
-        """The parts of space in which curves cross or just miss each other."""
+        """The saddles, where curves cross or narrowly miss each other."""
         return self.crossings.saddles
 
     @cached_property
-    def crossed(self) -> list[float]:
-        """Inputs (rad) in the range at which curves cross, or all but do, in order."""
-        return self._inputs_of(saddle.centre for saddle in self.saddles)
+    def crossing_inputs(self) -> list[float]:
+        """Inputs (rad) in the range at which curves cross or nearly do, in order."""
+        return self._sorted_inputs(saddle.centre for saddle in self.saddles)
 
-    def _inputs_of(self, places: Iterable[Floats]) -> list[float]:
-        """Return the inputs (rad) of places (v,) that are in the range, in order."""
-        inputs = (self.inside(self.input_at(place)) for place in places)
+    def _sorted_inputs(self, places: Iterable[Floats]) -> list[float]:
+        """Return the inputs (rad) of those places (v,) that are in the range, in order."""
+        inputs = (self.wrap_into_range(self.input_angle(place)) for place in places)
         return sorted(q for q in inputs if q is not None)
 
     @cached_property
-    def still_at(self) -> list[float]:
+    def constant_input_values(self) -> list[float]:
         """Inputs (rad) in the range at which there are whole curves of modes."""
-        kept: list[float] = []
-        for q in self._inputs_of(
+        inputs: list[float] = []
+        for q in self._sorted_inputs(
             chain.pieces[0].centre
-            for chain, still in zip(self.chains, self.still, strict=True)
-            if still
+            for chain, is_constant in zip(self.chains, self.has_constant_input, strict=True)
+            if is_constant
         ):
-            if all(abs(wrap((q - other) / self.laps)) > 1e-9 / self.laps for other in kept):
-                kept.append(q)
-        return kept
+            is_new = all(
+                abs(wrap((q - other) / self.cycle_turns))
+                > SAME_INPUT_RAD / self.cycle_turns
+                for other in inputs
+            )
+            if is_new:
+                inputs.append(q)
+        return inputs
 
-    def inside(self, q: float) -> float | None:
-        """Return an input less all laps if it is in the range, else None."""
-        period = self.laps * TURN
-        turned = self.low + np.remainder(q - self.low, period)
-        if self.whole and turned > self.high - 1e-9:
-            turned -= period
-        for candidate in (turned, turned - period):
-            if self.low - 1e-9 <= candidate <= self.high + 1e-9:
+    def wrap_into_range(self, q: float) -> float | None:
+        """Return an input (rad) modulo whole cycles if it is in the range, else None."""
+        period = self.cycle_turns * TURN
+        wrapped = self.low + np.remainder(q - self.low, period)
+        # Over a full cycle the end counts as the start.
+        if self.is_full_cycle and wrapped > self.high - SAME_INPUT_RAD:
+            wrapped -= period
+        for candidate in (wrapped, wrapped - period):
+            if self.low - SAME_INPUT_RAD <= candidate <= self.high + SAME_INPUT_RAD:
                 return candidate
         return None
 
     @cached_property
     def turning_points(self) -> list[float]:
-        """Inputs (rad) in the range at which two modes meet, in order."""
-        return self._inputs_of(s.place for stopped, _ in self.stopping for s in stopped)
+        """Inputs (rad) in the range at which two modes meet and end, in order."""
+        return self._sorted_inputs(
+            point.place
+            for points in self.input_stationary_points
+            for point in points.proven
+        )
 
-    def modes_at(self, q: float) -> int:
-        """Return the number of modes at an input (rad) that is no turning point."""
-        # of the variable, which goes round once in all laps
-        turns = (np.floor((way - q / self.laps) / TURN) for way in self.ways)
-        return int(sum(np.sum(np.abs(np.diff(turn))) for turn in turns))
+    def count_modes_at(self, q: float) -> int:
+        """Return the number of modes at an input (rad) that is not a turning point."""
+        variable = q / self.cycle_turns
+        # A path passes the input once for each change of the number of whole turns.
+        turn_numbers = (np.floor((path - variable) / TURN) for path in self.input_paths)
+        return int(sum(np.sum(np.abs(np.diff(turns))) for turns in turn_numbers))
 
     @cached_property
-    def ways(self) -> list[Floats]:
-        """The input's variable (rad, turns counted) along chains, monotonic in between.
+    def input_paths(self) -> list[Floats]:
+        """The input's variable (rad, turns counted) along each chain on which it moves.
 
-        It is given at centres of pieces, at all stops, and at the crossings at the ends.
+        It is given at the centres of arcs, at all stationary points, and at the crossings
+        at both ends. Between these it is monotonic.
         """
-        ways = []
-        for chain, (stopped, doubts), arms, still in zip(
-            self.chains, self.stopping, self.ends, self.still, strict=True
+        paths = []
+        for chain, points, arms, is_constant in zip(
+            self.chains,
+            self.input_stationary_points,
+            self.chain_arms,
+            self.has_constant_input,
+            strict=True,
         ):
             places = []
             for number, (piece, _) in enumerate(chain.links):
-                inner = [s.place for s in (*stopped, *doubts) if s.after == number]
-                inner.sort(key=lambda place: piece.coordinates(place)[0])
-                places += [piece.centre, *inner]
-            first, last = (
-                [] if arm is None else [self.saddles[arm[0]].centre] for arm in arms
-            )
-            end = chain.pieces[0 if chain.closed else -1].centre
-            q = np.array([*first, *places, end, *last])[:, self.driven]
-            if not still:
-                ways.append(np.cumsum([q[0], *wrap(np.diff(q))]))
-        return ways
+                stationary_places = [
+                    point.place
+                    for point in (*points.proven, *points.undecided)
+                    if point.piece == number
+                ]
+                stationary_places.sort(key=lambda place: piece.coordinates(place)[0])
+                places += [piece.centre, *stationary_places]
+            places.append(chain.pieces[0 if chain.closed else -1].centre)
+            first_arm, last_arm = arms
+            if first_arm is not None:
+                places.insert(0, self.saddles[first_arm[0]].centre)
+            if last_arm is not None:
+                places.append(self.saddles[last_arm[0]].centre)
+            variable = np.array(places)[:, self.input_variable]
+            if not is_constant:
+                paths.append(np.cumsum([variable[0], *wrap(np.diff(variable))]))
+        return paths
 
     @cached_property
-    def intervals(self) -> list[tuple[float, float, int]]:
-        """The range cut at turning points (rad), with the number of modes of each part.
+    def intervals(self) -> list[ModeInterval]:
+        """The range cut at turning points, with the number of modes of each part.
 
-        Undecided parts are left out; there are none where two chains may be of one curve.
+        Undecided parts are left out. The list is empty if two chains may belong to one
+        curve.
         """
         if OVERLAPPING in self.problems:
             return []
-        ends = [end for part in self.undecided for end in part]
-        special = [*self.turning_points, *self.crossed, *self.still_at, *ends]
-        within = (q for q in special if self.low + 1e-12 < q < self.high - 1e-12)
-        # places that are not told apart have no part of the range between them
-        offs = [stop.off * self.laps for stopped, _ in self.stopping for stop in stopped]
-        least = max(2.0 * max(offs, default=0.0), 1e-12)
-        period = self.laps * TURN
-        turns = (-period, 0.0, period) if self.whole else (0.0,)
-        return [
-            (low, high, self.modes_at(middle))
-            for low, high in pairwise([self.low, *sorted(within), self.high])
-            if high - low > least
-            for middle in [0.5 * (low + high)]
-            if not any(a <= middle + t <= b for a, b in self.undecided for t in turns)
+        undecided_ends = [end for part in self.undecided_ranges for end in part]
+        cuts = sorted(
+            q
+            for q in (
+                *self.turning_points,
+                *self.crossing_inputs,
+                *self.constant_input_values,
+                *undecided_ends,
+            )
+            if self.low + SHORTEST_INTERVAL_RAD < q < self.high - SHORTEST_INTERVAL_RAD
+        )
+        # Cuts that are not told apart have no part of the range between them.
+        cut_errors = [
+            point.error * self.cycle_turns
+            for points in self.input_stationary_points
+            for point in points.proven
         ]
+        shortest = max(2.0 * max(cut_errors, default=0.0), SHORTEST_INTERVAL_RAD)
+        period = self.cycle_turns * TURN
+        shifts = (-period, 0.0, period) if self.is_full_cycle else (0.0,)
+        intervals = []
+        for low, high in pairwise([self.low, *cuts, self.high]):
+            middle = 0.5 * (low + high)
+            is_undecided = any(
+                start <= middle + shift <= end
+                for start, end in self.undecided_ranges
+                for shift in shifts
+            )
+            if high - low > shortest and not is_undecided:
+                intervals.append(ModeInterval(low, high, self.count_modes_at(middle)))
+        return intervals
 
     @cached_property
-    def claim(self) -> Completeness:
-        """What is guaranteed, and what that rests on."""
-        pieces = sum(len(chain.pieces) for chain in self.chains)
-        rests = (
-            f"{counted(len(self.chains), 'curve')} of {pieces} pieces with one arc each, "
-            f"{self.boxes} boxes{_met(self.saddles)}"
+    def completeness(self) -> Completeness:
+        """What is guaranteed, and on which facts the guarantee is based."""
+        piece_count = sum(len(chain.pieces) for chain in self.chains)
+        facts = (
+            f"{counted(len(self.chains), 'curve')} of {piece_count} pieces with one arc "
+            f"each, {self.box_count} boxes{_describe_saddles(self.saddles)}"
         )
-        parts = self.undecided
         if OVERLAPPING in self.problems:
-            rests = f"{OVERLAPPING}; {rests}"
-        if parts:
-            widest = max(high - low for low, high in parts)
+            facts = f"{OVERLAPPING}; {facts}"
+        undecided_ranges = self.undecided_ranges
+        if undecided_ranges:
+            widest_range = max(high - low for low, high in undecided_ranges)
+            widest_box = 2.0 * np.max(self.undecided_boxes.radii, initial=0.0)
             return Completeness(
                 Guarantee.TO_BOX,
-                f"{len(parts)} parts of the range are undecided; elsewhere {rests}",
-                max(widest, 2.0 * np.max(self.left[1], initial=0.0)),
+                f"{len(undecided_ranges)} parts of the range are undecided; elsewhere "
+                f"{facts}",
+                max(widest_range, widest_box),
             )
         if self.problems:
-            return Completeness(Guarantee.COMPONENT, f"{self.problems[0]}; {rests}")
-        return Completeness(Guarantee.CERTIFIED, f"all configurations; {rests}")
+            return Completeness(Guarantee.COMPONENT, f"{self.problems[0]}; {facts}")
+        return Completeness(Guarantee.CERTIFIED, f"all configurations; {facts}")
 
 
-def _met(saddles: Sequence[Saddle]) -> str:
-    """Return words for where curves cross or nearly do."""
+def _join_ranges(ranges: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return ranges (low, high) in order, with those that overlap or touch joined."""
+    joined: list[tuple[float, float]] = []
+    for low, high in sorted(ranges):
+        if joined and low <= joined[-1][1] + SHORTEST_INTERVAL_RAD:
+            joined_low, joined_high = joined.pop()
+            joined.append((joined_low, max(joined_high, high)))
+        else:
+            joined.append((low, high))
+    return joined
+
+
+def _describe_saddles(saddles: Sequence[Saddle]) -> str:
+    """Return a part of a sentence that says how many curves cross or nearly do."""
     parts = []
-    for words, level in (
+    for words, level_signs in (
         ("cross", (0,)),
         ("miss each other", (1, -1)),
         ("cross, or miss each other,", (None,)),
     ):
-        count = sum(saddle.level in level for saddle in saddles)
+        count = sum(saddle.level_sign in level_signs for saddle in saddles)
         if count:
             parts.append(f", which {words} at {counted(count, 'place')}")
     return "".join(parts)
 
 
-def certified_curves(
-    written: Written,
+def certify_curves(
+    decimal_mechanism: DecimalMechanism,
     range_text: tuple[str, str],
     construction: Construction | None = None,
 ) -> CertifiedCurves:
@@ -296,64 +436,93 @@ def certified_curves(
 
     Parameters
     ----------
-    written
+    decimal_mechanism
         The mechanism, with one input.
     range_text
         The ends of the range as decimal numbers in the unit of the file.
     construction
-        By default that of `construct`.
+        By default that of `find_construction`.
 
     Raises
     ------
     PlanError
-        If the mechanism is none that proofs are for.
+        If proofs do not apply to the mechanism, or if the range is longer than a cycle.
     """
-    made = construction or construct(written.structure)
-    with bits(PRECISION):
-        if made.followers:
-            made = turned_together(written, made)
-        equations = Equations(written, made)
-        # of the variable, that goes round once where the input has gone round all laps
-        low, high = (written.input_angle(text) / made.laps for text in range_text)
+    if construction is None:
+        construction = find_construction(decimal_mechanism.structure)
+    with working_precision(CURVE_PRECISION_BITS):
+        if construction.follower_pairs:
+            construction = share_input_variable(decimal_mechanism, construction)
+        cycle_turns = construction.cycle_turns
+        equations = ArcEquations(decimal_mechanism, construction)
+        # Ends of the input's variable, which makes one turn in a cycle.
+        low, high = (
+            decimal_mechanism.input_angle(text) / cycle_turns for text in range_text
+        )
         first, last = map(Decimal, range_text)
-        exact_turn = written.in_degrees and last - first == 360 * made.laps
-        if middle(high - low) > TURN and not exact_turn:
+        # Only in degrees can decimal numbers state a whole turn exactly.
+        is_full_cycle = decimal_mechanism.in_degrees and last - first == 360 * cycle_turns
+        if centre_float(high - low) > TURN and not is_full_cycle:
             raise PlanError(
-                f"{written.mechanism.name}: {first} to {last} is more than "
-                f"{counted(made.laps, 'turn')}, after which everything returns; give at "
+                f"{decimal_mechanism.mechanism.name}: {first} to {last} is more than "
+                f"{counted(cycle_turns, 'turn')}, after which everything returns; give at "
                 "most that"
             )
-        search, boxes, left = _searched(equations, low, high, exact_turn)
+        search, box_count, undecided_boxes = _search_curves(
+            equations, low, high, is_full_cycle
+        )
     return CertifiedCurves(
-        written,
-        made,
-        equations,
-        range_text,
-        middle(low) * made.laps,
-        middle(high) * made.laps,
-        exact_turn,
-        search.chains,
-        search.crossings,
-        boxes,
-        left,
-        search.problems(),
+        decimal_mechanism=decimal_mechanism,
+        construction=construction,
+        equations=equations,
+        range_text=range_text,
+        low=centre_float(low) * cycle_turns,
+        high=centre_float(high) * cycle_turns,
+        is_full_cycle=is_full_cycle,
+        chains=search.chains,
+        crossings=search.crossings,
+        box_count=box_count,
+        undecided_boxes=undecided_boxes,
+        problems=search.problems(),
     )
 
 
-def _searched(
-    equations: Equations, low: Ball, high: Ball, whole: bool
-) -> tuple[Search, int, Left]:
-    """Return the search between values of the input's variable, its boxes and those left.
+def _search_curves(
+    equations: ArcEquations, low: Ball, high: Ball, is_full_cycle: bool
+) -> tuple[CurveSearch, int, BoxSet]:
+    """Search the whole range for curves.
 
-    They are a whole turn apart if `whole`.
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism. The input's variable is the last one.
+    low, high
+        Ends of the input's variable (rad).
+    is_full_cycle
+        Whether they are exactly one turn apart.
+
+    Returns
+    -------
+    The search with all curves, the number of examined boxes, and the undecided boxes.
     """
-    count, turn, start, end = equations.unknowns, 2 * pi(), middle(low), middle(high)
-    width = [*[turn] * count, turn if whole else high - low]
-    ranges = Ranges([*[exact(FIRST)] * count, low], width)
+    unknown_count = equations.unknown_count
+    turn = 2 * pi_ball()
+    start = centre_float(low)
+    end = centre_float(high)
+    input_width = turn if is_full_cycle else high - low
+    ranges = VariableRanges(
+        [*[exact_ball(FIRST_ANGLE_RAD)] * unknown_count, low],
+        [*[turn] * unknown_count, input_width],
+    )
 
-    def side(q: float, off: float) -> int:
-        return 0 if whole else int(q > end + off) - int(q < start - off)
+    def range_side(variable: float, margin: float) -> int:
+        """Return 1 above the range by more than the margin, -1 below it, else 0."""
+        if is_full_cycle:
+            return 0
+        return int(variable > end + margin) - int(variable < start - margin)
 
-    search = Search(equations, side)
-    boxes, left = paved(equations, ranges, search.covers, search.take, MOST_BOXES)
-    return search, boxes, search.without_saddles(*left)
+    search = CurveSearch(equations, range_side)
+    box_count, undecided_boxes = pave(
+        equations, ranges, search.covers, search.add_configuration, MAX_CURVE_BOXES
+    )
+    return search, box_count, search.resolve_undecided(undecided_boxes)

@@ -1,14 +1,17 @@
-"""The order in which links are placed, each across one pair or on two, and what is left.
+"""The order in which proofs place the links of a mechanism.
 
-A link across one pair turns by that pair's angle: an unknown, or an input. A link that has
-two pairs with links placed before is put on these two axes, and the arc between them is one
-equation. A structure that can just be assembled has at least one body with at most two
-pairs, and has one again without it, so such an order always exists.
+Links are placed one after another from a root. A link that is joined to one placed link is
+rotated by the angle of that pair: an unknown, an input, or a follower of wheels. A link
+that is joined to two placed links is put on the axes of both pairs. Its arc between these
+axes is then one equation (`spherekit.proof.arc_equations`). A structure that can just be
+assembled has at least one body with at most two pairs, and again has one without this body,
+so such an order always exists.
 
-Where wheels turn p/q as fast as an input by ratios of teeth, all these angles are multiples
-of one variable that goes round once while the input goes round q times. Then equations are
-sums of its cosines and sines, as of any other angle, and configurations a turn of the input
-apart are different unless everything is back.
+Wheels with teeth rotate p/q as fast as the only input. Over ranges of the input, the angles
+of the input and of all wheels are whole multiples of one variable, which makes one turn
+while the input makes q turns. The equations are then trigonometric polynomials in this
+variable, as in any other angle. Configurations one turn of the input apart count as
+different unless all wheels are back.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -22,316 +25,506 @@ import numpy as np
 from spherekit.arrays import Indices
 from spherekit.errors import PlanError
 from spherekit.mechanism.graph import component_labels, find_spanning_tree
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.decimal_mechanism import DecimalMechanism
 from spherekit.proof.structure import Structure
 from spherekit.wording import listing
 
-MOST_ORDERS = 20000
-"""Orders looked at; those of eight-bars are some hundred."""
-MOST_KEPT = 256
-"""Structures whose order is kept: random geometries of one have the same."""
+MAX_COMPARED_ORDERS = 20000
+"""Largest number of orders of placing that are compared; eight-bars have some hundred.
+
+Larger: planning of mechanisms with many links takes longer. Smaller: the order with the
+lowest bound of complex modes may be missed.
+"""
+
+MAX_CACHED_STRUCTURES = 256
+"""Number of structures whose construction is remembered.
+
+Random geometries of one structure share it. Larger: more memory. Smaller: studies of many
+structures plan again.
+"""
+
+MAX_CYCLE_TURNS = 64
+"""Largest number of turns of the input, and of wheels, until all wheels are back.
+
+Larger: equations of higher degree in the input's variable, and longer proofs. Smaller:
+more gear trains are refused.
+"""
 
 
 @dataclass(frozen=True)
-class Step:
-    """A link placed across one pair from a link before it, or on the axes of two such.
+class PlacementStep:
+    """One link and how it is placed: across one pair, or on the axes of two pairs.
 
-    Across one pair it turns by `turns` times the variable of the number `variable`. Two
-    pairs, with links of `parents` each, give an equation: the arc between their axes.
+    Attributes
+    ----------
+    link
+        The link to place.
+    parents
+        One or two links that are placed before.
+    pairs
+        The pair that joins the link to each parent.
+    variable
+        Number of the variable by which a link across one pair rotates; -1 for two pairs.
+    angle_factor
+        The pair angle over the variable. It differs from 1 for wheels only.
     """
 
     link: int
     parents: tuple[int, ...]
     pairs: tuple[int, ...]
     variable: int = -1
-    turns: int = 1
+    angle_factor: int = 1
 
     @property
     def is_dyad(self) -> bool:
-        """Whether it is put on two axes."""
+        """Whether the link is put on two axes, which gives an equation."""
         return len(self.pairs) == 2
 
 
 @dataclass(frozen=True)
-class Construction:
-    """All links of a mechanism in an order of placing them, from `root` on.
+class LinkPlacement:
+    """The link relative to which another link is placed.
 
-    Variables are numbered: the unknown angles, then those of the inputs, then those that
-    follow from them through wheels; their pairs are `pairs` in that order. Where wheels
-    turn with the variable of the input, and have none of their own, `laps` are the turns of
-    the input after which they are back: its angle is `laps` times the variable.
+    Attributes
+    ----------
+    reference
+        The reference link. The root is its own reference.
+    degrees
+        (variables,) degree of the orientation relative to the reference, as a trigonometric
+        polynomial, in each variable.
+    """
+
+    reference: int
+    degrees: Indices
+
+
+@dataclass(frozen=True)
+class ParentPaths:
+    """The paths of references from the two parents of a dyad to where they meet.
+
+    Attributes
+    ----------
+    shared_link
+        The first link that both paths have in common.
+    first, second
+        The links from each parent to the link before the shared one.
+    """
+
+    shared_link: int
+    first: list[int]
+    second: list[int]
+
+
+@dataclass(frozen=True)
+class Construction:
+    """An order of placing all links of a mechanism, with its variables and equations.
+
+    Variables are numbered: first the unknown angles, then the inputs, then the angles that
+    follow from the inputs through wheels.
+
+    Attributes
+    ----------
+    root
+        The link that is placed first.
+    steps
+        How the other links are placed, in order.
+    pairs
+        The pair of each variable.
+    unknown_count
+        Number of unknown angles; there are as many equations.
+    input_count
+        Number of inputs.
+    cycle_turns
+        Turns of the input after which all wheels are back, if input and wheels share one
+        variable. The input angle is `cycle_turns` times the variable. Otherwise 1.
     """
 
     root: int
-    steps: Sequence[Step]
+    steps: Sequence[PlacementStep]
     pairs: tuple[int, ...]
-    unknowns: int
-    inputs: int
-    laps: int = 1
+    unknown_count: int
+    input_count: int
+    cycle_turns: int = 1
 
     @property
-    def driven(self) -> tuple[int, ...]:
+    def input_pairs(self) -> tuple[int, ...]:
         """The pairs of the inputs."""
-        return self.pairs[self.unknowns : self.unknowns + self.inputs]
+        return self.pairs[self.unknown_count : self.unknown_count + self.input_count]
 
     @property
-    def followers(self) -> tuple[int, ...]:
-        """The pairs whose angles follow from the inputs through wheels."""
-        return self.pairs[self.unknowns + self.inputs :]
+    def follower_pairs(self) -> tuple[int, ...]:
+        """The pairs whose angles are variables that follow from the inputs."""
+        return self.pairs[self.unknown_count + self.input_count :]
 
     @property
-    def equations(self) -> list[Step]:
-        """The links put on two axes, whose arcs are the equations, in order."""
+    def equation_steps(self) -> list[PlacementStep]:
+        """The steps that put a link on two axes, in order; each gives one equation."""
         return [step for step in self.steps if step.is_dyad]
 
     @cached_property
-    def placed(self) -> dict[int, tuple[int, Indices]]:
-        """The link that each link is placed in, and the degrees in all variables there.
+    def placements(self) -> dict[int, LinkPlacement]:
+        """The reference link of each link.
 
-        A link put on two axes is placed in the last link that both ways to its parents
-        share, and the root in itself.
+        A link across one pair is placed relative to its parent. A link on two axes is
+        placed relative to the link at which the paths of its parents meet.
         """
-        every = np.arange(len(self.pairs))
-        placed: dict[int, tuple[int, Indices]] = {self.root: (self.root, 0 * every)}
+        variables = np.arange(len(self.pairs))
+        no_degrees = 0 * variables
+        placements = {self.root: LinkPlacement(self.root, no_degrees)}
         for step in self.steps:
             if step.is_dyad:
-                shared, *ways = _apart(placed, *step.parents)
-                degrees = [placed[link][1] for way in ways for link in way]
-                placed[step.link] = shared, np.sum([0 * every, *degrees], axis=0)
+                paths = _find_parent_paths(placements, *step.parents)
+                degrees = [
+                    placements[link].degrees for link in (*paths.first, *paths.second)
+                ]
+                placements[step.link] = LinkPlacement(
+                    paths.shared_link, np.sum([no_degrees, *degrees], axis=0)
+                )
             else:
-                turns = abs(step.turns) * (every == step.variable)
-                placed[step.link] = step.parents[0], turns
-        return placed
+                degrees_of_angle = abs(step.angle_factor) * (variables == step.variable)
+                placements[step.link] = LinkPlacement(step.parents[0], degrees_of_angle)
+        return placements
 
-    def apart(self, step: Step) -> tuple[int, list[int], list[int]]:
-        """Return the last link that the ways to both parents share, and what is on each."""
-        return _apart(self.placed, *step.parents)
+    def parent_paths(self, step: PlacementStep) -> ParentPaths:
+        """Return the paths from both parents of a dyad to the link where they meet."""
+        return _find_parent_paths(self.placements, *step.parents)
 
     @cached_property
     def degrees(self) -> Indices:
-        """(equations, variables): the degree of each equation in e^(i angle), halved."""
-        rows = [self.placed[step.link][1] for step in self.equations]
+        """(equations, variables) degrees of the equations as trigonometric polynomials.
+
+        An equation of degree m in an angle has powers -m to m of e^(i angle).
+        """
+        rows = [self.placements[step.link].degrees for step in self.equation_steps]
         return np.array(rows, dtype=np.intp).reshape(-1, len(self.pairs))
 
     @cached_property
-    def bound(self) -> int:
-        """Most isolated complex modes, by Bezout's theorem for products of lines.
+    def mode_bound(self) -> int:
+        """Largest possible number of isolated complex modes.
 
-        An equation has degree 2 m in the half tangent of an angle in which `degrees` is
-        m; the bound is the permanent of these degrees.
+        In the half tangents of its angles an equation of trigonometric degree m has the
+        degree 2 m. By Bezout's theorem for products of projective lines, the bound is the
+        permanent of these degrees. It counts solutions at infinity.
         """
-        return permanent(2 * self.degrees[:, : self.unknowns])
+        return permanent(2 * self.degrees[:, : self.unknown_count])
 
     @cached_property
-    def systems(self) -> list[tuple[list[int], list[int]]]:
-        """Equations and unknowns of systems to be solved one after the other."""
-        used = self.degrees[:, : self.unknowns] > 0
-        left, systems = list(range(len(used))), []
-        while left:
-            parts = (
-                ([*rows], np.flatnonzero(np.any(used[[*rows]], axis=0)).tolist())
-                for size in range(1, len(left) + 1)
-                for rows in combinations(left, size)
+    def equation_systems(self) -> list[tuple[list[int], list[int]]]:
+        """The smallest systems that can be solved one after the other.
+
+        For each system the numbers of its equations and of its unknowns. Other unknowns in
+        these equations belong to systems before it.
+        """
+        has_unknown = self.degrees[:, : self.unknown_count] > 0
+        open_equations = list(range(len(has_unknown)))
+        systems = []
+        while open_equations:
+            candidates = (
+                (
+                    [*equations],
+                    np.flatnonzero(np.any(has_unknown[[*equations]], axis=0)).tolist(),
+                )
+                for size in range(1, len(open_equations) + 1)
+                for equations in combinations(open_equations, size)
             )
-            rows, unknowns = next(part for part in parts if len(part[0]) == len(part[1]))
-            systems.append((rows, unknowns))
-            # these are known from here on
-            used[:, unknowns] = False
-            left = [row for row in left if row not in rows]
+            equations, unknowns = next(
+                candidate
+                for candidate in candidates
+                if len(candidate[0]) == len(candidate[1])
+            )
+            systems.append((equations, unknowns))
+            # These unknowns are given in the systems that follow.
+            has_unknown[:, unknowns] = False
+            open_equations = [row for row in open_equations if row not in equations]
         return systems
 
 
-def _apart(
-    placed: Mapping[int, tuple[int, Indices]], one: int, other: int
-) -> tuple[int, list[int], list[int]]:
-    """Return the last link that two ways share, and the links of each before it."""
-    ways = []
-    for link in (one, other):
-        way = [link]
-        while (above := placed[way[-1]][0]) != way[-1]:
-            way.append(above)
-        ways.append(way)
-    first, second = ways
-    shared = next(link for link in first if link in second)
-    return shared, first[: first.index(shared)], second[: second.index(shared)]
-
-
-def permanent(matrix: Indices) -> int:
-    """Return the sum over permutations of the products of a square matrix's entries."""
-    rows = matrix.tolist()
-    return sum(
-        prod(row[k] for row, k in zip(rows, order, strict=True))
-        for order in permutations(range(len(rows)))
+def _find_parent_paths(
+    placements: Mapping[int, LinkPlacement], first_parent: int, second_parent: int
+) -> ParentPaths:
+    """Return the paths of references of two links up to the first link that both share."""
+    paths = []
+    for parent in (first_parent, second_parent):
+        path = [parent]
+        while (reference := placements[path[-1]].reference) != path[-1]:
+            path.append(reference)
+        paths.append(path)
+    first_path, second_path = paths
+    shared_link = next(link for link in first_path if link in second_path)
+    return ParentPaths(
+        shared_link,
+        first_path[: first_path.index(shared_link)],
+        second_path[: second_path.index(shared_link)],
     )
 
 
-def construct(structure: Structure, wanted: Collection[int] = ()) -> Construction:
+def permanent(matrix: Indices) -> int:
+    """Return the permanent of a square matrix.
+
+    It is the sum over all permutations of the products of one entry from each row.
+    """
+    rows = matrix.tolist()
+    return sum(
+        prod(row[column] for row, column in zip(rows, columns, strict=True))
+        for columns in permutations(range(len(rows)))
+    )
+
+
+def find_construction(
+    structure: Structure, preferred_pairs: Collection[int] = ()
+) -> Construction:
     """Return the order of placing links that has the lowest bound of complex modes.
 
     Parameters
     ----------
     structure
         The links and pairs.
-    wanted
-        Numbers of pairs of which as many as possible are to be variables.
+    preferred_pairs
+        Numbers of pairs. The order in which most of them are variables is taken first, the
+        bound of complex modes decides among equals.
 
     Raises
     ------
     PlanError
-        If there is none, since the pairs do not leave one freedom for each input.
+        If there is no such order, since the structure does not have one degree of freedom
+        for each input, or if the structure has no loop.
     """
-    best = _best(
+    construction = _find_best_construction(
         structure.ends,
         len(structure.links),
         len(structure.inputs),
         (*structure.inputs, *structure.followers),
-        frozenset(wanted),
+        frozenset(preferred_pairs),
     )
-    if best is None:
+    if construction is None:
         raise PlanError(
             f"{structure.name}: its links cannot be placed one after another on at most "
             f"two axes each; proofs need one freedom for each input by counting"
         )
-    if not best.unknowns and not best.followers:
+    if not construction.unknown_count and not construction.follower_pairs:
         raise PlanError(
             f"{structure.name}: it has no closed loop, so that all angles are inputs and "
             "there is nothing to prove"
         )
-    return best
+    return construction
 
 
 Ends = tuple[tuple[int, int], ...]
-Order = tuple[tuple[int, ...], ...]
-"""Bodies, each with the one or two pairs by which it is placed."""
+"""For each pair the two links that it joins."""
+
+PlacingOrder = tuple[tuple[int, ...], ...]
+"""For each body in order: the body, then the one or two pairs by which it is placed."""
 
 
-@lru_cache(MOST_KEPT)
-def _best(
-    ends: Ends, links: int, inputs: int, given: tuple[int, ...], wanted: frozenset[int]
+@lru_cache(MAX_CACHED_STRUCTURES)
+def _find_best_construction(
+    ends: Ends,
+    link_count: int,
+    input_count: int,
+    given_pairs: tuple[int, ...],
+    preferred_pairs: frozenset[int],
 ) -> Construction | None:
-    """Return the order with the lowest bound of all, None if there is none.
+    """Return the construction with the lowest bound of complex modes, None without one.
 
-    The angles of the pairs in `given` are known, of which the first are the inputs.
+    Links that pairs with given angles join form bodies, which are placed as one.
+
+    Parameters
+    ----------
+    ends
+        For each pair the two links that it joins.
+    link_count, input_count
+        Numbers of links and of inputs.
+    given_pairs
+        The pairs with given angles: inputs first, then followers.
+    preferred_pairs
+        Pairs that shall be variables if possible.
     """
-    bodies = component_labels(links, (ends[pair] for pair in given))
-    joins = {
-        pair: (bodies[one], bodies[other])
-        for pair, (one, other) in enumerate(ends)
-        if pair not in given
+    body_of_link = component_labels(link_count, (ends[pair] for pair in given_pairs))
+    joined_bodies = {
+        pair: (body_of_link[first], body_of_link[second])
+        for pair, (first, second) in enumerate(ends)
+        if pair not in given_pairs
     }
-    if any(one == other for one, other in joins.values()):
+    if any(first == second for first, second in joined_bodies.values()):
         return None
-    roots = sorted(set(bodies), key=lambda body: body != bodies[ends[given[0]][0]])
-    constructed = (
-        _constructed(ends, bodies, inputs, given, root, order)
+    # Roots are tried from the body of the first input on.
+    input_body = body_of_link[ends[given_pairs[0]][0]]
+    roots = sorted(set(body_of_link), key=lambda body: body != input_body)
+    constructions = (
+        _make_construction(ends, body_of_link, input_count, given_pairs, root, order)
         for root in roots
-        for order in removals(joins, frozenset(bodies), root)
+        for order in placing_orders(joined_bodies, frozenset(body_of_link), root)
     )
     return min(
-        (made for made in islice(constructed, MOST_ORDERS) if made and made.bound),
-        key=lambda made: (len(wanted - {*made.pairs}), made.bound, np.sum(made.degrees)),
+        (
+            construction
+            for construction in islice(constructions, MAX_COMPARED_ORDERS)
+            if construction and construction.mode_bound
+        ),
+        key=lambda construction: (
+            len(preferred_pairs - {*construction.pairs}),
+            construction.mode_bound,
+            np.sum(construction.degrees),
+        ),
         default=None,
     )
 
 
-def removals(
-    joins: Mapping[int, tuple[int, int]], bodies: frozenset[int], first: int
-) -> Iterator[Order]:
-    """Yield orders of placing bodies from `first` on, each body with one or two pairs.
+def placing_orders(
+    joined_bodies: Mapping[int, tuple[int, int]], bodies: frozenset[int], root: int
+) -> Iterator[PlacingOrder]:
+    """Yield orders of placing bodies, each with one or two pairs to bodies before it.
 
-    An order has (body, pairs) for each other body; no two orders have the same ones. The
-    pairs are the keys of `joins`, which has the bodies that they join.
+    No two orders place every body by the same pairs.
+
+    Parameters
+    ----------
+    joined_bodies
+        For each pair the two bodies that it joins.
+    bodies
+        All bodies.
+    root
+        The body that is placed first.
     """
-    seen: set[frozenset[tuple[int, ...]]] = set()
+    seen_placements: set[frozenset[tuple[int, ...]]] = set()
 
-    def removed(left: frozenset[int], last: Order) -> Iterator[Order]:
-        """Take bodies away, the one placed last first; `last` holds their pairs."""
-        # what can still come depends on what was taken away, and not on when
-        key = frozenset(last)
-        if key in seen:
+    def remove_bodies(
+        remaining: frozenset[int], order: PlacingOrder
+    ) -> Iterator[PlacingOrder]:
+        """Remove bodies, the one placed last first; `order` has those removed so far."""
+        # The bodies that can still be removed depend on the set of those removed and on
+        # their pairs, not on the sequence. A set that was reached before gives no new
+        # order.
+        placements = frozenset(order)
+        if placements in seen_placements:
             return
-        seen.add(key)
-        if left == {first}:
-            yield last
+        seen_placements.add(placements)
+        if remaining == {root}:
+            yield order
             return
-        for body in sorted(left - {first}):
-            joining = tuple(
-                p for p, two in joins.items() if body in two and set(two) <= left
+        for body in sorted(remaining - {root}):
+            joining_pairs = tuple(
+                pair
+                for pair, two_bodies in joined_bodies.items()
+                if body in two_bodies and set(two_bodies) <= remaining
             )
-            if 1 <= len(joining) <= 2:
-                yield from removed(left - {body}, ((body, *joining), *last))
+            if 1 <= len(joining_pairs) <= 2:
+                extended_order = ((body, *joining_pairs), *order)
+                yield from remove_bodies(remaining - {body}, extended_order)
 
-    yield from removed(bodies, ())
+    yield from remove_bodies(bodies, ())
 
 
-def _constructed(
+def _make_construction(
     ends: Ends,
-    bodies: list[int],
-    inputs: int,
-    given: tuple[int, ...],
+    body_of_link: list[int],
+    input_count: int,
+    given_pairs: tuple[int, ...],
     root: int,
-    order: Order,
+    order: PlacingOrder,
 ) -> Construction | None:
-    """Return the construction in which bodies come in an order, None if it is none."""
-    unknown = [pairs[0] for _, *pairs in order if len(pairs) == 1]
-    pairs = (*unknown, *given)
-    steps: list[Step] = []
-    for body, *joining in ((root,), *order):
-        links = [next(k for k in ends[pair] if bodies[k] == body) for pair in joining]
-        parents = tuple(sum(ends[p]) - k for p, k in zip(joining, links, strict=True))
-        if len(set(links)) > 1 or len(set(parents)) < len(joining):
-            return None
-        if joining:
-            variable = pairs.index(joining[0]) if len(joining) == 1 else -1
-            steps.append(Step(links[0], parents, tuple(joining), variable))
-        steps += [
-            Step(link, (parent,), (pair,), pairs.index(pair))
-            for pair, parent, link in find_spanning_tree(ends, links[:1] or [root], given)
+    """Return the construction that places bodies in an order, None if it is not possible.
+
+    It is not possible if the two pairs of a dyad are on different links of its body or on
+    one and the same parent, or if there are not as many equations as unknowns.
+
+    Parameters
+    ----------
+    ends
+        For each pair the two links that it joins.
+    body_of_link
+        For each link the body to which it belongs.
+    input_count
+        Number of inputs.
+    given_pairs
+        The pairs with given angles: inputs first, then followers.
+    root
+        The body that is placed first; its number is also that of its first link.
+    order
+        The other bodies with the pairs by which they are placed.
+    """
+    unknown_pairs = [pairs[0] for _, *pairs in order if len(pairs) == 1]
+    variable_pairs = (*unknown_pairs, *given_pairs)
+    steps: list[PlacementStep] = []
+    for body, *joining_pairs in ((root,), *order):
+        links = [
+            next(link for link in ends[pair] if body_of_link[link] == body)
+            for pair in joining_pairs
         ]
-    if sum(step.is_dyad for step in steps) != len(unknown):
+        # The sum of both ends less one end is the other end.
+        parents = tuple(
+            sum(ends[pair]) - link for pair, link in zip(joining_pairs, links, strict=True)
+        )
+        if len(set(links)) > 1 or len(set(parents)) < len(joining_pairs):
+            return None
+        if joining_pairs:
+            has_one_pair = len(joining_pairs) == 1
+            variable = variable_pairs.index(joining_pairs[0]) if has_one_pair else -1
+            steps.append(PlacementStep(links[0], parents, tuple(joining_pairs), variable))
+        # The other links of the body follow across pairs with given angles.
+        steps += [
+            PlacementStep(link, (parent,), (pair,), variable_pairs.index(pair))
+            for pair, parent, link in find_spanning_tree(
+                ends, links[:1] or [root], given_pairs
+            )
+        ]
+    if sum(step.is_dyad for step in steps) != len(unknown_pairs):
         return None
-    return Construction(root, steps, pairs, len(unknown), inputs)
+    return Construction(root, steps, variable_pairs, len(unknown_pairs), input_count)
 
 
-MOST_LAPS = 64
-"""Turns until wheels are back, and turns of wheels meanwhile, at most."""
+def share_input_variable(
+    decimal_mechanism: DecimalMechanism, construction: Construction
+) -> Construction:
+    """Return a construction in which input and wheels are multiples of one variable.
 
-
-def turned_together(written: Written, construction: Construction) -> Construction:
-    """Return a construction in which wheels turn with the variable of the only input.
+    Parameters
+    ----------
+    decimal_mechanism
+        A mechanism with one input and with followers.
+    construction
+        A construction in which each follower is a variable.
 
     Raises
     ------
     PlanError
-        If the ratios are not those of teeth, or are back after too many turns.
+        If the ratios of the wheels are not those of numbers of teeth, or if the wheels are
+        back only after too many turns.
     """
-    structure = written.structure
-    wheels = listing(structure.names_of(construction.followers))
-    ratios = written.exact_ratios()
+    structure = decimal_mechanism.structure
+    wheel_names = listing(structure.names_of(construction.follower_pairs))
+    ratios = decimal_mechanism.exact_follower_ratios()
     if ratios is None:
         raise PlanError(
-            f"{structure.name}: wheels turn {wheels} with the input; proofs over ranges "
-            "are for ratios of teeth, with which wheels come back: give teeth, or give "
-            "values of the inputs with --at"
+            f"{structure.name}: wheels turn {wheel_names} with the input; proofs over "
+            "ranges are for ratios of teeth, with which wheels come back: give teeth, or "
+            "give values of the inputs with --at"
         )
-    laps = lcm(*(ratio.denominator for ratio in ratios))
-    turns = dict(zip(structure.followers, (int(laps * r) for r in ratios), strict=True))
-    most = max(laps, *map(abs, turns.values()))
-    if most > MOST_LAPS:
+    # With ratios p/q, after the least common multiple of all q all wheels are back.
+    cycle_turns = lcm(*(ratio.denominator for ratio in ratios))
+    factors = {
+        pair: int(cycle_turns * ratio)
+        for pair, ratio in zip(structure.followers, ratios, strict=True)
+    }
+    most_turns = max(cycle_turns, *map(abs, factors.values()))
+    if most_turns > MAX_CYCLE_TURNS:
         raise PlanError(
-            f"{structure.name}: wheels turn {wheels} with the input, up to {most} turns "
-            f"until they are back; proofs over ranges are for at most {MOST_LAPS}: give "
-            "values of the inputs with --at"
+            f"{structure.name}: wheels turn {wheel_names} with the input, up to "
+            f"{most_turns} turns until they are back; proofs over ranges are for at most "
+            f"{MAX_CYCLE_TURNS}: give values of the inputs with --at"
         )
-    (driven,) = construction.driven
-    turns[driven] = laps
-    variable = construction.unknowns
+    (input_pair,) = construction.input_pairs
+    factors[input_pair] = cycle_turns
+    variable = construction.unknown_count
     steps = [
-        replace(step, variable=variable, turns=turns[step.pairs[0]])
-        if step.pairs[0] in turns and not step.is_dyad
+        replace(step, variable=variable, angle_factor=factors[step.pairs[0]])
+        if step.pairs[0] in factors and not step.is_dyad
         else step
         for step in construction.steps
     ]
     return replace(
-        construction, steps=steps, pairs=construction.pairs[: variable + 1], laps=laps
+        construction,
+        steps=steps,
+        pairs=construction.pairs[: variable + 1],
+        cycle_turns=cycle_turns,
     )

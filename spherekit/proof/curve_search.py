@@ -1,7 +1,8 @@
-"""Finds configuration curves and crossings in boxes that paving cannot decide."""
+"""Search for configuration curves and crossings near boxes that paving cannot exclude."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any
 
@@ -10,200 +11,314 @@ import numpy as np
 from spherekit.arrays import Bools, Floats
 from spherekit.conventions import TURN
 from spherekit.numerics.angles import wrap
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.chains import Chain, Side, chain_through
-from spherekit.proof.collinear_loops import MOST_SADDLES, Arm, Crossings
-from spherekit.proof.paving import TRIED, Left
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.chains import Chain, RangeSide, find_chain
+from spherekit.proof.collinear_loops import MAX_SADDLES, Arm, Crossings
+from spherekit.proof.paving import SEARCHED_BOXES, BoxSet
 from spherekit.proof.saddles import Saddle
-from spherekit.proof.tubes import LONGEST, UP, CertifiedArc, corrected, covered, piece_at
+from spherekit.proof.tubes import (
+    COORDINATE_ROUNDING_RAD,
+    LONGEST_ARC_RAD,
+    ROUND_UP,
+    CertifiedArc,
+    boxes_covered,
+    correct_configuration,
+    find_piece,
+)
 
-NEIGHBOURS = 8
-"""Pieces with the nearest centres that a box is tried against."""
+TRIED_NEIGHBOURS = 8
+"""Number of arcs with the nearest centres that are tried to cover a box.
+
+Larger: longer tests of each box. Smaller: boxes inside an arc are overlooked and halved.
+"""
+
 OVERLAPPING = "two curves found may be one, so that modes are not counted"
-OUTSIDE = 1e-9
-"""Arms (rad) may reach so far into the range without a chain."""
+"""The problem of a search in which two chains may belong to one curve."""
+
+OUTSIDE_RANGE_RAD = 1e-9
+"""Distance (rad) of the input from its range beyond which a configuration is ignored.
+
+Larger: curves just outside the range are found too. Smaller: rounding decides whether a
+configuration at the end of the range counts.
+"""
 
 
-class Search:
-    """Finds curves in boxes that are not decided; `chains` are those known so far."""
+@dataclass(frozen=True)
+class ArmUse:
+    """One arm of a saddle and the chains that end on it.
 
-    def __init__(self, equations: Equations, side: Side) -> None:
-        self.equations, self.side = equations, side
+    Attributes
+    ----------
+    arm
+        The arm.
+    chain_ends
+        Number of ends of chains on it; there should be one.
+    input_sign
+        Sign of the rate of the input along the arm, away from the saddle; 0 if not proven.
+    """
+
+    arm: Arm
+    chain_ends: int
+    input_sign: int
+
+
+class CurveSearch:
+    """The configuration curves that have been found in the range of the only input.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism. The input's variable is the last one.
+    side
+        The side of the range on which an input is.
+
+    Attributes
+    ----------
+    chains
+        The curves found so far, as chains of certified arcs.
+    crossings
+        The saddles found so far.
+    has_lost_piece
+        Whether a part of a chain was not found again after a saddle had been added.
+    """
+
+    def __init__(self, equations: ArcEquations, side: RangeSide) -> None:
+        self.equations = equations
+        self.side = side
         self.crossings = Crossings(equations)
-        self.lost = False
-        self._keep([])
+        self.has_lost_piece = False
+        self._set_chains([])
 
-    def _keep(self, chains: list[Chain]) -> None:
-        """Take chains as those known, and all their pieces to be searched by place."""
+    def _set_chains(self, chains: list[Chain]) -> None:
+        """Replace the chains, and index all their arcs by position."""
         self.chains = chains
         pieces = [piece for chain in chains for piece in chain.pieces]
-        count = self.equations.variables
+        count = self.equations.variable_count
+        # Arrays (pieces, ...) of centres, frames and limits, for tests of many boxes.
         self._centres = np.reshape([piece.centre for piece in pieces], (-1, count))
         self._frames = np.reshape([piece.frame for piece in pieces], (-1, count, count))
         self._limits = np.reshape([piece.limits for piece in pieces], (-1, count))
         if pieces:
             from scipy.spatial import cKDTree
 
-            self._tree = cKDTree(_turned(self._centres), boxsize=np.full(count, TURN))
+            periods = np.full(count, TURN)
+            self._tree = cKDTree(_within_one_turn(self._centres), boxsize=periods)
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return whether boxes (n, v) of radii (n, v) are in a piece or at a crossing."""
-        out = covered(self.crossings.saddles, centres, radii)
-        tried = min(NEIGHBOURS, len(self._centres))
-        if not tried:
-            return out
-        small = np.flatnonzero(~out & (np.max(radii, axis=1) < np.max(self._limits)))
-        _, near = self._tree.query(_turned(centres[small]), k=range(1, tried + 1))
-        sizes = np.einsum("nv,nkvw->nkw", radii[small], np.abs(self._frames[near]))
-        inside = self._inside(near, centres[small, None], sizes * UP + 1e-13)
-        out[small] = np.any(inside, axis=1)
-        return out
+        """Return which boxes are inside a certified arc's box or a saddle's, (n,).
 
-    def _inside(self, pieces: Any, places: Floats, reach: Floats | float) -> Bools:
-        """Return whether places (..., v) are in pieces (...), with a reach along frames."""
-        apart = wrap(places - self._centres[pieces])
-        along = np.abs(np.einsum("...v,...vw->...w", apart, self._frames[pieces]))
-        return np.all(along + reach <= self._limits[pieces], axis=-1)
-
-    def take(self, place: Floats) -> bool:
-        """Follow the curve through a configuration; return whether anything is new."""
-        before = len(self.chains), len(self.crossings.saddles)
-        if not self.side(place[-1], OUTSIDE):
-            self._follow(place)
-        return (len(self.chains), len(self.crossings.saddles)) != before
-
-    def without_saddles(self, centres: Floats, radii: Floats) -> Left:
-        """Look for crossings in boxes left over; return what is left without these.
-
-        Arms that end the range are kept too.
+        `centres` and `radii` (n, v) are the centres and half widths of the boxes (rad).
         """
-        for _ in range(MOST_SADDLES):
-            some = centres[:: max(1, len(centres) // TRIED)]
-            if not any(map(self.crossings.find, some)):
-                break
-            self._cut(self.crossings.saddles[-1:])
-            open_ = ~covered(self.crossings.saddles, centres, radii)
-            centres, radii = centres[open_], radii[open_]
-        self._end_arms()
-        return centres, radii
-
-    def _follow(self, place: Floats) -> None:
-        """Keep the curve through a configuration, if there is one that is not known."""
-        if self._known(place, 0.0):
-            return
-        count = len(self.crossings.saddles)
-        first = piece_at(self.equations, place, None, LONGEST)
-        if first is None or self._known(first.centre, first.miss):
-            return
-        chain = chain_through(self.equations, first, self.side, self.crossings)
-        if chain is not None:
-            # those that are proven to lie on a closed one are of no more use
-            closed = chain.pieces if chain.closed else ()
-            kept = [
-                earlier
-                for earlier in self.chains
-                for start in earlier.pieces[:1]
-                if not any(piece.holds(start.centre, start.miss) for piece in closed)
-            ]
-            self._keep([*kept, chain])
-        if new := self.crossings.saddles[count:]:
-            self._cut(new)
-
-    def _cut(self, saddles: Sequence[Saddle]) -> None:
-        """Follow the chains again that go into saddles that were not known then."""
-        parts: tuple[list[Chain], list[Chain]] = [], []
-        for chain in self.chains:
-            meet = any(s.may_hold(p.centre, p.miss) for s in saddles for p in chain.pieces)
-            parts[meet].append(chain)
-        self._keep(parts[0])
-        for chain in parts[1]:
-            within = self._within(chain)
-            for piece in within:
-                self._follow(piece.centre)
-            self.lost |= not all(self._known(p.centre, p.miss) for p in within)
-
-    def _within(self, chain: Chain) -> list[CertifiedArc]:
-        """Return the pieces of a chain whose centre is in the range."""
-        return [p for p in chain.pieces if not self.side(p.centre[-1], 0.0)]
-
-    def _known(self, place: Floats, off: float) -> bool:
-        """Return whether a place, off by at most `off`, may be in a piece or a saddle."""
-        on = np.any(self._inside(slice(None), place, -off - 1e-13))
-        return bool(on) or self.crossings.may_hold(place, off)
-
-    def _overlapping(self) -> bool:
-        """Return whether two chains may go through one configuration of the range."""
-        counts = [len(chain.pieces) for chain in self.chains]
-        owner = np.repeat(np.arange(len(counts)), counts)
-        return any(
-            np.any(self._inside(owner != number, piece.centre, -piece.miss - 1e-13))
-            for number, chain in enumerate(self.chains)
-            for piece in self._within(chain)
+        is_covered = boxes_covered(self.crossings.saddles, centres, radii)
+        tried_count = min(TRIED_NEIGHBOURS, len(self._centres))
+        if not tried_count:
+            return is_covered
+        can_fit = np.max(radii, axis=1) < np.max(self._limits)
+        rows = np.flatnonzero(~is_covered & can_fit)
+        _, neighbours = self._tree.query(
+            _within_one_turn(centres[rows]), k=range(1, tried_count + 1)
         )
+        # n boxes, k neighbours, v variables, w frame directions.
+        reach = np.einsum("nv,nkvw->nkw", radii[rows], np.abs(self._frames[neighbours]))
+        is_inside = self._are_inside(
+            neighbours, centres[rows, None], reach * ROUND_UP + COORDINATE_ROUNDING_RAD
+        )
+        is_covered[rows] = np.any(is_inside, axis=1)
+        return is_covered
 
-    def _arms(self) -> Iterator[tuple[Arm, int, int]]:
-        """Yield all arms, how many chains end there, and the sense of the input on them."""
-        ends = Counter(
+    def _are_inside(self, pieces: Any, places: Floats, reach: Floats | float) -> Bools:
+        """Return whether places (..., v) with a reach are inside the boxes of arcs.
+
+        Parameters
+        ----------
+        pieces
+            Numbers (...) of the arcs, or any other index of them.
+        places
+            (..., v) places (rad).
+        reach
+            Distance (rad) along the frame by which a place must be inside; negative if it
+            may be outside.
+        """
+        offsets = wrap(places - self._centres[pieces])
+        coordinates = np.abs(np.einsum("...v,...vw->...w", offsets, self._frames[pieces]))
+        return np.all(coordinates + reach <= self._limits[pieces], axis=-1)
+
+    def add_configuration(self, place: Floats) -> bool:
+        """Follow the curve through a configuration (v,), if it is in the range.
+
+        Returns
+        -------
+        Whether the number of chains or saddles has changed.
+        """
+        counts_before = len(self.chains), len(self.crossings.saddles)
+        if not self.side(place[-1], OUTSIDE_RANGE_RAD):
+            self._add_curve(place)
+        return (len(self.chains), len(self.crossings.saddles)) != counts_before
+
+    def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
+        """Look for saddles in undecided boxes, and return the boxes outside all saddles.
+
+        Chains for arms that leave the range at once are added as well.
+        """
+        centres = undecided.centres
+        radii = undecided.radii
+        for _ in range(MAX_SADDLES):
+            some_centres = centres[:: max(1, len(centres) // SEARCHED_BOXES)]
+            if not any(map(self.crossings.find, some_centres)):
+                break
+            self._cut_chains(self.crossings.saddles[-1:])
+            is_open = ~boxes_covered(self.crossings.saddles, centres, radii)
+            centres = centres[is_open]
+            radii = radii[is_open]
+        self._add_chains_of_short_arms()
+        return BoxSet(centres, radii)
+
+    def _add_curve(self, place: Floats) -> None:
+        """Add the curve through a configuration (v,), unless it is known already."""
+        if self._is_known(place, 0.0):
+            return
+        saddle_count = len(self.crossings.saddles)
+        first = find_piece(self.equations, place, None, LONGEST_ARC_RAD)
+        if first is None or self._is_known(first.centre, first.centre_error):
+            return
+        chain = find_chain(self.equations, first, self.side, self.crossings)
+        if chain is not None:
+            # Earlier chains that are proven to be on a new closed one are dropped.
+            closed_pieces = chain.pieces if chain.closed else ()
+            other_chains = []
+            for earlier in self.chains:
+                start = earlier.pieces[0]
+                if not any(
+                    piece.contains(start.centre, start.centre_error)
+                    for piece in closed_pieces
+                ):
+                    other_chains.append(earlier)
+            self._set_chains([*other_chains, chain])
+        if new_saddles := self.crossings.saddles[saddle_count:]:
+            self._cut_chains(new_saddles)
+
+    def _cut_chains(self, saddles: Sequence[Saddle]) -> None:
+        """Follow chains again that pass new saddles, so that they end on their arms."""
+        untouched_chains: list[Chain] = []
+        cut_chains: list[Chain] = []
+        for chain in self.chains:
+            passes_saddle = any(
+                saddle.may_contain(piece.centre, piece.centre_error)
+                for saddle in saddles
+                for piece in chain.pieces
+            )
+            (cut_chains if passes_saddle else untouched_chains).append(chain)
+        self._set_chains(untouched_chains)
+        for chain in cut_chains:
+            pieces = self._pieces_in_range(chain)
+            for piece in pieces:
+                self._add_curve(piece.centre)
+            self.has_lost_piece |= not all(
+                self._is_known(piece.centre, piece.centre_error) for piece in pieces
+            )
+
+    def _pieces_in_range(self, chain: Chain) -> list[CertifiedArc]:
+        """Return the arcs of a chain whose centre is in the range of the input."""
+        return [piece for piece in chain.pieces if not self.side(piece.centre[-1], 0.0)]
+
+    def _is_known(self, place: Floats, error: float) -> bool:
+        """Return whether a place (v,) within an error may be in a known arc or saddle."""
+        in_arcs = self._are_inside(slice(None), place, -error - COORDINATE_ROUNDING_RAD)
+        return bool(np.any(in_arcs)) or self.crossings.may_contain(place, error)
+
+    def _has_overlapping_chains(self) -> bool:
+        """Return whether two chains may pass one configuration of the range."""
+        counts = [len(chain.pieces) for chain in self.chains]
+        chain_of_piece = np.repeat(np.arange(len(counts)), counts)
+        for number, chain in enumerate(self.chains):
+            is_other = chain_of_piece != number
+            for piece in self._pieces_in_range(chain):
+                reach = -piece.centre_error - COORDINATE_ROUNDING_RAD
+                if np.any(self._are_inside(is_other, piece.centre, reach)):
+                    return True
+        return False
+
+    def _list_arm_uses(self) -> Iterator[ArmUse]:
+        """Yield all arms of all saddles with the number of chains that end on them."""
+        end_counts = Counter(
             arm
             for chain in self.chains
-            for arm in self.crossings.ends(chain.pieces, chain.closed)
+            for arm in self.crossings.chain_ends(chain.pieces, chain.closed)
         )
         for number, saddle in enumerate(self.crossings.saddles):
-            for quadrant, rates in sorted(saddle.rates.items(), reverse=True):
+            for quadrant, signs in sorted(saddle.outward_signs.items(), reverse=True):
                 arm = number, quadrant
-                yield arm, ends[arm], rates[-1]
+                yield ArmUse(arm, end_counts[arm], signs[-1])
 
-    def _unjoined(self) -> bool:
-        """Return whether chains may go into crossings but on one arm at each end.
+    def _has_unmatched_arm(self) -> bool:
+        """Return whether arms and ends of chains may not match one to one.
 
         An arm that only leads out of the range needs no chain.
         """
-        if any(self._strays(chain) for chain in self.chains):
+        if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
-        for (number, _), count, rate in self._arms():
-            q = self.crossings.saddles[number].centre[-1]
-            if count > 1 or (count == 0 and rate * self.side(q, -OUTSIDE) <= 0):
+        for use in self._list_arm_uses():
+            saddle = self.crossings.saddles[use.arm[0]]
+            side = self.side(saddle.centre[-1], -OUTSIDE_RANGE_RAD)
+            leads_out = use.input_sign * side > 0
+            if use.chain_ends > 1 or (use.chain_ends == 0 and not leads_out):
                 return True
         return False
 
-    def _end_arms(self) -> None:
-        """Add a chain of one piece for arms that leave the range before their saddle."""
-        for arm, count, rate in self._arms():
-            if count:
+    def _add_chains_of_short_arms(self) -> None:
+        """Add a chain of one arc for each arm that leaves the range near its saddle.
+
+        The part of such an arm in the range is inside the saddle's box, where no chain is
+        followed. A chain of one arc outside the range makes the arm count.
+        """
+        for use in self._list_arm_uses():
+            if use.chain_ends:
                 continue
-            place = corrected(self.equations, self.crossings.saddles[arm[0]].on(arm[1]))
-            piece = place is not None and piece_at(self.equations, place, None, LONGEST)
-            if not piece or self.crossings.arm(piece) != arm:
+            saddle_number, quadrant = use.arm
+            saddle = self.crossings.saddles[saddle_number]
+            place = correct_configuration(self.equations, saddle.point_near_arm(quadrant))
+            if place is None:
                 continue
-            if rate * self.side(piece.centre[-1], 0.0) > 0:
-                self._keep([*self.chains, Chain((piece,), False)])
+            piece = find_piece(self.equations, place, None, LONGEST_ARC_RAD)
+            if piece is None or self.crossings.arm(piece) != use.arm:
+                continue
+            if use.input_sign * self.side(piece.centre[-1], 0.0) > 0:
+                self._set_chains([*self.chains, Chain((piece,), False)])
 
-    def _strays(self, chain: Chain) -> bool:
-        """Return whether a chain is at a crossing but where it begins or ends on an arm."""
-        pieces, arms = chain.pieces, [self.crossings.arm(piece) for piece in chain.pieces]
+    def _touches_saddle_inside(self, chain: Chain) -> bool:
+        """Return whether a chain may touch a saddle other than on the arms at its ends."""
+        pieces = chain.pieces
+        arms = [self.crossings.arm(piece) for piece in pieces]
 
-        def on(end: Arm | None, way: list[Arm | None]) -> int:
-            """Return how many pieces of a way are on the arm at its end."""
-            return len([*takewhile(lambda arm: arm is not None and arm == end, way)])
+        def count_on_arm(end: Arm | None, arms_from_end: list[Arm | None]) -> int:
+            """Return the number of arcs from one end on that are on the arm there."""
+            on_arm = takewhile(lambda arm: arm is not None and arm == end, arms_from_end)
+            return len([*on_arm])
 
-        begin, end = self.crossings.ends(pieces, chain.closed)
-        first, last = on(begin, arms), on(end, arms[::-1])
+        first_arm, last_arm = self.crossings.chain_ends(pieces, chain.closed)
+        first_count = count_on_arm(first_arm, arms)
+        last_count = count_on_arm(last_arm, arms[::-1])
         return any(
-            self.crossings.may_hold(piece.centre, piece.miss)
-            for piece in pieces[first : len(pieces) - last]
+            self.crossings.may_contain(piece.centre, piece.centre_error)
+            for piece in pieces[first_count : len(pieces) - last_count]
         )
 
     def problems(self) -> list[str]:
-        """Return why chains are not whole curves, or not known to be different."""
+        """Return why chains are not whole curves, or may belong to one curve."""
         problems = [chain.problem for chain in self.chains if chain.problem]
-        if self.lost or self._overlapping() or self._unjoined():
+        if (
+            self.has_lost_piece
+            or self._has_overlapping_chains()
+            or self._has_unmatched_arm()
+        ):
             problems.append(OVERLAPPING)
-        if any(chain.again() for chain in self.chains):
+        if any(chain.may_repeat_start() for chain in self.chains):
             problems.append("a curve may have been gone round twice")
         return problems
 
 
-def _turned(places: Floats) -> Floats:
-    """Return angles in [0, 2 pi)."""
-    turned = np.remainder(places, TURN)
-    return np.where(turned >= TURN, 0.0, turned)
+def _within_one_turn(angles: Floats) -> Floats:
+    """Return angles (rad) in [0, 2 pi), as the search tree requires."""
+    remainders = np.remainder(angles, TURN)
+    # The remainder of a tiny negative number rounds to a whole turn.
+    return np.where(remainders >= TURN, 0.0, remainders)

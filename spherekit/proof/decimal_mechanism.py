@@ -1,21 +1,16 @@
-"""Trains of wheels as balls: angles that follow from the inputs through rolling circles.
+"""A mechanism as its file writes it, with wheels whose rotation follows from the inputs.
 
-Where the relations of all rolling contacts (`planning.gear_train`) fix the angles that
-they relate by the inputs, the pairs are known like inputs. A wheel repeats what its carrier
-says of the distance of the axes; decimal numbers can say both only nearly, so that
-circles that touch nearly are taken to touch.
-
-The geometry of a mechanism as balls around the numbers of its file as they are written.
-
-An angle of 45.1 degrees is 45.1 pi / 180 here, and no float64 number next to it.
+Rolling contacts of circles relate the angles of R pairs (`planning.gear_train`). Where
+these relations determine the angles by the inputs, the pairs are followers: their angles
+are known like those of inputs. A file repeats the distance of the axes of two wheels in the
+carrier and in the radii. Decimal numbers can state both only approximately, so circles
+that nearly touch count as touching.
 """
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
@@ -23,13 +18,11 @@ from spherekit.arrays import Array
 from spherekit.errors import PlanError
 from spherekit.files.mechanism_reader import read
 from spherekit.files.mechanism_writer import dumps
-from spherekit.files.toml_document import Document, LiteralNumber, parse
-from spherekit.mechanism.bevel_gears import find_gear_carrier
+from spherekit.files.toml_document import Document, parse
 from spherekit.mechanism.coaxial_links import SAME_AXIS_RAD
 from spherekit.mechanism.elements import PoseGeometry
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.assembly_plan import driven_pairs
 from spherekit.planning.gear_mesh import (
     GearMesh,
@@ -38,256 +31,181 @@ from spherekit.planning.gear_mesh import (
     reverse_path,
 )
 from spherekit.planning.gear_train import find_gear_train
-from spherekit.proof.ball_frames import (
-    Frame,
-    Frames,
-    Vector,
-    axes_about,
-    exact,
-    exactly,
-    frames_of_pose,
-    frames_of_sizes,
-    unit,
-)
+from spherekit.proof.ball_frames import Frame, Vector, exact_ball, exact_balls
 from spherekit.proof.balls import (
     Ball,
-    angle_of,
-    floats,
-    library,
-    lower,
-    middle,
-    pi,
-    solved,
-    upper,
-    wide,
+    centre_float,
+    centre_floats,
+    lower_magnitude,
+    pi_ball,
+    polar_angle,
+    solve_balls,
+    upper_magnitude,
 )
-from spherekit.proof.structure import Structure, structure_of
+from spherekit.proof.decimal_geometry import DecimalGeometry
+from spherekit.proof.structure import Structure, extract_structure
 from spherekit.wording import listing
 
+WHOLE_TURN_TOLERANCE = 1e-6
+"""A number of turns counts as whole if a ball of it comes this close to an integer.
 
-@dataclass(frozen=True)
-class Touching:
-    """Two circles that touch, each in the axes of its link.
+Larger: wheels may be counted with a wrong number of turns. Smaller: rounding of the float64
+plan of the wheels is refused.
+"""
 
-    `axes` of each have the directions of azimuth 0 and 90 degrees about the centre, and
-    the centre, or the pole of a great circle; `radii` are angles, and `sines` in the ratio
-    of theirs. `sense` is 1 for circles one within the other and -1 beside each other: how
-    the arc length runs about the second centre.
-    """
+MAX_TURN_ERROR = 0.25
+"""Largest deviation of a number of turns from an integer that its ball may contain.
 
-    axes: Sequence[Frame]
-    radii: Sequence[Ball]
-    sines: Sequence[Ball]
-    sense: int
+Larger: a ball may contain two integers, of which one is taken. Smaller: a large tolerance
+of the sizes is refused.
+"""
 
-    @property
-    def arc(self) -> Ball:
-        """The signed arc from the first centre over the contact on to the second."""
-        return self.radii[0] - self.sense * self.radii[1]
+MAX_GEAR_RATIO_DENOMINATOR = 10**6
+"""Largest denominator of a gear ratio that is reconstructed from a ball.
 
-    def towards(self, first: Vector, second: Vector) -> tuple[Vector, Vector]:
-        """Return the directions of the contact at both centres, where these are."""
-        sine, cosine = self.arc.sin_cos()
-        return (second - cosine * first) / sine, self.sense * (
-            cosine * second - first
-        ) / sine
-
-
-SAME_TURN = 1e-6
-"""Numbers of turns are one if the train of the plan is so near to it."""
-AXES = {"through_xyz", "through_lonlat", "xyz", "lonlat"}
-"""Keys of pairs in files that say where their axis is."""
-MOST_TEETH = 10**6
-"""Largest denominator of ratios of teeth."""
-PHASE = 1e-13
-"""A start that the reader finds of a phase is known to this (rad)."""
+Larger: balls of 80 bits may contain several such fractions. Smaller: trains of many large
+gears have no exact ratio.
+"""
 
 
 @dataclass(frozen=True)
-class Written:
-    """A mechanism with the text of its file, and by how much its sizes may be off.
+class DecimalMechanism(DecimalGeometry):
+    """A mechanism of R pairs and wheels with the decimal sizes of its file.
 
-    `tolerance` (rad) is that of every arc, angle, zero and direction of the file.
-    `structure` are the links and R pairs that it stands for, `meshes` its wheels in mesh
-    and `lengths` about those that they have rolled where all angles are zero.
+    Sliding contacts of circles are replaced by couplers. Links and pairs are counted as in
+    `structure`.
+
+    Attributes
+    ----------
+    structure
+        The links and R pairs.
+    meshes
+        The rolling contacts with their carriers.
+    rolled_lengths
+        For each mesh, the approximate lengths (rad) along both circles that have rolled in
+        the position in which all pair angles are zero. They decide between whole turns
+        only.
     """
 
-    mechanism: Mechanism
-    document: Document
-    tolerance: float
     structure: Structure
     meshes: Sequence[GearMesh] = ()
-    lengths: Sequence[Sequence[float]] = ()
+    rolled_lengths: Sequence[Sequence[float]] = ()
 
-    @staticmethod
-    def of(
-        mechanism: Mechanism, document: Document | None = None, tolerance: float = 0.0
-    ) -> "Written":
-        """Return a mechanism with its document, by default the one it is written as.
-
-        Raises
-        ------
-        PlanError
-            If it has contacts that are not of circles, or circles that roll by what does
-            not follow from the inputs, or the tolerance is negative.
-        """
-        structure = structure_of(mechanism)
-        if not 0.0 <= tolerance < 0.1:
-            raise PlanError(
-                f"a tolerance of {tolerance} rad makes no sense; give 1e-9, say"
-            )
-        if document is None:
-            document = parse(dumps(mechanism), mechanism.name)
-            assert read(document) == mechanism or mechanism.user
-        made = Written(mechanism, document, tolerance, structure)
-        return made._in_mesh() if structure.wheels else made
-
-    @property
-    def in_degrees(self) -> bool:
-        """Whether angles of the file are in degrees, not in radians."""
-        return bool(self.document.data["angle_unit"] == "deg")
-
-    def frames(self) -> list[tuple[Frame, Frame]]:
+    def pair_frames(self) -> list[tuple[Frame, Frame]]:
         """Return the frames of every pair of the structure in its two links."""
-        made = self.r_frames()
-        frames = [made[name] for name in self.structure.pairs if name in made]
+        revolute_frames = self.revolute_frames()
+        frames = [
+            revolute_frames[name]
+            for name in self.structure.pairs
+            if name in revolute_frames
+        ]
         for contact in self.structure.couplers:
-            touch = self._touching(contact)
-            # the angle of each pair is the azimuth of the contact about the centre
-            sine, cosine = touch.arc.sin_cos()
-            axes = exactly([0.0, 0.0, 1.0]), np.array([exact(0.0), sine, cosine])
-            for to, axis, ahead in zip(touch.axes, axes, touch.towards(*axes), strict=True):
-                frames.append((to, np.stack([ahead, np.cross(axis, ahead), axis])))
+            circle_contact = self.circle_contact(contact)
+            # The axes of the coupler are the z axis and a direction in its y-z plane. Its
+            # zero directions point to the contact, so that the angle of each pair is the
+            # azimuth of the contact about the centre.
+            sine, cosine = circle_contact.centre_arc.sin_cos()
+            first_axis = exact_balls([0.0, 0.0, 1.0])
+            second_axis = np.array([exact_ball(0.0), sine, cosine])
+            directions = circle_contact.contact_directions(first_axis, second_axis)
+            for circle_frame, axis, direction in zip(
+                circle_contact.frames, (first_axis, second_axis), directions, strict=True
+            ):
+                coupler_frame = np.stack([direction, np.cross(axis, direction), axis])
+                frames.append((circle_frame, coupler_frame))
         return frames
 
-    def given(self, inputs: Sequence[Ball]) -> list[Ball]:
-        """Return the angles (rad) of the inputs and of all pairs that follow from them."""
+    def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
+        """Return the angles (rad) of the inputs, followed by those of the followers.
+
+        Parameters
+        ----------
+        inputs
+            Angle (rad) of each input, in the order of `structure.inputs`.
+        """
         if not self.meshes:
             return [*inputs]
-        structure, rows = self.structure, self._relations()
+        structure = self.structure
+        relations = self._mesh_relations()
         if isinstance(self.mechanism.geometry, PoseGeometry):
-            # nothing has rolled in the reference pose
-            values = self._angles("value")
-            constants = rows @ [values.get(pair, exact(0.0)) for pair in structure.pairs]
+            # Nothing has rolled in the reference pose, so the sums have the values there.
+            pose_angles = self.pair_angles("value")
+            constants = relations @ [
+                pose_angles.get(pair, exact_ball(0.0)) for pair in structure.pairs
+            ]
         else:
-            constants = self._rolled() @ exactly([1.0, -1.0])
-        right = constants - rows[:, structure.inputs] @ np.array(inputs)
-        return [*inputs, *self._followed(rows, right[:, None])[:, 0]]
+            constants = self._rolled_lengths_at_zero() @ exact_balls([1.0, -1.0])
+        right = constants - relations[:, structure.inputs] @ np.array(inputs)
+        followers = self._solve_followers(relations, right[:, None])[:, 0]
+        return [*inputs, *followers]
 
-    def ratios(self) -> Array:
-        """Return the rates (followers, inputs) of the angles that wheels fix."""
-        rows = self._relations()
-        return self._followed(rows, -rows[:, self.structure.inputs])
+    def follower_ratios(self) -> Array:
+        """Return the rates (followers, inputs) of the followers at unit rates of inputs."""
+        relations = self._mesh_relations()
+        return self._solve_followers(relations, -relations[:, self.structure.inputs])
 
-    def exact_ratios(self) -> list[Fraction] | None:
-        """Return the rates of followers by the only input, None unless all have teeth.
+    def exact_follower_ratios(self) -> list[Fraction] | None:
+        """Return the rates of the followers at unit rate of the only input as fractions.
 
-        They are ratios of determinants of teeth, and balls of 80 bits have just one such.
+        None unless all wheels have numbers of teeth. The rates are then quotients of
+        determinants of teeth. A ball of 80 bits contains only one fraction with a
+        denominator up to `MAX_GEAR_RATIO_DENOMINATOR`.
         """
-        if not all(factor.is_exact() for factor in self._relations().flat):
+        if not all(factor.is_exact() for factor in self._mesh_relations().flat):
             return None
-        made = []
-        for (ball,) in self.ratios():
-            ratio = Fraction(middle(ball)).limit_denominator(MOST_TEETH)
+        ratios = []
+        for (ball,) in self.follower_ratios():
+            ratio = Fraction(centre_float(ball)).limit_denominator(
+                MAX_GEAR_RATIO_DENOMINATOR
+            )
             if not (ball * ratio.denominator).contains(ratio.numerator):
                 return None
-            made.append(ratio)
-        return made
-
-    def _followed(self, rows: Array, right: Array) -> Array:
-        """Return the angles that follow, or their rates, from the columns of `right`."""
-        return solved(rows[:, self.structure.followers], right)
-
-    def _relations(self) -> Array:
-        """Return the factors (meshes, pairs) of sums of angles that stay the same."""
-        rows = exactly(np.zeros((len(self.meshes), len(self.structure.pairs))))
-        for row, mesh in zip(rows, self.meshes, strict=True):
-            one, other = self._touching(mesh.contact).sines
-            for pair, factor in mesh.angle_factors((one, -other)).items():
-                row[self._number(pair)] = factor
-        return rows
-
-    def _rolled(self) -> Array:
-        """Return the lengths (meshes, 2) rolled along circles with all angles zero.
-
-        It is the sine of the radius times the azimuth of the contact, less where it starts;
-        in teeth, if these are given.
-        """
-        frames, rolled = self.frames(), list[Array]()
-
-        def along(vector: Vector, way: PairPath) -> Vector:
-            """Return a vector of the first link of a way in the last, all angles zero."""
-            for pair, side in way:
-                ends = frames[self._number(pair)]
-                vector = ends[1 - side].T @ (ends[side] @ vector)
-            return vector
-
-        for mesh, near in zip(self.meshes, self.lengths, strict=True):
-            touch = self._touching(mesh.contact)
-            sines, centres = np.array(touch.sines), [axes[2] for axes in touch.axes]
-            ahead = touch.towards(*map(along, centres, mesh.paths))
-            azimuths = [
-                angle_of(*(axes[:2] @ along(direction, reverse_path(way))))
-                for axes, way, direction in zip(touch.axes, mesh.paths, ahead, strict=True)
-            ]
-            scales = sines / [radius.sin() for radius in touch.radii]
-            starts = scales * self._starts(mesh.contact)
-            length = sines * azimuths * (1, touch.sense) - starts
-            lap = 2 * pi() * sines
-            away = (scales * near - length) / lap
-            turns = np.round(floats(away))
-            for miss in away - turns:
-                if not (lower(miss) < SAME_TURN and upper(miss) < 0.25):
-                    raise PlanError(
-                        f"{self.structure.name}: the sizes leave open how many turns "
-                        "wheels have rolled"
-                    )
-            rolled.append(length + lap * turns)
-        return np.array(rolled)
+            ratios.append(ratio)
+        return ratios
 
     def motion_columns(self) -> list[tuple[str, float]]:
-        """Return the column of the table motion and the factor of each pair's angle.
+        """Return how the table `motion` stores the angle of each pair of the structure.
 
-        The angles of couplers are lengths over the sines of radii there.
+        Returns
+        -------
+        For each pair the name of the column, and the factor by which its values are
+        multiplied to give the angle. The table has arc lengths of sliding contacts; the
+        angle of a coupler is the arc length divided by the sine of the radius.
         """
         columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
-        for number, contact in enumerate(self.structure.couplers):
-            pair, touch = self.mechanism.pairs[contact], self._touching(contact)
-            _, both = self.structure.coupler(number)
+        for coupler, contact in enumerate(self.structure.couplers):
+            pair = self.mechanism.pairs[contact]
+            circle_contact = self.circle_contact(contact)
+            _, coupler_pairs = self.structure.coupler_parts(coupler)
             names = pair.kind.variable_names(pair.name, pair.links)
-            for k, name, sense, radius in zip(
-                both, names, (1, touch.sense), touch.radii, strict=True
+            for coupler_pair, name, sense, radius in zip(
+                coupler_pairs,
+                names,
+                (1, circle_contact.sense),
+                circle_contact.radii,
+                strict=True,
             ):
-                columns[k] = name, sense / middle(radius.sin())
+                columns[coupler_pair] = name, sense / centre_float(radius.sin())
         return columns
 
-    def item(self, pair: str) -> Mapping[str, Any]:
-        """Return the table of a pair in the file."""
-        table: Mapping[str, Any] = self.document.data["pairs"][pair]
-        return table
-
-    def _starts(self, contact: int) -> Array:
-        """Return the lengths (2,) rad along both circles at which a contact starts."""
-        pair = self.mechanism.pairs[contact]
-        item = self.item(pair.name)
-        if "phase" in item:
-            return np.array([wide(length, PHASE) for length in pair.start])
-        return np.array([self.angle(s, False) for s in item.get("start", (0.0, 0.0))])
-
-    def _in_mesh(self) -> "Written":
-        """Return the same with its wheels in mesh, put together as the file means.
+    def with_meshes(self) -> "DecimalMechanism":
+        """Return the mechanism with its wheels in mesh and with their followers.
 
         Raises
         ------
         PlanError
-            If no link carries the wheels of a contact, or the meshes do not fix all angles
-            that they relate by the inputs.
+            If no link carries the wheels of a contact, or if the inputs do not determine
+            all angles that the meshes relate.
         """
-        structure, mechanism = self.structure, self.mechanism
-        joints, meshes = make_joints(mechanism), list[GearMesh]()
+        structure = self.structure
+        mechanism = self.mechanism
+        joints = make_joints(mechanism)
+        meshes = list[GearMesh]()
         for contact in structure.wheels:
-            held = find_carried_contact(mechanism, joints, contact, SAME_AXIS_RAD)
-            if held is None:
+            carried_contact = find_carried_contact(
+                mechanism, joints, contact, SAME_AXIS_RAD
+            )
+            if carried_contact is None:
                 pair = mechanism.pairs[contact]
                 raise PlanError(
                     f"{mechanism.name}: pair {pair.name} is a rolling contact, and no link "
@@ -295,153 +213,137 @@ class Written:
                     "its circle so that they touch; of rolling contacts proofs are for "
                     "wheels that a link carries so, and for sliding contacts of circles"
                 )
-            meshes.append(held.mesh)
-        every = {self._number(pair) for mesh in meshes for pair in mesh.pairs}
-        followers = tuple(sorted(every - set(structure.inputs)))
+            meshes.append(carried_contact.mesh)
+        related_pairs = {
+            self._structure_pair(pair) for mesh in meshes for pair in mesh.pairs
+        }
+        followers = tuple(sorted(related_pairs - set(structure.inputs)))
         train = find_gear_train(mechanism, driven_pairs(mechanism))
         with suppress(ZeroDivisionError):
             if train is not None and len(followers) == len(meshes):
-                made = replace(
+                decimal_mechanism = replace(
                     self,
                     structure=replace(structure, followers=followers),
                     meshes=meshes,
-                    lengths=train.rolled.tolist(),
+                    rolled_lengths=train.rolled.tolist(),
                 )
-                made.ratios()
-                return made
-        where = listing(structure.names_of(followers))
+                # Division by zero here means that the relations are singular.
+                decimal_mechanism.follower_ratios()
+                return decimal_mechanism
+        follower_names = listing(structure.names_of(followers))
         raise PlanError(
             f"{structure.name}: its {len(meshes)} rolling contacts relate the angles "
-            f"{where} to the inputs, and do not fix each of them, or in more ways than can "
-            "be tried; proofs are for wheels whose turning follows from the inputs alone: "
-            "drive another pair, or give a reference pose"
+            f"{follower_names} to the inputs, and do not fix each of them, or in more ways "
+            "than can be tried; proofs are for wheels whose turning follows from the "
+            "inputs alone: drive another pair, or give a reference pose"
         )
 
-    def _number(self, pair: int) -> int:
+    def _solve_followers(self, relations: Array, right: Array) -> Array:
+        """Return the angles or rates (followers, n) for n right-hand sides (meshes, n)."""
+        return solve_balls(relations[:, self.structure.followers], right)
+
+    def _mesh_relations(self) -> Array:
+        """Return the factors (meshes, pairs) of the weighted sums of angles of each mesh.
+
+        The sum of the pair angles with these factors is constant while the wheels roll.
+        """
+        relations = exact_balls(np.zeros((len(self.meshes), len(self.structure.pairs))))
+        for row, mesh in zip(relations, self.meshes, strict=True):
+            first_sine, second_sine = self.circle_contact(mesh.contact).sines
+            for pair, factor in mesh.angle_factors((first_sine, -second_sine)).items():
+                row[self._structure_pair(pair)] = factor
+        return relations
+
+    def _rolled_lengths_at_zero(self) -> Array:
+        """Return the lengths rolled in the position in which all pair angles are zero.
+
+        A length is the sine of the radius times the azimuth of the contact, less the start
+        of the contact. The azimuth is known up to whole turns. They are chosen such that
+        the length agrees with `rolled_lengths`.
+
+        Returns
+        -------
+        (meshes, 2) lengths along both circles: in rad, or in teeth per radian of rotation
+        if teeth are given.
+
+        Raises
+        ------
+        PlanError
+            If a number of whole turns is not unique within the tolerance of the sizes.
+        """
+        frames = self.pair_frames()
+        lengths_by_mesh = list[Array]()
+
+        def carry_along(vector: Vector, path: PairPath) -> Vector:
+            """Return a vector of the first link of a path in axes of the last link."""
+            for pair, side in path:
+                ends = frames[self._structure_pair(pair)]
+                # With the pair at zero both frames coincide.
+                vector = ends[1 - side].T @ (ends[side] @ vector)
+            return vector
+
+        for mesh, float_lengths in zip(self.meshes, self.rolled_lengths, strict=True):
+            circle_contact = self.circle_contact(mesh.contact)
+            sines = np.array(circle_contact.sines)
+            centres = [frame[2] for frame in circle_contact.frames]
+            directions_in_carrier = circle_contact.contact_directions(
+                *map(carry_along, centres, mesh.paths)
+            )
+            azimuths = [
+                polar_angle(*(frame[:2] @ carry_along(direction, reverse_path(path))))
+                for frame, path, direction in zip(
+                    circle_contact.frames, mesh.paths, directions_in_carrier, strict=True
+                )
+            ]
+            # `sines` may count teeth. The scales convert lengths in rad to this unit.
+            scales = sines / [radius.sin() for radius in circle_contact.radii]
+            starts = scales * self.contact_starts(mesh.contact)
+            lengths = sines * azimuths * (1, circle_contact.sense) - starts
+            length_of_turn = 2 * pi_ball() * sines
+            turns = (scales * float_lengths - lengths) / length_of_turn
+            whole_turns = np.round(centre_floats(turns))
+            for turn_error in turns - whole_turns:
+                is_whole = lower_magnitude(turn_error) < WHOLE_TURN_TOLERANCE
+                is_unique = upper_magnitude(turn_error) < MAX_TURN_ERROR
+                if not (is_whole and is_unique):
+                    raise PlanError(
+                        f"{self.structure.name}: the sizes leave open how many turns "
+                        "wheels have rolled"
+                    )
+            lengths_by_mesh.append(lengths + length_of_turn * whole_turns)
+        return np.array(lengths_by_mesh)
+
+    def _structure_pair(self, pair: int) -> int:
         """Return the number in the structure of an R pair of the mechanism."""
         return self.structure.pairs.index(self.mechanism.pairs[pair].name)
 
-    def angle(self, number: float, tolerance: bool = True) -> Ball:
-        """Return an angle of the file in rad."""
-        turn = pi() / 180 if self.in_degrees else exact(1.0)
-        return wide(_number(number) * turn, self.tolerance if tolerance else 0.0)
 
-    def input_angle(self, text: str) -> Ball:
-        """Return an input given as a decimal number in the unit of the file, in rad."""
-        return self.angle(LiteralNumber(text), tolerance=False)
+def read_decimals(
+    mechanism: Mechanism, document: Document | None = None, tolerance: float = 0.0
+) -> DecimalMechanism:
+    """Return a mechanism with the decimal sizes of its file.
 
-    def input_range(self, pair: str) -> tuple[str, str]:
-        """Return the ends of an input's range as the file has them, the lower first."""
-        item = self.document.data.get("inputs", {}).get(pair, {})
-        turn = 360 if self.in_degrees else 2 * math.pi
-        ends = text_of(item.get("from", 0)), text_of(item.get("to", turn))
-        low, high = sorted(ends, key=float)
-        return low, high
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    document
+        The parsed file of the mechanism. By default the mechanism is written as a file and
+        read again.
+    tolerance
+        Bound (rad) of the error of all sizes.
 
-    def r_frames(self) -> Frames:
-        """Return the frames of the R pairs, by name."""
-        given = self.mechanism.geometry
-        if isinstance(given, PoseGeometry):
-            axes = {name: self._axis(self.item(name)) for name in given.axes}
-            return frames_of_pose(given, axes, self._angles("value"))
-        sizes = {
-            link: [
-                [self.angle(number) for number in item.get(key, [])]
-                for key in ("arcs", "angles")
-            ]
-            for link, item in self.document.data["links"].items()
-            if link in given.links
-        }
-        return frames_of_sizes(self.mechanism, given, sizes, self._angles("zero"))
-
-    def _angles(self, key: str) -> dict[str, Ball]:
-        """Return the angles (rad) that pairs of the file have under a key."""
-        return {
-            name: self.angle(item[key])
-            for name, item in self.document.data["pairs"].items()
-            if key in item
-        }
-
-    def _axis(self, item: Mapping[str, Any]) -> Vector:
-        (key,) = AXES & item.keys()
-        if key.startswith("through"):
-            one, other = (self._direction(row, key) for row in item[key])
-            return unit(np.cross(one, other))
-        return self._direction(item[key], key)
-
-    def _direction(self, row: Any, key: str) -> Vector:
-        """Return a direction of the file, by coordinates or longitude and latitude."""
-        if key.endswith("xyz"):
-            along = unit(np.array([_number(number) for number in row]))
-            return along + wide(0.0, self.tolerance)
-        (s, c), (up, across) = (self.angle(number).sin_cos() for number in row)
-        return np.array([c * across, s * across, up])
-
-    def _touching(self, contact: int) -> Touching:
-        """Return the circles of a contact."""
-        mechanism, frames = self.mechanism, self.r_frames()
-        pair = mechanism.pairs[contact]
-        item = self.item(pair.name)
-        sense = -1 if pair.contact == "external" else 1
-
-        def axis(name: str, link: str) -> Vector:
-            return frames[name][mechanism.pair(name).links.index(link)][2]
-
-        if "axes" in item:
-            centres = tuple(map(axis, item["axes"], pair.links))
-            joined = {name: mechanism.pair(name).links for name in frames}
-            gear_carrier = find_gear_carrier(
-                joined, link_axes(mechanism), pair.links, item["axes"]
-            )
-            one, other = (
-                shaft.sense * axis(shaft.pair, gear_carrier.link)
-                for shaft in gear_carrier.shafts
-            )
-            radii = self._cones(item, one, other, sense)
-        else:
-            circles = (self._circle(item, link, axis) for link in pair.links)
-            centres, radii = zip(*circles, strict=True)
-        sines = map(exact, item["teeth"]) if "teeth" in item else (r.sin() for r in radii)
-        return Touching([*map(axes_about, centres)], radii, [*sines], sense)
-
-    def _cones(
-        self, item: Mapping[str, Any], one: Vector, other: Vector, sense: int
-    ) -> tuple[Ball, Ball]:
-        """Return half angles of cones that touch."""
-        normal = np.cross(one, other)
-        between = angle_of(one @ other, (normal @ normal).sqrt())
-        if "teeth" in item:
-            s, c = between.sin_cos()
-            first = angle_of(exact(item["teeth"][1]) / item["teeth"][0] - sense * c, s)
-        else:
-            first = self.angle(item["half_angles"][0])
-        return first, between + sense * first
-
-    def _circle(
-        self, item: Mapping[str, Any], link: str, axis: Callable[[str, str], Vector]
-    ) -> tuple[Vector, Ball]:
-        """Return centre and radius of the circle of one link."""
-        circle = item.get("follower", {})
-        if circle.get("link") != link:
-            circle = item["profiles"][link]
-        if "axis" in circle:
-            centre = axis(circle["axis"], link)
-        else:
-            key = next(key for key in circle if key.startswith(("centre", "pole")))
-            centre = self._direction(circle[key], key)
-        number = circle.get("roller", circle.get("radius"))
-        return centre, pi() / 2 if number is None else self.angle(number)
-
-
-def text_of(number: float) -> str:
-    """Return a number of a file as it is written."""
-    return number.text if isinstance(number, LiteralNumber) else str(number)
-
-
-def _number(number: float) -> Ball:
-    """Return a number of a file as it is written."""
-    if isinstance(number, LiteralNumber):
-        made = library().arb(number.text.replace("_", ""))
-        assert made.is_finite()
-        return made
-    return exact(number)
+    Raises
+    ------
+    PlanError
+        If a contact is not one of circles, if circles roll by amounts that do not follow
+        from the inputs, or if the tolerance is negative or large.
+    """
+    structure = extract_structure(mechanism)
+    if not 0.0 <= tolerance < 0.1:
+        raise PlanError(f"a tolerance of {tolerance} rad makes no sense; give 1e-9, say")
+    if document is None:
+        document = parse(dumps(mechanism), mechanism.name)
+        assert read(document) == mechanism or mechanism.user
+    decimal_mechanism = DecimalMechanism(mechanism, document, tolerance, structure)
+    return decimal_mechanism.with_meshes() if structure.wheels else decimal_mechanism

@@ -1,51 +1,110 @@
-"""Enclosures of pole axes and velocity coefficients of certified modes."""
+"""Enclosures of the pole axes and velocity coefficients of certified modes."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from spherekit.arrays import Array
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.ball_frames import exactly
-from spherekit.proof.balls import Ball, lower, solved
-
-EnclosedPole = tuple[tuple[int, int, int], Array | None, Ball]
-"""The driven pair, the link that moves, and the link it is seen from; then three balls in
-ground axes of the direction, None where it may have none, and one, not negative, of the
-velocity coefficient. The angular velocity is this times the direction."""
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_balls
+from spherekit.proof.balls import Ball, lower_magnitude, solve_balls
 
 
-def enclosed_poles(equations: Equations, places: Sequence[Ball]) -> Iterator[EnclosedPole]:
-    """Yield the poles of all pairs of links at narrow balls of all variables.
+@dataclass(frozen=True)
+class EnclosedPole:
+    """The pole of two links while one input moves and the others are locked.
 
-    With several inputs each moves in turn, the others locked.
+    The relative angular velocity per unit rate of the input is `coefficient` times
+    `direction`.
+
+    Attributes
+    ----------
+    input_pair
+        The pair of the moving input.
+    link, relative_to
+        The link that moves, and the link relative to which it is seen. Pairs and links are
+        numbers of the structure.
+    direction
+        (3,) balls of the pole axis in ground axes; None if the links may be at relative
+        rest.
+    coefficient
+        Ball of the velocity coefficient, which is not negative.
     """
-    for column, pair in enumerate(equations.construction.driven):
-        turning = _angular_velocities(equations, places, column)
-        for second, first in combinations(range(len(turning)), 2):
-            spin = turning[first] - turning[second]
-            size = np.sqrt(spin @ spin)
-            yield (pair, first, second), spin / size if lower(size) > 0.0 else None, size
+
+    input_pair: int
+    link: int
+    relative_to: int
+    direction: Array | None
+    coefficient: Ball
 
 
-def _angular_velocities(equations: Equations, places: Sequence[Ball], driven: int) -> Array:
-    """Return the angular velocities of all links in ground axes, but for one vector.
+def enclose_poles(
+    equations: ArcEquations, variables: Sequence[Ball]
+) -> Iterator[EnclosedPole]:
+    """Yield the poles of all pairs of links, for each input.
 
-    While the input of a number moves at unit rate.
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    variables
+        Narrow balls (rad) of all variables about a configuration.
     """
-    _, slopes = equations.arrays(places)
-    made, structure = equations.construction, equations.written.structure
-    count, moved = made.unknowns, exactly(np.eye(made.inputs)[driven])
-    rates = [*moved, *(row[driven] for row in equations.written.ratios())]
-    if count:
-        right = -(slopes[:, count:] @ rates)
-        rates = [*solved(slopes[:, :count], right[:, None])[:, 0], *rates]
-    placed = equations.orientations(places, 1)
-    velocities = exactly(np.zeros((structure.bodies, 3)))
-    for link, jet in placed.items():
-        parts = [jet[(v,)] * rate for v, rate in enumerate(rates) if (v,) in jet]
-        if parts and link < structure.bodies:
+    for input_number, pair in enumerate(equations.construction.input_pairs):
+        angular_velocities = _link_angular_velocities(equations, variables, input_number)
+        for relative_to, link in combinations(range(len(angular_velocities)), 2):
+            relative = angular_velocities[link] - angular_velocities[relative_to]
+            coefficient = np.sqrt(relative @ relative)
+            direction = None
+            if lower_magnitude(coefficient) > 0.0:
+                direction = relative / coefficient
+            yield EnclosedPole(pair, link, relative_to, direction, coefficient)
+
+
+def _link_angular_velocities(
+    equations: ArcEquations, variables: Sequence[Ball], input_number: int
+) -> Array:
+    """Return the angular velocities of all links at unit rate of one input.
+
+    They are relative to the root of the construction, which cancels in differences of two.
+
+    Parameters
+    ----------
+    equations, variables
+        See `enclose_poles`.
+    input_number
+        Number of the moving input among the inputs.
+
+    Returns
+    -------
+    (links, 3) balls in ground axes.
+    """
+    _, slopes = equations.evaluate(variables)
+    construction = equations.construction
+    structure = equations.decimal_mechanism.structure
+    unknown_count = construction.unknown_count
+    input_rates = exact_balls(np.eye(construction.input_count)[input_number])
+    ratios = equations.decimal_mechanism.follower_ratios()
+    rates = [*input_rates, *(row[input_number] for row in ratios)]
+    if unknown_count:
+        # F_x x' = -F_q q' for the rates x' of the unknowns.
+        right = -(slopes[:, unknown_count:] @ rates)
+        unknown_rates = solve_balls(slopes[:, :unknown_count], right[:, None])[:, 0]
+        rates = [*unknown_rates, *rates]
+    orientations = equations.link_orientations(variables, 1)
+    angular_velocities = exact_balls(np.zeros((structure.body_count, 3)))
+    for link, jet in orientations.items():
+        parts = [
+            jet[(variable,)] * rate
+            for variable, rate in enumerate(rates)
+            if (variable,) in jet
+        ]
+        # Couplers are no links of the mechanism.
+        if parts and link < structure.body_count:
+            # R' R^T is the cross-product matrix of the angular velocity.
             spin = sum(parts) @ jet[()].T
-            velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
-    return velocities @ placed[0][()]
+            angular_velocities[link] = spin[2, 1], spin[0, 2], spin[1, 0]
+    # From root axes to ground axes: the ground is link 0.
+    return angular_velocities @ orientations[0][()]

@@ -1,10 +1,11 @@
-"""The equations for real angles as sums of products of powers of e^(i angle).
+"""The equations at real angles as Fourier sums, evaluated in float64 with error bounds.
 
-Each equation is a polynomial of known degree in the cosine and sine of each angle, so that
-its values at evenly spaced angles, in balls, give its coefficients, here those of powers of
-e^(i angle). With these, float64 values and derivatives take few products, and what they are
-off by is known: rounding, and what sizes leave open, by the interpolation's norm (Ehlich
-and Zeller 1966) and Bernstein's inequality for the derivatives.
+An equation of degree m in an angle is a linear combination of e^(i k angle), k = -m ... m.
+Its values at 2 m + 1 evenly spaced angles of each variable, in balls, give the
+coefficients by a discrete Fourier transform. Float64 values and derivatives then take few
+products. Their error has two sources: rounding, and the radii of the balls. The norm of
+trigonometric interpolation (Ehlich and Zeller 1966) bounds what the radii change anywhere,
+and Bernstein's inequality carries the bound over to derivatives.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,114 +15,235 @@ from math import prod
 import numpy as np
 
 from spherekit.arrays import Array, Complexes, Floats, Indices
-from spherekit.proof.ball_frames import exact
-from spherekit.proof.balls import UNIT, Ball, library, middles, pi, upper
+from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.balls import (
+    UNIT_ROUNDOFF,
+    Ball,
+    exact_centres,
+    flint_library,
+    pi_ball,
+    upper_magnitude,
+)
 
-Values = Callable[[Sequence[Ball]], Array]
-"""Equations at angles (rad) of all variables."""
+BallEquations = Callable[[Sequence[Ball]], Array]
+"""Returns the values (equations,) of all equations at balls (rad) of all variables."""
 
 
 class Harmonics:
-    """Equations at real angles by their coefficients: values and derivatives in float64.
+    """Equations at real angles by their Fourier coefficients.
 
-    Derivatives are off by at most `error` (k,) times products of degrees.
+    Parameters
+    ----------
+    degrees
+        (k, v) degree of each equation in each variable.
+    evaluate
+        The equations in balls.
+
+    Attributes
+    ----------
+    degrees
+        As given.
+    max_degree
+        Largest degree of any equation in any variable, at least 1.
+    coefficients
+        For each equation an array with one axis for each variable. Index j of an axis of
+        length 2 m + 1 belongs to e^(i (j - m) angle).
+    error
+        (k,) error bounds of the values of the equations. A derivative has this error times
+        the degrees in the variables of the derivative.
     """
 
-    def __init__(self, degrees: Indices, values: Values) -> None:
-        self.degrees, self.waves = degrees, int(np.max(degrees, initial=1))
-        at = cache(lambda place: values([2 * pi() * part / of for part, of in place]))
-        made = [
-            _coefficients(row, k, at) for k, row in enumerate((2 * degrees + 1).tolist())
+    def __init__(self, degrees: Indices, evaluate: BallEquations) -> None:
+        self.degrees = degrees
+        self.max_degree = int(np.max(degrees, initial=1))
+
+        # Equations share many of their nodes, so values of all equations are cached. A node
+        # is a fraction of a turn (numerator, denominator) for each variable.
+        @cache
+        def evaluate_node(fractions: tuple[tuple[int, int], ...]) -> Array:
+            return evaluate([2 * pi_ball() * part / count for part, count in fractions])
+
+        node_counts = (2 * degrees + 1).tolist()
+        coefficients_and_errors = [
+            _interpolate(counts, equation, evaluate_node)
+            for equation, counts in enumerate(node_counts)
         ]
-        self.coefficients = [coefficients for coefficients, _ in made]
-        self.error = np.array([error for _, error in made])
+        self.coefficients = [coefficients for coefficients, _ in coefficients_and_errors]
+        self.error = np.array([error for _, error in coefficients_and_errors])
 
-    def derivatives(self, turns: Floats, order: int) -> list[Floats]:
-        """Return values (n, k), slopes (n, k, v) and, of order 2, curvatures (n, k, v, v).
+    def derivatives(self, circle_points: Floats, order: int) -> list[Floats]:
+        """Return values and derivatives of all equations at n places.
 
-        They are at cosines and sines (n, v, 2).
+        Parameters
+        ----------
+        circle_points
+            (n, v, 2) cosines and sines of the variables.
+        order
+            Highest order of the derivatives: 1 or 2.
+
+        Returns
+        -------
+        Values (n, k), first derivatives (n, k, v) and, for order 2, second derivatives
+        (n, k, v, v).
         """
-        n, v, _ = turns.shape
-        out = [np.zeros((n, len(self.error), *[v] * power)) for power in range(order + 1)]
-        waves = _waves(turns, self.waves, order)
-        for k, left in enumerate(self.coefficients):
-            variables = np.flatnonzero(self.degrees[k])
-            parts = _summed(np.squeeze(left), waves[variables]).real
-            once = (order + 1) ** np.arange(len(variables))
-            out[0][:, k], out[1][:, k, variables] = parts[0], parts[once].T
+        n, v, _ = circle_points.shape
+        results = [
+            np.zeros((n, len(self.error), *[v] * power)) for power in range(order + 1)
+        ]
+        waves = _evaluate_waves(circle_points, self.max_degree, order)
+        for equation, coefficients in enumerate(self.coefficients):
+            # Axes of variables that do not occur have length 1 and are left out.
+            variables = np.flatnonzero(self.degrees[equation])
+            parts = _sum_waves(np.squeeze(coefficients), waves[variables]).real
+            # Index of the first derivative by each variable, see `_sum_waves`.
+            first_index = (order + 1) ** np.arange(len(variables))
+            results[0][:, equation] = parts[0]
+            results[1][:, equation, variables] = parts[first_index].T
             if order > 1:
-                out[2][:, k, variables[:, None], variables] = parts[once[:, None] + once].T
-        return out
+                second_index = first_index[:, None] + first_index
+                results[2][:, equation, variables[:, None], variables] = parts[
+                    second_index
+                ].T
+        return results
 
-    def powers(
-        self, k: int, unknowns: Sequence[int], given: Array
+    def partial_polynomials(
+        self, equation: int, unknowns: Sequence[int], given: Array
     ) -> tuple[Complexes, Complexes]:
-        """Return equation k as a polynomial in e^(i angle) of angles, the others given.
+        """Return an equation as a polynomial in z = e^(i angle) of some of its angles.
 
-        Coefficients (n, sizes) of the powers from the lowest on, and their derivatives
-        (n, given, sizes) by all others, in order, at cosines and sines (n, given, 2).
+        The other angles are given. The polynomial is multiplied by the powers of z that
+        make the lowest exponent 0.
+
+        Parameters
+        ----------
+        equation
+            Number of the equation.
+        unknowns
+            Numbers of the variables whose z stay unknown.
+        given
+            (n, g, 2) cosines and sines of the other g variables, in order.
+
+        Returns
+        -------
+        coefficients
+            (n, sizes) coefficients, with one axis for each unknown; index j belongs to z^j.
+        derivatives
+            (n, g, sizes) their derivatives by the given angles.
         """
         others = [j for j in range(self.degrees.shape[1]) if j not in unknowns]
-        left = self.coefficients[k].transpose([*unknowns, *others])
-        parts = _summed(left, _waves(given, self.waves, 1))
-        made = np.moveaxis(np.broadcast_to(parts, (*parts.shape[:-1], len(given))), -1, 0)
-        return made[:, 0], made[:, 2 ** np.arange(len(others))]
+        coefficients = self.coefficients[equation].transpose([*unknowns, *others])
+        parts = _sum_waves(coefficients, _evaluate_waves(given, self.max_degree, 1))
+        # Without given angles the sums have no axis of length n yet.
+        parts = np.broadcast_to(parts, (*parts.shape[:-1], len(given)))
+        parts_of_rows = np.moveaxis(parts, -1, 0)
+        return parts_of_rows[:, 0], parts_of_rows[:, 2 ** np.arange(len(others))]
 
 
-def _summed(left: Complexes, waves: Complexes) -> Complexes:
-    """Return sums (parts, ..., n) over the last axes of coefficients with waves of each.
+def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
+    """Return Fourier sums over the last axes of an array of coefficients.
 
-    Part a + b r + ..., of r orders, has the derivative a by the first, b by the next.
+    Parameters
+    ----------
+    coefficients
+        (..., sizes) with one axis of length 2 m + 1 for each of the variables in `waves`.
+        Other axes before them are kept.
+    waves
+        (variables, orders, 2 max_degree + 1, n) from `_evaluate_waves`.
+
+    Returns
+    -------
+    (orders ** variables, ..., n). Index a + b orders + c orders^2 ... of the first axis is
+    the a-th derivative by the first variable, the b-th by the second one and so on.
     """
-    parts: Complexes = left[None, ..., None]
+    sums: Complexes = coefficients[None, ..., None]
     for wave in waves[::-1]:
-        beyond = (wave.shape[1] - parts.shape[-2]) // 2
-        wave = wave[:, beyond : wave.shape[1] - beyond]
-        parts = np.einsum("p...wn,own->po...n", parts, wave)
-        parts = parts.reshape(-1, *parts.shape[2:])
-    return parts
+        # The axis may have fewer waves than the largest degree: use the middle ones.
+        unused = (wave.shape[1] - sums.shape[-2]) // 2
+        wave = wave[:, unused : wave.shape[1] - unused]
+        # p: derivatives so far, w: waves of this variable, n: rows, o: its derivative.
+        sums = np.einsum("p...wn,own->po...n", sums, wave)
+        sums = sums.reshape(-1, *sums.shape[2:])
+    return sums
 
 
-def _waves(turns: Floats, most: int, order: int) -> Complexes:
-    """Return e^(i k x), k = -most to most, and derivatives (v, order + 1, waves, n) by x.
+def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Complexes:
+    """Return e^(i k x) for k = -max_degree ... max_degree and its derivatives by x.
 
-    `turns` (n, v, 2) are cosines and sines.
+    Parameters
+    ----------
+    circle_points
+        (n, v, 2) cosines and sines of the variables x.
+    max_degree
+        Largest k.
+    order
+        Highest order of the derivatives.
+
+    Returns
+    -------
+    (v, order + 1, 2 max_degree + 1, n).
     """
-    z = (turns[..., 0] + 1j * turns[..., 1]).T
-    up = [z]
-    while len(up) < most:
-        up.append(up[-1] * z)
-    waves = np.array([*(wave.conj() for wave in up[::-1]), np.ones(z.shape), *up])
-    factors = np.vander(1j * np.arange(-len(up), len(up) + 1), order + 1, increasing=True)
+    z = (circle_points[..., 0] + 1j * circle_points[..., 1]).T
+    positive_powers = [z]
+    while len(positive_powers) < max_degree:
+        positive_powers.append(positive_powers[-1] * z)
+    negative_powers = [power.conj() for power in positive_powers[::-1]]
+    waves = np.array([*negative_powers, np.ones(z.shape), *positive_powers])
+    # Each derivative multiplies the wave by i k.
+    wave_numbers = np.arange(-len(positive_powers), len(positive_powers) + 1)
+    factors = np.vander(1j * wave_numbers, order + 1, increasing=True)
     return waves.swapaxes(0, 1)[:, None] * factors.T[..., None]
 
 
-def _coefficients(
-    sides: Sequence[int], k: int, at: Callable[..., Array]
+def _interpolate(
+    node_counts: Sequence[int], equation: int, evaluate_node: Callable[..., Array]
 ) -> tuple[Complexes, float]:
-    """Return the coefficients of equation k, an axis of each variable, of so many waves.
+    """Return the Fourier coefficients of one equation and the error of its values.
 
-    `at` has the values of all equations in balls where each angle is so many parts of so
-    many of a turn. Float64 values of this one are off by at most the second number.
+    Parameters
+    ----------
+    node_counts
+        Number 2 m + 1 of nodes, and of waves, of each variable.
+    equation
+        Number of the equation.
+    evaluate_node
+        Returns the values of all equations in balls. Its argument has for each variable the
+        angle as a fraction of a turn (numerator, denominator).
+
+    Returns
+    -------
+    coefficients
+        (node_counts) with one axis for each variable, the wave -m first.
+    error
+        Bound of the error of float64 values of the equation at any angles.
     """
-    balls = np.empty(sides, dtype=object)
-    for place in np.ndindex(*sides):
-        balls[place] = at(tuple(zip(place, sides, strict=True)))[k]
-    sums = middles(balls)
-    open_ = max(map(upper, (balls - sums).flat))
-    for axis, side in enumerate(sides):
-        # rows are those of the waves 0 to m, -m to -1
-        rows = np.array(library().acb_mat.dft(side).tolist()) / exact(side).sqrt()
-        waves = np.roll(rows, side // 2, axis=0)
-        sums = np.moveaxis(np.tensordot(waves, sums, (1, axis)), 0, axis)
+    values = np.empty(node_counts, dtype=object)
+    for index in np.ndindex(*node_counts):
+        values[index] = evaluate_node(tuple(zip(index, node_counts, strict=True)))[equation]
+    sums = exact_centres(values)
+    largest_radius = max(map(upper_magnitude, (values - sums).flat))
+    for axis, count in enumerate(node_counts):
+        # The matrix of the transform has rows of the waves 0 to m, then -m to -1. It is
+        # rolled so that the wave -m comes first. Flint scales it by sqrt(count).
+        transform = np.array(flint_library().acb_mat.dft(count).tolist())
+        rows = transform / exact_ball(count).sqrt()
+        wave_rows = np.roll(rows, count // 2, axis=0)
+        sums = np.moveaxis(np.tensordot(wave_rows, sums, (1, axis)), 0, axis)
     coefficients = sums.astype(complex)
-    missed = sum(map(upper, (sums - coefficients).flat))
-    steps = sum(side + 2 + 8 * (side // 2) for side in sides if side > 1)
-    rounded = 2.0 * steps * UNIT * np.sum(np.abs(coefficients))
-    return coefficients, 1.001 * (open_ * prod(map(_norm, sides)) + missed) + rounded
+    conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
+    # Roundings of one value: the powers of z and the sums of each variable.
+    roundings = sum(count + 2 + 8 * (count // 2) for count in node_counts if count > 1)
+    rounding_error = 2.0 * roundings * UNIT_ROUNDOFF * np.sum(np.abs(coefficients))
+    # Radii at the nodes grow between them by at most the norm of the interpolation.
+    radius_error = largest_radius * prod(map(_interpolation_norm, node_counts))
+    # The factor covers the rounding of this sum.
+    return coefficients, 1.001 * (radius_error + conversion_error) + rounding_error
 
 
-def _norm(nodes: int) -> float:
-    """Return the norm of interpolation at an odd number of evenly spaced angles."""
-    halves = (2 * np.arange(nodes) + 1) * np.pi / (2 * nodes)
-    return np.sum(1.0 / np.abs(np.sin(halves))) / nodes * (1 + 1e-9)
+def _interpolation_norm(node_count: int) -> float:
+    """Return the norm of trigonometric interpolation at an odd number of even angles.
+
+    It is the largest value that an interpolant takes anywhere if it is at most 1 at all
+    nodes (Ehlich and Zeller 1966).
+    """
+    halves = (2 * np.arange(node_count) + 1) * np.pi / (2 * node_count)
+    return np.sum(1.0 / np.abs(np.sin(halves))) / node_count * (1 + 1e-9)

@@ -1,109 +1,230 @@
-"""Approximations of all solutions of a system at an input, by a homotopy.
+"""Approximations of all solutions of a system of equations, by a homotopy.
 
-Nothing here is proven: what is found is certified elsewhere, and counted there against
-the number of solutions that the equations can have at most. The start equations are
-products of linear factors of the same degrees, so they have just that number of solutions
-(A. Sommese and C. Wampler, The Numerical Solution of Systems of Polynomials, 2005,
-chapter 8), and the way from them to the equations of the mechanism avoids singular
-systems but for unlucky random numbers.
+Nothing is proven here. The approximations are certified elsewhere, and counted there
+against the largest possible number of solutions.
+
+The homotopy leads from a start system at t = 0 to the equations of the mechanism at t = 1.
+The start equations are products of linear factors of the same degrees. They have exactly as
+many solutions as the bound allows, which are known (A. Sommese and C. Wampler, The
+Numerical Solution of Systems of Polynomials, 2005, chapter 8). For almost all random
+numbers no path passes a singular system.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import permutations, product
 
 import numpy as np
 
 from spherekit.arrays import Complexes, Floats
-from spherekit.proof.root_charts import ChartRoots, Polynomials, applied, inverses
+from spherekit.proof.root_charts import (
+    ChartRoots,
+    Polynomials,
+    apply_matrices,
+    invert_matrices,
+)
 
-MOST_STEPS = 600
+MAX_HOMOTOPY_STEPS = 600
+"""Largest number of steps, accepted or not, of all paths.
+
+Larger: paths that pass near singular systems arrive. Smaller: they are lost sooner.
+"""
+
+FIRST_HOMOTOPY_STEP = 0.02
+"""First step of each path in t."""
+
+MIN_HOMOTOPY_STEP = 1e-7
+"""Step in t below which a path is given up."""
+
+MAX_HOMOTOPY_STEP = 0.1
+"""Largest step of a path in t.
+
+Larger: fewer steps, but paths may jump to neighbours. Smaller: more steps.
+"""
+
+HOMOTOPY_STEP_GROWTH = 1.2
+"""Step after an accepted one, over it."""
+
+MAX_PREDICTION_ERROR = 3e-3
+"""Largest first correction of a predicted point, over 1 + its magnitude.
+
+The root of a neighbouring path is farther away. Larger: paths may jump to neighbours.
+Smaller: shorter steps.
+"""
+
+MAX_LAST_CORRECTION = 1e-8
+"""Largest last correction of a predicted point, over 1 + its magnitude."""
+
+USEFUL_PROGRESS = 0.9
+"""Value of t from which on a path that stops is still returned.
+
+Newton's method with more digits continues from there. Larger: nearly double solutions are
+lost. Smaller: more approximations that lead nowhere.
+"""
+
+HOMOTOPY_SEEDS = 4
+"""Number of homotopies with other random numbers; of four one nearly always loses no
+path."""
 
 
-FIRST_STEP, LEAST_STEP, LARGEST_STEP, LONGER = 0.02, 1e-7, 0.1, 1.2
+@dataclass(frozen=True)
+class HomotopyStart:
+    """The equations of a homotopy, and the solutions at its start.
+
+    Attributes
+    ----------
+    ends
+        For each equation (1, 2, sizes) its coefficients at t = 0 [0] and at t = 1 [1].
+    solutions
+        (n, k) e^(i angle) of all solutions at t = 0.
+    """
+
+    ends: list[Complexes]
+    solutions: Complexes
 
 
-TRUSTED = 3e-3
-"""Largest correction of a predicted point, over its size: a neighbour's is farther."""
+@dataclass(frozen=True)
+class HomotopyValues:
+    """The equations of a homotopy H(z, t) and their derivatives at points.
 
+    Attributes
+    ----------
+    values
+        (n, k) H.
+    by_unknowns
+        (n, k, k) derivatives by z.
+    by_t
+        (n, k) derivatives by t.
+    """
 
-NEARLY = 0.9
-"""Ways that come so far are of use: Newton's method in more digits goes on from there."""
-
-
-SEEDS = 4
-"""Ways tried: of four one nearly always misses nothing."""
+    values: Complexes
+    by_unknowns: Complexes
+    by_t: Complexes
 
 
 @np.errstate(all="ignore")
-def solutions(made: Polynomials, seed: int) -> ChartRoots:
-    """Return approximations of a system's solutions at one input, infinite ones too.
+def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
+    """Return approximations of the solutions of a system, infinite ones too.
 
-    The ways from all solutions of products of lines, at t = 0, are followed; those are left
-    out that do not come near.
+    Parameters
+    ----------
+    polynomials
+        The system at one choice of its given variables.
+    seed
+        Seed of the random start system.
+
+    Returns
+    -------
+    The ends of all paths that came near t = 1. Some solutions may be missing.
     """
-    ends, z = _product_of_lines(made, np.random.default_rng(seed))
-    points = ChartRoots.of(z, np.zeros(len(z), dtype=np.intp))
-    t, step = np.zeros(len(z)), np.full(len(z), FIRST_STEP)
-    for _ in range(MOST_STEPS):
-        going = np.flatnonzero((t < 1.0) & (step >= LEAST_STEP))
-        if not len(going):
+    start_system = _make_start_system(polynomials, np.random.default_rng(seed))
+    ends = start_system.ends
+    path_count = len(start_system.solutions)
+    rows = np.zeros(path_count, dtype=np.intp)
+    paths = ChartRoots.from_points(start_system.solutions, rows)
+    t = np.zeros(path_count)
+    step = np.full(path_count, FIRST_HOMOTOPY_STEP)
+    for _ in range(MAX_HOMOTOPY_STEPS):
+        moving = np.flatnonzero((t < 1.0) & (step >= MIN_HOMOTOPY_STEP))
+        if not len(moving):
             break
-        start = points.take(going)
-        length = np.minimum(step[going], 1.0 - t[going])
-        there, ahead = t[going], start
+        start = paths.take(moving)
+        length = np.minimum(step[moving], 1.0 - t[moving])
+        # Midpoint rule: the derivative at half the step predicts the end.
+        predicted_t = t[moving]
+        predicted = start
         for part in (0.5, 1.0):
-            _, first, by_t = _at(ends, ahead, there)
-            there, way = t[going] + part * length, applied(inverses(first), by_t)
-            ahead = replace(start, z=start.z - part * length[:, None] * way)
-        size, off = 1.0 + np.max(np.abs(ahead.z), axis=1), []
+            at_points = _evaluate_homotopy(ends, predicted, predicted_t)
+            rate = apply_matrices(invert_matrices(at_points.by_unknowns), at_points.by_t)
+            predicted_t = t[moving] + part * length
+            predicted = replace(start, z=start.z - part * length[:, None] * rate)
+        # Newton's method at the end of the step.
+        magnitude = 1.0 + np.max(np.abs(predicted.z), axis=1)
+        corrections = []
         for _ in range(3):
-            values, first, _ = _at(ends, ahead, there)
-            change = applied(inverses(first), values)
-            ahead = replace(ahead, z=ahead.z - change)
-            off.append(np.nan_to_num(np.max(np.abs(change), axis=1), nan=np.inf) / size)
-        good = (off[0] < TRUSTED) & (off[-1] < 1e-8)
-        kept, failed = going[good], going[~good]
-        moved = ahead.take(good).moved(ahead.z[good])
-        points.z[kept], points.inverse[kept], t[kept] = moved.z, moved.inverse, there[good]
-        step[kept] = np.minimum(LONGER * step[kept], LARGEST_STEP)
-        step[failed] = 0.5 * length[~good]
-    # a way that ends short of its goal leads to a double solution, or nearly
-    return points.take((t > NEARLY) & np.all(np.isfinite(points.z), axis=1))
+            at_points = _evaluate_homotopy(ends, predicted, predicted_t)
+            change = apply_matrices(
+                invert_matrices(at_points.by_unknowns), at_points.values
+            )
+            predicted = replace(predicted, z=predicted.z - change)
+            largest_change = np.nan_to_num(np.max(np.abs(change), axis=1), nan=np.inf)
+            corrections.append(largest_change / magnitude)
+        is_good = (corrections[0] < MAX_PREDICTION_ERROR) & (
+            corrections[-1] < MAX_LAST_CORRECTION
+        )
+        accepted = moving[is_good]
+        rejected = moving[~is_good]
+        advanced = predicted.take(is_good).with_points(predicted.z[is_good])
+        paths.z[accepted] = advanced.z
+        paths.inverse[accepted] = advanced.inverse
+        t[accepted] = predicted_t[is_good]
+        step[accepted] = np.minimum(
+            HOMOTOPY_STEP_GROWTH * step[accepted], MAX_HOMOTOPY_STEP
+        )
+        step[rejected] = 0.5 * length[~is_good]
+    # A path that stops before its end leads to a double solution, or nearly.
+    is_finite = np.all(np.isfinite(paths.z), axis=1)
+    return paths.take((t > USEFUL_PROGRESS) & is_finite)
 
 
-Ends = list[Complexes]
-"""Coefficients (1, 2, sizes) of each equation at t = 0 and at t = 1."""
+def _make_start_system(
+    polynomials: Polynomials, generator: np.random.Generator
+) -> HomotopyStart:
+    """Return a homotopy from products of linear factors to a system.
 
-
-def _product_of_lines(
-    made: Polynomials, generator: np.random.Generator
-) -> tuple[Ends, Complexes]:
-    """Return equations that lead from products of lines to a system, and where from."""
-    roots = [
-        [generator.normal(size=(2, size - 1)).T @ (1.0, 1j) for size in v.shape[1:]]
-        for v in made.values
+    Parameters
+    ----------
+    polynomials
+        The system at one choice of its given variables.
+    generator
+        Random numbers for the roots of the linear factors.
+    """
+    # For each equation and unknown the complex roots of its factors.
+    factor_roots = [
+        [generator.normal(size=(2, size - 1)).T @ (1.0, 1j) for size in array.shape[1:]]
+        for array in polynomials.coefficients
     ]
-    ends: Ends = []
-    for row, goal in zip(roots, made.values, strict=True):
-        lines = [np.atleast_1d(np.poly(values))[::-1] for values in row]
-        start = reduce(np.multiply.outer, lines) * np.exp(2j * np.pi * generator.random())
+    ends: list[Complexes] = []
+    for roots, goal in zip(factor_roots, polynomials.coefficients, strict=True):
+        factors = [np.atleast_1d(np.poly(values))[::-1] for values in roots]
+        # A random phase of the start equations avoids singular systems on the paths.
+        phase = np.exp(2j * np.pi * generator.random())
+        start = reduce(np.multiply.outer, factors) * phase
         scale = np.linalg.norm(start) / np.linalg.norm(goal)
         ends.append(np.stack([start[None], scale * goal], axis=1))
-    # each equation gives another unknown its value
-    starts = [
+    # In a solution each equation vanishes by a factor of another unknown: equation i by one
+    # of the unknown order[i].
+    solutions = [
         np.array(values)[np.argsort(order)]
-        for order in permutations(range(len(roots)))
-        for values in product(*(row[k] for row, k in zip(roots, order, strict=True)))
+        for order in permutations(range(len(factor_roots)))
+        for values in product(
+            *(roots[unknown] for roots, unknown in zip(factor_roots, order, strict=True))
+        )
     ]
-    return ends, np.array(starts, dtype=complex).reshape(-1, len(roots))
+    points = np.array(solutions, dtype=complex).reshape(-1, len(factor_roots))
+    return HomotopyStart(ends, points)
 
 
-def _at(
-    ends: Ends, points: ChartRoots, t: Floats
-) -> tuple[Complexes, Complexes, Complexes]:
-    """Return values (n, k), derivatives by z (n, k, k), and by t (n, k)."""
-    here, first = (points.derivatives(ends, order) for order in (0, 1))
-    parts = np.stack([1.0 - t, t], axis=1)
-    slopes = np.einsum("nkle,ne->nkl", first, parts)
-    return applied(here, parts), slopes, here[..., 1] - here[..., 0]
+def _evaluate_homotopy(
+    ends: list[Complexes], points: ChartRoots, t: Floats
+) -> HomotopyValues:
+    """Return the equations of a homotopy and their derivatives at points.
+
+    Parameters
+    ----------
+    ends
+        See `HomotopyStart`.
+    points
+        n points in their charts.
+    t
+        (n,) the parameter of each point.
+    """
+    # Last axis: at t = 0 and at t = 1.
+    end_values = points.derivatives(ends, 0)
+    end_slopes = points.derivatives(ends, 1)
+    weights = np.stack([1.0 - t, t], axis=1)
+    return HomotopyValues(
+        values=apply_matrices(end_values, weights),
+        by_unknowns=np.einsum("nkle,ne->nkl", end_slopes, weights),
+        by_t=end_values[..., 1] - end_values[..., 0],
+    )

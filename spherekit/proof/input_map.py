@@ -1,9 +1,10 @@
-"""Boxes of two or more inputs in which no mode is singular, and those in which one is.
+"""Boxes of two or more inputs that are proven free of type II singularities.
 
-Where all complex roots that there can be are continued over a box of inputs, none of them
-meets another: no configuration of the box is singular with the inputs as they are (type
-II), and the number of modes is the same everywhere. Where two such boxes in one connected
-part have different numbers, a singular configuration lies between.
+If all complex roots that there can be are continued over a box of inputs, no two of them
+meet. Then no configuration of the box is singular with locked inputs (type II), and the
+number of modes is the same everywhere: the box is *regular*. If two regular boxes in one
+connected region have different numbers of modes, there is a singular configuration between
+them.
 """
 
 from collections import defaultdict
@@ -16,165 +17,269 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.completeness import Completeness, Guarantee
 from spherekit.errors import PlanError
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.balls import bits
-from spherekit.proof.construction import Construction, construct
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.modes_over_boxes import System, counted, systems_of
-from spherekit.proof.paving import Ranges, cut_up, halved
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.balls import working_precision
+from spherekit.proof.construction import Construction, find_construction
+from spherekit.proof.decimal_mechanism import DecimalMechanism
+from spherekit.proof.modes_over_boxes import EquationSystem, count_modes, list_systems
+from spherekit.proof.paving import VariableRanges, halve_boxes, subdivide
 from spherekit.wording import listing
 
-PRECISION = 80
+MAP_PRECISION_BITS = 80
+"""Bits of ball centres for maps of inputs.
 
+More bits do not help: the tests over boxes are in float64.
+"""
 
-CELL = 0.01
-"""Largest side (rad) of the cells that are judged."""
+DEFAULT_CELL_RAD = 0.01
+"""Largest side (rad) of the cells that are classified, unless another is asked for."""
 
+CELL_HALVINGS = 5
+"""Number of times that the sides of a cell are halved to classify it.
 
-FINER = 5
-"""How often cells are halved further each way, to judge them."""
+Larger: fewer undecided cells, in longer times. Smaller: more cells stay undecided.
+"""
 
+MAX_ROOTS_AT_ONCE = 4096
+"""Number of roots that are examined in one array operation.
 
-AT_ONCE = 4096
-"""Roots that are looked at together."""
+Larger: more memory. Smaller: more overhead.
+"""
 
+REGULAR = 0
+"""Kind of a box without singular configurations of type II."""
 
-REGULAR, CONTAINS, UNDECIDED = 0, 1, 2
+CONTAINS = 1
+"""Kind of a box that contains a singular configuration of type II."""
+
+UNDECIDED = 2
+"""Kind of a box of which neither is proven."""
 
 
 @dataclass(frozen=True)
 class InputMap:
-    """What is proven of boxes of the inputs (n, inputs) rad, which fill their ranges.
+    """What is proven of the boxes that fill the ranges of the inputs.
 
-    `kind` (n,) is `REGULAR`, `CONTAINS` for boxes with a configuration of type II in them,
-    or `UNDECIDED`; `modes` (n,) are the numbers of modes of regular ones, else -1.
-    `systems` are those by which they were counted, with solutions to start from.
+    Attributes
+    ----------
+    decimal_mechanism
+        The mechanism with its decimal sizes.
+    construction
+        The order of placing its links.
+    range_texts
+        Ends of the range of each input as decimal numbers in the unit of the file.
+    centres, radii
+        (n, inputs) centres and half widths (rad) of the boxes.
+    kind
+        (n,) `REGULAR`, `CONTAINS` or `UNDECIDED`.
+    modes
+        (n,) number of modes of regular boxes, else -1.
+    systems
+        The systems by which modes were counted, with solutions to start from.
     """
 
-    written: Written
+    decimal_mechanism: DecimalMechanism
     construction: Construction
     range_texts: Sequence[tuple[str, str]]
     centres: Floats
     radii: Floats
     kind: Indices
     modes: Indices
-    systems: Sequence[System]
+    systems: Sequence[EquationSystem]
 
     def share(self, kind: int) -> float:
-        """Return the share of the whole area that boxes of a kind have."""
-        return self._share(self.kind == kind)
+        """Return the share of the whole area that boxes of one kind have."""
+        return self._share_of(self.kind == kind)
 
-    def _share(self, chosen: Bools) -> float:
-        sizes = np.prod(self.radii, axis=1)
-        return np.sum(sizes[chosen]) / np.sum(sizes)
+    def _share_of(self, chosen: Bools) -> float:
+        areas = np.prod(self.radii, axis=1)
+        return np.sum(areas[chosen]) / np.sum(areas)
 
     @cached_property
-    def counts(self) -> dict[int, float]:
-        """The share of the whole area in which there are so many modes, proven."""
+    def mode_shares(self) -> dict[int, float]:
+        """By number of modes: the share of the area in which this number is proven."""
         counts = np.unique(self.modes).tolist()
-        return {n: self._share(self.modes == n) for n in counts if n >= 0}
+        return {
+            count: self._share_of(self.modes == count) for count in counts if count >= 0
+        }
 
     def clearance(self, q: Floats) -> float:
-        """Return how far (rad) every input may go from q before type II, at least.
+        """Return how far (rad) all inputs may move from q, at least, before type II.
 
-        In all modes, and not beyond the ranges of the inputs.
+        The clearance applies to all modes, within the ranges of the inputs. `q` (inputs,)
+        is in rad.
         """
-        away = np.abs(self.centres - q) - self.radii
+        # Distance of q from each box in the direction of each input, negative inside.
+        distances = np.abs(self.centres - q) - self.radii
         low = np.min(self.centres - self.radii, axis=0)
         high = np.max(self.centres + self.radii, axis=0)
-        gaps = np.max(away[self.kind != REGULAR], axis=1)
+        gaps = np.max(distances[self.kind != REGULAR], axis=1)
+        # 1e-12 rad covers the rounding of the boxes.
         return max(np.min([*gaps, *(q - low), *(high - q)]) - 1e-12, 0.0)
 
     @property
-    def claim(self) -> Completeness:
-        """What is guaranteed, and what that rests on."""
-        regular, contains, left = (self.share(k) for k in (REGULAR, CONTAINS, UNDECIDED))
+    def completeness(self) -> Completeness:
+        """What is guaranteed, and on which facts the guarantee is based."""
+        regular = self.share(REGULAR)
+        contains = self.share(CONTAINS)
+        undecided = self.share(UNDECIDED)
         words = (
             f"{100 * regular:.3f} % of the area of the inputs free of type II, "
-            f"{100 * contains:.3f} % in cells with some, {100 * left:.3f} % undecided; "
-            f"{len(self.centres)} boxes, all complex roots continued over each that is free"
+            f"{100 * contains:.3f} % in cells with some, {100 * undecided:.3f} % "
+            f"undecided; {len(self.centres)} boxes, all complex roots continued over each "
+            "that is free"
         )
-        if left == 0.0:
+        if undecided == 0.0:
             return Completeness(Guarantee.CERTIFIED, words)
-        return Completeness(Guarantee.TO_BOX, words, CELL)
+        return Completeness(Guarantee.TO_BOX, words, DEFAULT_CELL_RAD)
 
 
-def input_map(
-    written: Written,
+def certify_input_map(
+    decimal_mechanism: DecimalMechanism,
     range_texts: Sequence[tuple[str, str]],
-    cell: float = CELL,
+    cell: float = DEFAULT_CELL_RAD,
 ) -> InputMap:
-    """Return where over the ranges of the inputs modes are proven to be regular.
+    """Return where over the ranges of the inputs all modes are proven regular.
 
     Parameters
     ----------
-    written
-        The mechanism.
+    decimal_mechanism
+        The mechanism with its decimal sizes.
     range_texts
         The ends of each input's range as decimal numbers in the unit of the file, in the
         order of the inputs.
     cell
-        Largest side (rad) of the boxes that are said to contain a singular configuration.
+        Largest side (rad) of the boxes that may be reported to contain a singular
+        configuration.
 
     Raises
     ------
     PlanError
-        If no input leaves as many complex modes as there can be at most: some coincide
-        everywhere, or solutions at infinity do.
+        If wheels rotate with the inputs.
     """
-    made = construct(written.structure)
-    if made.followers:
+    structure = decimal_mechanism.structure
+    construction = find_construction(structure)
+    if construction.follower_pairs:
         raise PlanError(
-            f"{written.mechanism.name}: wheels turn "
-            f"{listing(written.structure.names_of(made.followers))} with the inputs; maps "
-            "of inputs are for mechanisms without rolling contacts: give values of the "
-            "inputs with --at"
+            f"{decimal_mechanism.mechanism.name}: wheels turn "
+            f"{listing(structure.names_of(construction.follower_pairs))} with the inputs; "
+            "maps of inputs are for mechanisms without rolling contacts: give values of "
+            "the inputs with --at"
         )
-    with bits(PRECISION):
-        ends = [[*map(written.input_angle, two)] for two in range_texts]
-        ranges = Ranges([start for start, _ in ends], [end - start for start, end in ends])
-        systems = systems_of(Equations(written, made))
-        boxes, kinds, modes = _judged(systems, ranges, cell)
-        centres, radii = ranges.centres(boxes), ranges.radii(boxes)
-    return InputMap(written, made, range_texts, centres, radii, kinds, modes, systems)
+    with working_precision(MAP_PRECISION_BITS):
+        lows = []
+        widths = []
+        for low_text, high_text in range_texts:
+            low = decimal_mechanism.input_angle(low_text)
+            lows.append(low)
+            widths.append(decimal_mechanism.input_angle(high_text) - low)
+        ranges = VariableRanges(lows, widths)
+        systems = list_systems(ArcEquations(decimal_mechanism, construction))
+        classified = _classify_boxes(systems, ranges, cell)
+        centres = ranges.centres(classified.boxes)
+        radii = ranges.radii(classified.boxes)
+    return InputMap(
+        decimal_mechanism,
+        construction,
+        range_texts,
+        centres,
+        radii,
+        classified.kind,
+        classified.modes,
+        systems,
+    )
 
 
-def _judged(
-    systems: Sequence[System], ranges: Ranges, side: float
-) -> tuple[Integers, Indices, Indices]:
-    """Return boxes with their kinds and numbers of modes, halved until they are judged."""
-    cell = np.maximum(np.ceil(np.log2(ranges.extent / side)), 0).astype(np.int64)
-    finest = cell + FINER
-    most = max(1, AT_ONCE // sum(system.bound for system in systems))
-    done: list[tuple[Integers, Indices, Indices]] = []
-    fine: dict[tuple[int, ...], set[int]] = defaultdict(set)
+@dataclass(frozen=True)
+class _ClassifiedBoxes:
+    """Boxes of the inputs with what is proven of them.
 
-    def judged(boxes: Integers, _: int) -> Integers:
-        levels, places = boxes
+    Attributes
+    ----------
+    boxes
+        (2, n, inputs) boxes, see `VariableRanges`.
+    kind, modes
+        (n,) see `InputMap`.
+    """
+
+    boxes: Integers
+    kind: Indices
+    modes: Indices
+
+
+def _classify_boxes(
+    systems: Sequence[EquationSystem], ranges: VariableRanges, cell: float
+) -> _ClassifiedBoxes:
+    """Halve the ranges of the inputs until all boxes are classified.
+
+    Boxes are halved down to cells. A cell that is not regular as a whole is halved further.
+    The numbers of modes of its parts classify it.
+
+    Parameters
+    ----------
+    systems
+        The systems of the mechanism in order.
+    ranges
+        The ranges of the inputs.
+    cell
+        Largest side (rad) of a cell.
+    """
+    # Number of halvings of each input's range for cells, and for their smallest parts.
+    cell_levels = np.maximum(np.ceil(np.log2(ranges.extent / cell)), 0).astype(np.int64)
+    finest_levels = cell_levels + CELL_HALVINGS
+    max_at_once = max(1, MAX_ROOTS_AT_ONCE // sum(system.bound for system in systems))
+    classified: list[_ClassifiedBoxes] = []
+    # By cell, the numbers of modes of its parts; -1 for parts that are not regular.
+    counts_of_cell: dict[tuple[int, ...], set[int]] = defaultdict(set)
+
+    def examine(boxes: Integers, _: int) -> Integers:
+        """Classify boxes, and return the halves of the others."""
+        levels, parts = boxes
         radii = ranges.radii(boxes)
-        centres, turns = ranges.centres(boxes), ranges.turns(boxes)
-        good, modes = counted(systems, centres, turns, radii)
-        inside = np.all(levels >= cell, axis=1) & np.any(levels > cell, axis=1)
-        last = np.all(levels >= finest, axis=1)
-        whole = good & ~inside
-        done.append((boxes[:, whole], 0 * modes[whole], modes[whole]))
-        left = ~good & ~last
-        for row in np.flatnonzero(inside):
-            counts = fine[tuple((places[row] >> (levels[row] - cell)).tolist())]
-            if good[row] or last[row]:
-                counts.add(int(modes[row]) if good[row] else -1)
-            # of a cell with two numbers of modes no more is asked
-            left[row] &= len(counts - {-1}) < 2
-        # across the side that has farthest to go, to cells first
-        coarse = np.any(levels < cell, axis=1, keepdims=True)
-        farther = radii * np.where(coarse, levels < cell, levels < finest)
-        return halved(boxes[:, left], np.argmax(farther[left], axis=1))
+        is_regular, modes = count_modes(
+            systems, ranges.centres(boxes), ranges.circle_points(boxes), radii
+        )
+        is_in_cell = np.all(levels >= cell_levels, axis=1) & np.any(
+            levels > cell_levels, axis=1
+        )
+        is_finest = np.all(levels >= finest_levels, axis=1)
+        is_whole = is_regular & ~is_in_cell
+        classified.append(
+            _ClassifiedBoxes(boxes[:, is_whole], 0 * modes[is_whole], modes[is_whole])
+        )
+        needs_halving = ~is_regular & ~is_finest
+        for row in np.flatnonzero(is_in_cell):
+            cell_parts = parts[row] >> (levels[row] - cell_levels)
+            counts = counts_of_cell[tuple(cell_parts.tolist())]
+            if is_regular[row] or is_finest[row]:
+                counts.add(int(modes[row]) if is_regular[row] else -1)
+            # A cell with two numbers of modes is classified already.
+            needs_halving[row] &= len(counts - {-1}) < 2
+        # Halve the longest side of those that may still be halved; to cells first.
+        is_coarse = np.any(levels < cell_levels, axis=1, keepdims=True)
+        can_halve = np.where(is_coarse, levels < cell_levels, levels < finest_levels)
+        halvable_radii = radii * can_halve
+        return halve_boxes(
+            boxes[:, needs_halving], np.argmax(halvable_radii[needs_halving], axis=1)
+        )
 
-    cut_up(ranges.whole, most, "proving boxes of the inputs regular", judged)
-    for place, counts in fine.items():
-        same = len(counts) == 1 and -1 not in counts
-        kind = REGULAR if same else CONTAINS if len(counts - {-1}) > 1 else UNDECIDED
-        at = np.array([[cell], [place]])
-        done.append((at, np.array([kind]), np.array([max(counts) if same else -1])))
-    boxes, kinds, modes = zip(*done, strict=True)
-    return np.concatenate(boxes, axis=1), np.concatenate(kinds), np.concatenate(modes)
+    subdivide(ranges.whole, max_at_once, "proving boxes of the inputs regular", examine)
+    for cell_parts, counts in counts_of_cell.items():
+        if len(counts) == 1 and -1 not in counts:
+            kind = REGULAR
+            mode_count = max(counts)
+        elif len(counts - {-1}) > 1:
+            kind = CONTAINS
+            mode_count = -1
+        else:
+            kind = UNDECIDED
+            mode_count = -1
+        cell_box = np.array([[cell_levels], [cell_parts]])
+        classified.append(
+            _ClassifiedBoxes(cell_box, np.array([kind]), np.array([mode_count]))
+        )
+    return _ClassifiedBoxes(
+        np.concatenate([part.boxes for part in classified], axis=1),
+        np.concatenate([part.kind for part in classified]),
+        np.concatenate([part.modes for part in classified]),
+    )

@@ -1,299 +1,230 @@
-"""A whole mechanism in balls, link by link: orientations, gaps of the loops, Jacobian.
+"""A whole mechanism in balls: link orientations, loop closure, and its derivatives.
 
-All functions take the pair variables as balls, or as power series in whatever moves.
-
-Profiles of contact pairs are curves as a mechanism declares them. Angles, radii and
-coefficients are taken as the float64 numbers they are given by, and directions are made
-unit vectors. A profile through points is the quintic spline that
-`spherekit.geometry.profile_curve` lays through them: its float64 knots and coefficients are
-what is declared. No curvature occurs here: curves give places and tangents only, and their
-derivatives are those of power series.
+All functions take the pair variables as balls. Orientations and loop residuals can also be
+evaluated at power series, which gives all derivatives along a motion.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import pairwise, zip_longest
 from math import factorial
 
 import numpy as np
-from numpy.polynomial.polynomial import polyval
 
 from spherekit.arrays import Array, Bools, Floats, SmallIntegers
-from spherekit.errors import EngineError
-from spherekit.geometry.parametric_curve import SplinePath
-from spherekit.geometry.profile_curve import spline_through
-from spherekit.mechanism.elements import PoseGeometry, Profile
+from spherekit.mechanism.elements import PoseGeometry
 from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.mechanism import Mechanism
+from spherekit.proof.ball_curves import Curve, evaluate_rotation, make_ball_curve
 from spherekit.proof.ball_frames import (
     Frames,
-    axes_about,
     declared_frames,
-    exact,
-    exactly,
-    revolute,
-    unit,
+    exact_ball,
+    exact_balls,
+    revolute_rotation_terms,
 )
 from spherekit.proof.balls import (
-    Ball,
-    coefficient,
-    floats,
-    library,
-    middles,
-    pi,
-    precision,
-    series,
-    sine_cosine,
-    terms,
+    centre_floats,
+    exact_centres,
+    flint_library,
+    power_series,
+    precision_bits,
+    series_coefficient,
 )
 from spherekit.status import Status
 
-MOST_PANELS = 10_000
+MAX_CONTACT_STEPS = 60
+"""Largest number of Newton steps to the contact of two profiles.
 
-Curve = Callable[[Array], Array]
-"""Frames (n, 3, 3), columns t, n = p x t, p, of a curve at arc lengths (n,) rad."""
-Path = Callable[[Array], tuple[Array, Array]]
-"""Points (n, 3) and their derivatives by a parameter (n,) of its own."""
+Larger: nearly equal curvatures converge. Smaller: the contact is less accurate there.
+"""
 
+MAX_CLOSURE_STEPS = 40
+"""Largest number of Newton steps that close the loops.
 
-def harmonic(parts: Array, angles: Array) -> Array:
-    """Return (n, 3, 3) parts[0] + parts[1] cos + parts[2] sin of angles (n,) rad."""
-    sine, cosine = (x[:, None, None] for x in sine_cosine(angles))
-    return parts[0] + parts[1] * cosine + parts[2] * sine
+Larger: poor starts succeed. Smaller: they fail sooner.
+"""
 
+ROUNDING_STEP_RATIO = 1e3
+"""Step that counts as rounding, over the rounding times the condition number.
 
-def ball_curve(profile: Profile, backwards: bool = False) -> Curve:
-    """Return the curve of a profile in balls of the present precision.
+Larger: the iteration may end before it has converged. Smaller: it may never end.
+"""
 
-    Backwards it runs from its end, or a closed one from its start.
-    """
-    frame, end = _curve(profile, precision())
-    return (lambda s: frame(end - s) * [-1, -1, 1]) if backwards else frame
+MAX_CONTRACTION = 0.125
+"""Largest second Newton step over the first one, if the start is near one solution only.
 
+Larger: a start between two solutions counts as near one of them. Smaller: more starts are
+reported as ambiguous.
+"""
 
-@lru_cache(maxsize=32)
-def _curve(profile: Profile, _: int) -> tuple[Curve, Ball]:
-    """Return a curve, and its length if it is open, else 0."""
-    if profile.kind == "points":
-        path, _table = spline_through(np.array(profile.points), profile.closed)
-        return _by_arc_length(_spline(path), exactly(path.knots), profile.closed)
-    axes = x, y, z = axes_about(unit(exactly(profile.centre or ())))
-    if profile.kind not in ("circle", "great_circle"):
-        wave = _wave(axes, exactly(profile.cosines), exactly(profile.sines))
-        return _by_arc_length(wave, exactly([0.0, 2.0]) * pi(), True)
-    sine, cosine = exactly([1.0, 0.0])
-    if profile.kind == "circle":
-        sine, cosine = exact(profile.radius or 0.0).sin_cos()
-    even, odd = [y, -cosine * x, sine * x], [-x, -cosine * y, sine * y]
-    parts = np.array([[0 * z, sine * z, cosine * z], even, odd]).swapaxes(1, 2)
-    return lambda s: harmonic(parts, s / sine), exact(0.0)
+MAX_CONDITION_ROUNDING = 1.0 / 64.0
+"""Condition number times rounding above which a matrix counts as rank deficient.
 
+Larger: inverses with few digits are used. Smaller: more configurations count as singular.
+"""
 
-def _by_arc_length(path: Path, edges: Array, closed: bool) -> tuple[Curve, Ball]:
-    """Return a path, analytic between `edges` of its parameter, by its arc length.
-
-    The parameter is a power series of the arc length from each of `starts` on, which are
-    dense enough for the series to have all digits; each is the arc length's reversed.
-    """
-    digits = precision()
-    count = 8 + digits // 3
-    starts: list[Ball] = [exact(0.0)]
-    pieces: list[list[Ball]] = []
-    with terms(count):
-        for low, high in pairwise(edges):
-            while floats(high - low) > 0.0:
-                if len(pieces) > MOST_PANELS:
-                    raise EngineError(
-                        "the arc length of a profile does not converge; give its "
-                        "points more evenly"
-                    )
-                on = series(*np.array([[low, 1, *[0] * (count - 2)]]).T)
-                arc = lengths(path(on)[1]).item().integral()
-                ahead, back = (
-                    [x[k].mid() for k in range(count)] for x in (arc, arc.reversion())
-                )
-                width = min(1.0, _reach(ahead, digits) / float(high - low))
-                while True:
-                    end = low + (high - low) * width if width < 1.0 else high
-                    way = polyval(end - low, ahead).mid()
-                    if width == 0.0 or float(way) < _reach(back, digits):
-                        break
-                    width *= 0.7
-                starts.append(starts[-1] + way)
-                pieces.append([low, *back[1:]])
-                low = end.mid()
-    begun, length = np.array(starts), starts[-1]
-    table: Array = np.array(pieces)
-    near = floats(begun)
-
-    def frame(s: Array) -> Array:
-        if closed:
-            s = s - exactly(np.floor(floats(coefficient(s, 0)) / near[-1])) * length
-        panel = np.searchsorted(near[1:-1], floats(coefficient(s, 0)), side="right")
-        point, rate = path(polyval(s - begun[panel], table[panel].T, tensor=False))
-        tangent = rate / lengths(rate)[:, None]
-        return np.stack([tangent, np.cross(point, tangent), point], axis=-1)
-
-    return frame, exact(0.0) if closed else length
-
-
-def _reach(coefficients: list[Ball], digits: int) -> float:
-    """Return how far from its centre a series has all digits, from its last terms."""
-    count = len(coefficients)
-    with np.errstate(divide="ignore"):
-        logs = np.log(np.abs(floats(np.array(coefficients[-4:]))))
-    logs = -(digits * np.log(2.0) + logs) / np.arange(count - 4, count)
-    return np.exp(np.min(logs)) * 0.9
-
-
-def _wave(axes: Array, even: Array, odd: Array) -> Path:
-    """Return a curve by its azimuth about the third of `axes`, from its colatitude."""
-    x, y, z = axes
-
-    def at(u: Array) -> tuple[Array, Array]:
-        colatitude, slope = 0 * u, 0 * u
-        for wave, (a, b) in enumerate(zip_longest(even, odd, fillvalue=0)):
-            sine, cosine = sine_cosine(wave * u)
-            colatitude = colatitude + (a * cosine + b * sine)
-            slope = slope + wave * (b * cosine - a * sine)
-        (sine, cosine), (s, c) = (
-            (part[:, None] for part in sine_cosine(angle)) for angle in (colatitude, u)
-        )
-        outward, along = c * x + s * y, c * y - s * x
-        rate = slope[:, None] * (cosine * outward - sine * z) + sine * along
-        return cosine * z + sine * outward, rate
-
-    return at
-
-
-def _spline(path: SplinePath) -> Path:
-    """Return the radial projection of a quintic spline in space, by de Boor's algorithm."""
-    degree, control = path.spline.k, exactly(path.spline.c)
-    places: Floats = path.spline.t
-
-    def at(u: Array) -> tuple[Array, Array]:
-        inner = places[degree + 1 : len(control)]
-        first = np.searchsorted(inner, floats(coefficient(u, 0)), side="right")
-        points = control[first + np.arange(degree + 1)[:, None]]
-        knots = exactly(places[first + np.arange(1, 2 * degree + 1)[:, None], None])
-        for level in range(degree):
-            low, high = knots[level:degree], knots[degree : 2 * degree - level]
-            slope = np.diff(points, axis=0) / (high - low)
-            points = points[:-1] + (u[:, None] - low) * slope
-        (x,), (rate,) = points, degree * slope
-        size = lengths(x)[:, None]
-        point = x / size
-        return point, (rate - np.sum(point * rate, axis=1, keepdims=True) * point) / size
-
-    return at
-
-
-def lengths(vectors: Array) -> Array:
-    """Return lengths (n,) of vectors (n, 3)."""
-    return np.sqrt(np.sum(vectors * vectors, axis=1))
-
-
-TOUCHING_STEPS = 60
-STEPS = 40
-"""Most steps of Newton's method."""
-ROUNDING = 1e3
-"""Steps below this many roundings times the conditioning are rounding."""
-CONTRACTION = 0.125
-"""Newton's second step may be this part of the first; else other solutions are near."""
-SINGULAR = 1.0 / 64.0
-"""A matrix whose condition times rounding is more has less than full column rank."""
-
-Turn = Callable[[Array], Array]
-"""Of the variables (n, m) of a pair: rotations (n, 3, 3) of its second link in the first's
-axes, or vectors (n, 3) in these."""
-
-
-def _revolute(first: Array, second: Array) -> tuple[Turn, Turn]:
-    """Return how an R pair turns, and its axis, by its frames in both links."""
-    parts = revolute(first, second)
-    return (
-        lambda values: harmonic(parts, values[:, 0]),
-        lambda values: np.broadcast_to(first[2], (len(values), 3)),
-    )
-
-
-def _contact(
-    curves: Sequence[Curve], variables: tuple[int, int], start: Array
-) -> tuple[Turn, Turn]:
-    """Return how a contact pair turns, and where its links touch.
-
-    The frames of two curves agree at the contact. Each is run along by the variable of its
-    number in `variables`, from its `start` (2,) on: in rolling both by the same one.
-    """
-
-    def frame(side: int, values: Array) -> Array:
-        return curves[side](values[:, variables[side]] + start[side])
-
-    return (
-        lambda values: frame(0, values) @ frame(1, values).swapaxes(1, 2),
-        lambda values: frame(0, values)[:, :, 2],
-    )
-
-
-def _touching(curves: Sequence[Curve], s: Array) -> Array:
-    """Return the arc lengths (2,) near a start at which aligned links touch.
-
-    Least squares, as profiles may miss each other by what the float64 geometry allows.
-    """
-    turn, _ = _contact(curves, (0, 1), exactly(np.zeros(2)))
-    last = np.inf
-    for _ in range(TOUCHING_STEPS):
-        (miss,) = skew_part(turn(s[None]))
-        (inverse,), _ = left_inverse(_vectors(turn, s[None]).swapaxes(1, 2))
-        step = inverse @ miss
-        s = middles(s - step)
-        size = np.max(np.abs(floats(step)))
-        if not size < last / 2:
-            break
-        last = size
-    return s
-
-
-def _vectors(turn: Turn, values: Array) -> Array:
-    """Return the vectors (n, m, 3) of a pair's variables in the first link's axes."""
-    vectors = []
-    for way in exactly(np.eye(values.shape[1])):
-        moving = series(values, np.broadcast_to(way, values.shape))
-        vectors += turning_rates(turn(moving), 1)
-    return np.stack(vectors, axis=1)
-
-
-def _joints(mechanism: Mechanism, frames: Frames) -> list[tuple[Turn, Turn]]:
-    """Return how the pairs of a mechanism turn, and their axes or contact points.
-
-    Which axes a zero direction is taken from, and near which place two profiles touch,
-    is read off the float64 geometry; every number is computed anew.
-    """
-    made = []
-    for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
-        if pair.profiles is None:
-            made.append(_revolute(*frames[pair.name]))
-            continue
-        one, other = pair.profiles
-        curves = ball_curve(one), ball_curve(other, pair.contact == "external")
-        first, second = joint.contact_profiles
-        start = exactly([first.start, second.start])
-        if joint.rolling_variables and isinstance(mechanism.geometry, PoseGeometry):
-            start = _touching(curves, start)
-        made.append(_contact(curves, (first.variable, second.variable), start))
-    return made
+PairFunction = Callable[[Array], Array]
+"""A function of the variables (n, m) of a pair, balls or power series."""
 
 
 @dataclass(frozen=True)
-class Closed:
-    """Configurations (k, variables) that Newton's method reached from starts.
+class PairKinematics:
+    """How the second link of a pair rotates relative to the first.
 
-    `inverse` (k, free, equations) is that of the Jacobian's columns of the `free`
-    variables, `condition` (k,) its condition, and `residual` by how much loops stay open.
-    `distance` is the way from the start, `wild` whether other solutions may be as near, and
-    `status` is OK, NOT_CONVERGED or AT_SINGULARITY.
+    Attributes
+    ----------
+    rotation
+        Returns rotations (n, 3, 3) from the axes of the second link to those of the first.
+    axis
+        Returns unit vectors (n, 3) in the axes of the first link: the axis of an R pair,
+        the contact point of a contact.
+    """
+
+    rotation: PairFunction
+    axis: PairFunction
+
+
+def _revolute_kinematics(first: Array, second: Array) -> PairKinematics:
+    """Return the kinematics of an R pair from its frames in both links."""
+    terms = revolute_rotation_terms(first, second)
+    return PairKinematics(
+        rotation=lambda values: evaluate_rotation(terms, values[:, 0]),
+        axis=lambda values: np.broadcast_to(first[2], (len(values), 3)),
+    )
+
+
+def _contact_kinematics(
+    curves: Sequence[Curve], variables: tuple[int, int], starts: Array
+) -> PairKinematics:
+    """Return the kinematics of a contact pair, whose curve frames coincide at the contact.
+
+    Parameters
+    ----------
+    curves
+        The profile of each link in link axes.
+    variables
+        For each curve, the number of the variable of the pair that is its arc length. In
+        rolling both curves have the same variable.
+    starts
+        (2,) arc length (rad) of each curve at which its variable is 0.
+    """
+
+    def contact_frame(side: int, values: Array) -> Array:
+        return curves[side](values[:, variables[side]] + starts[side])
+
+    def rotation(values: Array) -> Array:
+        return contact_frame(0, values) @ contact_frame(1, values).swapaxes(1, 2)
+
+    return PairKinematics(rotation, axis=lambda values: contact_frame(0, values)[:, :, 2])
+
+
+def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
+    """Return the arc lengths at which two profiles touch in the reference pose.
+
+    Newton's method in the sense of least squares is used, since profiles may miss each
+    other by rounding of the float64 geometry.
+
+    Parameters
+    ----------
+    curves
+        The profile of each link; in the reference pose the axes of both links coincide.
+    arc_lengths
+        (2,) start of the iteration (rad).
+    """
+    kinematics = _contact_kinematics(curves, (0, 1), exact_balls(np.zeros(2)))
+    last_step_size = np.inf
+    for _ in range(MAX_CONTACT_STEPS):
+        values = arc_lengths[None]
+        (residual,) = skew_part(kinematics.rotation(values))
+        vectors = _rotation_vectors(kinematics.rotation, values)
+        (inverse,), _ = left_inverses(vectors.swapaxes(1, 2))
+        step = inverse @ residual
+        arc_lengths = exact_centres(arc_lengths - step)
+        step_size = np.max(np.abs(centre_floats(step)))
+        # Steps that no longer shrink are rounding.
+        if not step_size < last_step_size / 2:
+            break
+        last_step_size = step_size
+    return arc_lengths
+
+
+def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
+    """Return the angular velocities of a pair at unit rates of its single variables.
+
+    Parameters
+    ----------
+    rotation
+        The rotation of the pair.
+    values
+        (n, m) balls of its variables.
+
+    Returns
+    -------
+    (n, m, 3) in the axes of the first link.
+    """
+    vectors = []
+    for direction in exact_balls(np.eye(values.shape[1])):
+        moving_values = power_series(values, np.broadcast_to(direction, values.shape))
+        vectors += angular_velocities(rotation(moving_values), 1)
+    return np.stack(vectors, axis=1)
+
+
+def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKinematics]:
+    """Return the kinematics of all pairs of a mechanism.
+
+    The float64 geometry decides only near which point two profiles touch. Every number is
+    computed again in balls.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    frames
+        The frames of its R pairs.
+    """
+    kinematics = []
+    for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
+        if pair.profiles is None:
+            kinematics.append(_revolute_kinematics(*frames[pair.name]))
+            continue
+        first_profile, second_profile = pair.profiles
+        # Curves that touch from outside run in opposite senses about their centres.
+        curves = (
+            make_ball_curve(first_profile),
+            make_ball_curve(second_profile, backwards=pair.contact == "external"),
+        )
+        first, second = joint.contact_profiles
+        starts = exact_balls([first.start, second.start])
+        if joint.rolling_variables and isinstance(mechanism.geometry, PoseGeometry):
+            starts = _find_contact(curves, starts)
+        variables = (first.variable, second.variable)
+        kinematics.append(_contact_kinematics(curves, variables, starts))
+    return kinematics
+
+
+@dataclass(frozen=True)
+class LoopClosure:
+    """Configurations that Newton's method reached from k starts.
+
+    Attributes
+    ----------
+    values
+        (k, variables) balls without radius, the pair variables (rad).
+    free
+        Numbers of the variables that were not held.
+    inverse
+        (k, free, equations) left inverse of the Jacobian's columns of the free variables.
+    condition
+        (k,) condition number of these columns in Frobenius norms.
+    residual
+        (k,) largest component (rad) of the residuals of the loops.
+    distance
+        (k,) largest change (rad) of a variable from the start.
+    is_ambiguous
+        (k,) whether another solution may be as near to the start.
+    status
+        (k,) `Status`: OK, NOT_CONVERGED or AT_SINGULARITY.
     """
 
     values: Array
@@ -302,183 +233,358 @@ class Closed:
     condition: Floats
     residual: Floats
     distance: Floats
-    wild: Bools
+    is_ambiguous: Bools
     status: SmallIntegers
 
 
-class Linkage:
-    """The links of a mechanism placed one after another from the ground.
+@dataclass(frozen=True)
+class _PlacedPair:
+    """A pair in its mechanism.
 
-    Every link is placed once, across the pair that reaches it first; each further pair
-    closes a loop, which is open by the skew part of the rotation left over.
+    Attributes
+    ----------
+    kinematics
+        How it rotates.
+    variables
+        The columns of its variables.
+    first_link
+        Number of its first link.
+    """
+
+    kinematics: PairKinematics
+    variables: tuple[int, ...]
+    first_link: int
+
+
+class Linkage:
+    """The links of a mechanism, placed one after another from the ground.
+
+    Every link is placed once, across the pair that reaches it first. Each further pair
+    closes a loop. The residual of the loop is the skew part of the remaining rotation.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    frames
+        The frames of its R pairs; by default those of its sizes as exact float64 numbers.
     """
 
     def __init__(self, mechanism: Mechanism, frames: Frames | None = None) -> None:
-        self.mechanism, ends = mechanism, mechanism.ends
-        joints = _joints(mechanism, frames or declared_frames(mechanism))
-        self._joints = [
-            (*joint, mechanism.variables_of(pair), ends[pair][0])
-            for pair, joint in enumerate(joints)
+        self.mechanism = mechanism
+        ends = mechanism.ends
+        all_kinematics = _make_pair_kinematics(
+            mechanism, frames or declared_frames(mechanism)
+        )
+        self._pairs = [
+            _PlacedPair(kinematics, mechanism.variables_of(pair), ends[pair][0])
+            for pair, kinematics in enumerate(all_kinematics)
         ]
-        self._way = find_spanning_tree(ends)
-        self._chords = np.setdiff1d(range(len(joints)), [pair for pair, *_ in self._way])
-        ways = np.zeros((len(mechanism.links), len(joints)))
-        for pair, parent, child in self._way:
-            ways[child] = ways[parent]
-            ways[child, pair] = 1.0 if ends[pair][0] == parent else -1.0
-        one, other = np.array(ends)[self._chords].T
-        passes = np.eye(len(joints))[self._chords] + ways[one] - ways[other]
-        owners = mechanism.variable_owners
-        # the sense in which the way to a link, or a loop, passes the pair of a variable
-        self._ways, self._passes = ways[:, owners], passes[:, owners]
+        self._tree = find_spanning_tree(ends)
+        tree_pairs = [pair for pair, _, _ in self._tree]
+        self._loop_pairs = np.setdiff1d(range(len(all_kinematics)), tree_pairs)
+        # (links, pairs) sense in which the path from the ground to a link passes a pair:
+        # 1 from its first to its second link, -1 in the opposite sense, 0 if it does not.
+        path_senses = np.zeros((len(mechanism.links), len(all_kinematics)))
+        for pair, parent, child in self._tree:
+            path_senses[child] = path_senses[parent]
+            path_senses[child, pair] = 1.0 if ends[pair][0] == parent else -1.0
+        # (loops, pairs) the same for loops: to the first link of the closing pair, across
+        # it, and back from its second link.
+        first_links, second_links = np.array(ends)[self._loop_pairs].T
+        loop_senses = (
+            np.eye(len(all_kinematics))[self._loop_pairs]
+            + path_senses[first_links]
+            - path_senses[second_links]
+        )
+        # Columns for variables instead of pairs.
+        variable_owners = mechanism.variable_owners
+        self._path_senses = path_senses[:, variable_owners]
+        self._loop_senses = loop_senses[:, variable_owners]
 
-    def place(self, values: Array) -> tuple[Array, Array]:
-        """Return link orientations (n, links, 3, 3), and by how much the loops stay open.
+    def place_links(self, values: Array) -> tuple[Array, Array]:
+        """Return the orientations of all links, and the residuals of the loops.
 
-        At all pair variables (n, variables); gaps (n, 3 loops) rad.
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables (rad), balls or power series.
+
+        Returns
+        -------
+        orientations
+            (n, links, 3, 3) rotations from link axes to ground axes.
+        residuals
+            (n, 3 loops) vectors (rad) of the rotations by which loops stay open.
         """
-        turns = [turn(values[:, columns]) for turn, _, columns, _ in self._joints]
-        placed = {0: np.broadcast_to(exactly(np.eye(3)), (len(values), 3, 3))}
-        for pair, parent, child in self._way:
-            turn = turns[pair]
+        rotations = [
+            pair.kinematics.rotation(values[:, pair.variables]) for pair in self._pairs
+        ]
+        placed = {0: np.broadcast_to(exact_balls(np.eye(3)), (len(values), 3, 3))}
+        for pair, parent, child in self._tree:
+            rotation = rotations[pair]
             if self.mechanism.ends[pair][0] == child:
-                turn = turn.swapaxes(1, 2)
-            placed[child] = placed[parent] @ turn
-        gaps = [exactly(np.zeros((len(values), 0)))]
-        for pair in self._chords:
-            a, b = self.mechanism.ends[pair]
-            gaps.append(skew_part(placed[a] @ turns[pair] @ placed[b].swapaxes(1, 2)))
-        links = np.stack([placed[link] for link in range(len(placed))], axis=1)
-        return links, np.concatenate(gaps, axis=1)
+                rotation = rotation.swapaxes(1, 2)
+            placed[child] = placed[parent] @ rotation
+        residuals = [exact_balls(np.zeros((len(values), 0)))]
+        for pair in self._loop_pairs:
+            first, second = self.mechanism.ends[pair]
+            remaining = placed[first] @ rotations[pair] @ placed[second].swapaxes(1, 2)
+            residuals.append(skew_part(remaining))
+        orientations = np.stack([placed[link] for link in range(len(placed))], axis=1)
+        return orientations, np.concatenate(residuals, axis=1)
 
-    def axes(self, values: Array, placed: Array) -> Array:
-        """Return (n, pairs, 3): the axis of each R pair, the contact point of others."""
+    def pair_axes(self, values: Array, orientations: Array) -> Array:
+        """Return for each pair its axis, or its contact point, in ground axes.
+
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables (rad).
+        orientations
+            (n, links, 3, 3) from `place_links`.
+
+        Returns
+        -------
+        (n, pairs, 3) unit vectors.
+        """
         return np.stack(
             [
-                np.matvec(placed[:, link], axis(values[:, columns]))
-                for _, axis, columns, link in self._joints
+                np.matvec(
+                    orientations[:, pair.first_link],
+                    pair.kinematics.axis(values[:, pair.variables]),
+                )
+                for pair in self._pairs
             ],
             axis=1,
         )
 
-    def vectors(self, values: Array, placed: Array) -> Array:
-        """Return the variables' vectors (n, variables, 3) in ground axes, of balls.
+    def variable_vectors(self, values: Array, orientations: Array) -> Array:
+        """Return the angular velocities of pairs at unit rates of single variables.
 
-        A variable's vector is the angular velocity of its pair's second link relative to
-        the first per unit rate.
+        The angular velocity of a pair is that of its second link relative to the first.
+
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables (rad), balls.
+        orientations
+            (n, links, 3, 3) from `place_links`.
+
+        Returns
+        -------
+        (n, variables, 3) in ground axes.
         """
         vectors = []
-        for pair, (turn, axis, columns, link) in zip(
-            self.mechanism.pairs, self._joints, strict=True
-        ):
-            given = values[:, columns]
-            made = axis(given)[:, None] if pair.profiles is None else _vectors(turn, given)
-            vectors.append(made @ placed[:, link].swapaxes(1, 2))
+        for element, pair in zip(self.mechanism.pairs, self._pairs, strict=True):
+            pair_values = values[:, pair.variables]
+            if element.profiles is None:
+                vectors_in_link = pair.kinematics.axis(pair_values)[:, None]
+            else:
+                vectors_in_link = _rotation_vectors(pair.kinematics.rotation, pair_values)
+            rotation = orientations[:, pair.first_link].swapaxes(1, 2)
+            vectors.append(vectors_in_link @ rotation)
         return np.concatenate(vectors, axis=1)
 
-    def velocities(self, vectors: Array, rates: Array) -> Array:
-        """Return angular velocities (n, links, 3) relative to the ground, in its axes.
+    def link_velocities(self, vectors: Array, rates: Array) -> Array:
+        """Return the angular velocities of all links relative to the ground.
 
-        At `vectors` (n, variables, 3) and rates (n, variables) of the variables.
+        Parameters
+        ----------
+        vectors
+            (n, variables, 3) from `variable_vectors`.
+        rates
+            (n, variables) rates of the variables.
+
+        Returns
+        -------
+        (n, links, 3) in ground axes.
         """
-        return self._ways @ (vectors * rates[:, :, None])
+        return self._path_senses @ (vectors * rates[:, :, None])
 
     def jacobian(self, vectors: Array) -> Array:
-        """Return (n, 3 loops, variables): gaps change by it times the variables' rates."""
-        moved = self._passes[:, None] * vectors.swapaxes(1, 2)[:, None]
-        return moved.reshape(len(vectors), 3 * len(self._passes), vectors.shape[1])
+        """Return the derivatives of the loop residuals by the variables.
 
-    def closed(self, start: Array, held: Sequence[int], eps: float) -> Closed:
-        """Return the solutions nearest to starts (k, variables), some of which are held.
+        Parameters
+        ----------
+        vectors
+            (n, variables, 3) from `variable_vectors`.
 
-        Numbers are rounded to `eps`. A step ends the iteration when it is rounding: no
-        longer shrinking, and small against the conditioning.
+        Returns
+        -------
+        (n, 3 loops, variables).
+        """
+        signed_vectors = self._loop_senses[:, None] * vectors.swapaxes(1, 2)[:, None]
+        loop_count = len(self._loop_senses)
+        return signed_vectors.reshape(len(vectors), 3 * loop_count, vectors.shape[1])
+
+    def close_loops(self, start: Array, held: Sequence[int], eps: float) -> LoopClosure:
+        """Close the loops by Newton's method, with some variables held.
+
+        The iteration of a row ends with a step that is rounding: one that no longer shrinks
+        and is small compared with the condition number.
+
+        Parameters
+        ----------
+        start
+            (k, variables) start values (rad), balls.
+        held
+            Numbers of the variables that keep their values.
+        eps
+            Rounding of numbers in the present precision.
         """
         k, count = start.shape
-        free = [v for v in range(count) if v not in held]
-        values, last = start.copy(), np.full(k, np.inf)
+        free = [variable for variable in range(count) if variable not in held]
+        values = start.copy()
+        last_step_size = np.full(k, np.inf)
         status = np.full(k, Status.NOT_CONVERGED, dtype=np.int8)
-        going, sizes = np.ones(k, dtype=bool), []
+        is_active = np.ones(k, dtype=bool)
+        step_sizes = []
         while True:
-            placed, gaps = self.place(values)
-            jacobian = self.jacobian(self.vectors(values, placed))
-            inverse, condition = left_inverse(jacobian[:, :, free])
-            change = -np.matvec(inverse, gaps)
-            size = largest(change)
-            rounding = ROUNDING * eps * condition
-            sizes.append(size)
-            ended = (size <= rounding) & ((size <= 4 * eps) | (size >= last / 2))
-            status[going & ended] = Status.OK
-            status[going & ~np.isfinite(size)] = Status.AT_SINGULARITY
-            going &= ~ended & (size <= 1.0)
-            if len(sizes) > STEPS or not np.any(going):
+            orientations, residuals = self.place_links(values)
+            jacobian = self.jacobian(self.variable_vectors(values, orientations))
+            inverse, condition = left_inverses(jacobian[:, :, free])
+            change = -np.matvec(inverse, residuals)
+            step_size = largest_in_rows(change)
+            rounding = ROUNDING_STEP_RATIO * eps * condition
+            step_sizes.append(step_size)
+            is_rounding = (step_size <= rounding) & (
+                (step_size <= 4 * eps) | (step_size >= last_step_size / 2)
+            )
+            status[is_active & is_rounding] = Status.OK
+            status[is_active & ~np.isfinite(step_size)] = Status.AT_SINGULARITY
+            # A step of more than 1 rad has left the neighbourhood of the start.
+            is_active &= ~is_rounding & (step_size <= 1.0)
+            if len(step_sizes) > MAX_CLOSURE_STEPS or not np.any(is_active):
                 break
-            last = size
-            values[:, free] = middles(values[:, free] + np.where(going[:, None], change, 0))
-        wild = sizes[:2][-1] > np.maximum(rounding, CONTRACTION * sizes[0])
-        off = largest(gaps), largest(values - start)
-        return Closed(values, free, inverse, condition, *off, wild, status)
+            last_step_size = step_size
+            active_change = np.where(is_active[:, None], change, 0)
+            values[:, free] = exact_centres(values[:, free] + active_change)
+        # After one step the first one is compared with itself.
+        second_step = step_sizes[:2][-1]
+        is_ambiguous = second_step > np.maximum(rounding, MAX_CONTRACTION * step_sizes[0])
+        return LoopClosure(
+            values=values,
+            free=free,
+            inverse=inverse,
+            condition=condition,
+            residual=largest_in_rows(residuals),
+            distance=largest_in_rows(values - start),
+            is_ambiguous=is_ambiguous,
+            status=status,
+        )
 
-    def motion(self, at: Closed, moved: int, order: int) -> list[Array]:
-        """Return the coefficients (k, variables) of all variables' series in one.
+    def expand_motion(
+        self, closure: LoopClosure, moving_variable: int, order: int
+    ) -> list[Array]:
+        """Return all variables as power series in one that moves.
 
-        At closed configurations, in which all variables but those that are held and the
-        moved one are free. The coefficient of each order solves linear equations with the
-        same matrix.
+        The coefficient of each order solves linear equations with the same matrix.
+
+        Parameters
+        ----------
+        closure
+            Closed configurations. All variables other than the moving one and those that
+            stay locked are free in it.
+        moving_variable
+            Number of the moving variable.
+        order
+            Highest power.
+
+        Returns
+        -------
+        For each power from 0 on the coefficients (k, variables).
         """
-        coefficients = [at.values, *exactly(np.zeros((order, *at.values.shape)))]
-        coefficients[1][:, moved] = exact(1.0)
+        coefficients = [
+            closure.values,
+            *exact_balls(np.zeros((order, *closure.values.shape))),
+        ]
+        coefficients[1][:, moving_variable] = exact_ball(1.0)
         for power in range(1, order + 1):
-            _, gaps = self.place(series(*coefficients[: power + 1]))
-            open_ = coefficient(gaps, power)
-            coefficients[power][:, at.free] = -np.matvec(at.inverse, open_)
+            # With the coefficient of this power still 0, the residual of this power is
+            # what the coefficient has to remove.
+            _, residuals = self.place_links(power_series(*coefficients[: power + 1]))
+            residual = series_coefficient(residuals, power)
+            coefficients[power][:, closure.free] = -np.matvec(closure.inverse, residual)
         return coefficients
 
 
-def largest(values: Array) -> Floats:
-    """Return the largest size (k,) in each row of values (k, m)."""
-    return np.max(np.abs(floats(values)), axis=1, initial=0.0)
+def largest_in_rows(values: Array) -> Floats:
+    """Return the largest magnitude (k,) in each row of balls (k, m), 0 without columns."""
+    return np.max(np.abs(centre_floats(values)), axis=1, initial=0.0)
 
 
-def turning_rates(placed: Array, order: int) -> list[Array]:
-    """Return w, dw, ddw (..., 3) so far, of series (..., 3, 3) of rotations."""
-    parts = [coefficient(placed, power) for power in range(order + 1)]
-    rates = []
+def angular_velocities(rotations: Array, order: int) -> list[Array]:
+    """Return the angular velocity and its derivatives from power series of rotations.
+
+    Parameters
+    ----------
+    rotations
+        (..., 3, 3) power series in one variable.
+    order
+        Highest power of the series that is used.
+
+    Returns
+    -------
+    `order` arrays (..., 3): the angular velocity at unit rate of the variable, then its
+    first and further derivatives by the variable.
+    """
+    parts = [series_coefficient(rotations, power) for power in range(order + 1)]
+    results = []
     for power in range(order):
-        spins = [
+        # Coefficient of this power of R' R^T, whose skew part is the angular velocity.
+        products = [
             (k + 1) * parts[k + 1] @ parts[power - k].swapaxes(-1, -2)
             for k in range(power + 1)
         ]
-        rates.append(factorial(power) * skew_part(np.sum(spins, axis=0)))
-    return rates
+        results.append(factorial(power) * skew_part(np.sum(products, axis=0)))
+    return results
 
 
-def skew_part(a: Array) -> Array:
+def skew_part(matrices: Array) -> Array:
     """Return the vectors (..., 3) of the skew parts of matrices (..., 3, 3)."""
-    twice = a - a.swapaxes(-1, -2)
-    return np.stack([twice[..., 2, 1], twice[..., 0, 2], twice[..., 1, 0]], axis=-1) / 2
+    twice_skew = matrices - matrices.swapaxes(-1, -2)
+    components = [twice_skew[..., 2, 1], twice_skew[..., 0, 2], twice_skew[..., 1, 0]]
+    return np.stack(components, axis=-1) / 2
 
 
-def left_inverse(matrices: Array) -> tuple[Array, Floats]:
-    """Return the pseudo-inverses (n, k, m) of matrices (n, m, k) of full column rank.
+def left_inverses(matrices: Array) -> tuple[Array, Floats]:
+    """Return left inverses of matrices, and their condition numbers.
 
-    And their conditions (n,) in Frobenius norms, 1 at least. NaN where a matrix has less.
-    By the normal equations, with more than twice the digits that they lose.
+    The normal equations are solved. They lose twice the digits of the condition number, so
+    they are solved with more than twice the digits.
+
+    Parameters
+    ----------
+    matrices
+        (n, m, k) balls, with m >= k.
+
+    Returns
+    -------
+    inverses
+        (n, k, m) pseudo-inverses, balls without radius; NaN for matrices that do not have
+        full column rank.
+    condition
+        (n,) condition numbers in Frobenius norms, at least 1; NaN likewise.
     """
-    flint = library()
-    bits, (n, m, k) = precision(), matrices.shape
+    flint = flint_library()
+    bits = precision_bits()
+    n, m, k = matrices.shape
     inverses = np.full((n, k, m), flint.arb.nan())
     condition = np.full(n, np.nan)
-    for row, given in enumerate(matrices):
+    for row, matrix in enumerate(matrices):
         with flint.ctx.workprec(2 * bits + 64):
-            a = flint.arb_mat(m, k, list(given.ravel())).mid()
-            across = a.transpose()
+            flint_matrix = flint.arb_mat(m, k, list(matrix.ravel())).mid()
+            transposed = flint_matrix.transpose()
             try:
-                inverse = ((across * a).inv().mid() * across).mid()
+                flint_inverse = ((transposed * flint_matrix).inv().mid() * transposed).mid()
             except ZeroDivisionError:
                 continue
-        made = np.reshape(inverse.entries(), (k, m))
-        size = np.linalg.norm(floats(given)) * np.linalg.norm(floats(made))
-        if size * 2.0**-bits < SINGULAR:
-            inverses[row], condition[row] = made, np.maximum(size, 1.0)
+        inverse = np.reshape(flint_inverse.entries(), (k, m))
+        number = np.linalg.norm(centre_floats(matrix)) * np.linalg.norm(
+            centre_floats(inverse)
+        )
+        if number * 2.0**-bits < MAX_CONDITION_ROUNDING:
+            inverses[row] = inverse
+            condition[row] = np.maximum(number, 1.0)
     return inverses, condition

@@ -1,201 +1,412 @@
-"""All real modes over boxes of inputs, counted system after system.
+"""All real modes over boxes of the inputs, counted system by system.
 
-The equations fall into systems that are solved one after the other. Where as many roots of
-a system are proven as there can be, complex ones and those at infinity too, and each is
-proven to be real or not, its real ones are all there are; the next system is looked at for
-each of them, with their angles as further inputs. Over a box of inputs roots that are
-proven to be different at its centre and regular everywhere never meet.
+The equations fall into systems that are solved one after the other. Suppose that as many
+roots of a system are proven as it can have, complex ones and those at infinity included,
+and that each is proven to be real or not. Then its real roots are all there are. The next
+system is solved for each of them, with their angles as further given variables. Roots that
+are proven to be different at the centre of a box of inputs, and regular over the whole box,
+never meet.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
 from spherekit.numerics.angles import wrap
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.balls import circle
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.balls import cosines_and_sines
 from spherekit.proof.construction import permanent
-from spherekit.proof.homotopy import SEEDS, solutions
+from spherekit.proof.homotopy import HOMOTOPY_SEEDS, track_homotopy
 from spherekit.proof.root_charts import (
     ChartRoots,
+    InputBoxes,
     Polynomials,
-    applied,
-    are_apart,
-    are_real,
-    inverses,
-    polished,
-    roots_of_one,
-    tubes,
-    values_at,
+    RootTubes,
+    apply_matrices,
+    are_distinct,
+    classify_real_roots,
+    enclose_roots,
+    evaluate_polynomials,
+    invert_matrices,
+    polish_roots,
+    solve_one_unknown,
 )
-from spherekit.proof.tubes import ROUNDING
+from spherekit.proof.tubes import PRODUCT_ROUNDING
+
+MAX_SOLUTION_DISTANCE = 1.0
+"""Squared distance of given angles, as points of circles, from which roots are followed.
+
+Larger: roots are followed farther, and some may be lost. Smaller: more homotopies.
+"""
+
+MAX_STORED_SOLUTIONS = 128
+"""Largest number of choices of given angles whose roots are remembered.
+
+Larger: a longer search for the nearest ones. Smaller: roots are followed farther.
+"""
+
+SAME_ROOT_GAP = 1e-7
+"""Gap, in z, below which two approximate roots count as one.
+
+Larger: close roots are lost. Smaller: one root that two paths reached is counted twice.
+"""
 
 
 @np.errstate(all="ignore")
-def modes_near(equations: Equations, driven: Floats, seed: int) -> Complexes:
-    """Return approximations (n, unknowns) rad of the complex modes at an input.
+def approximate_modes(
+    equations: ArcEquations, circle_points: Floats, seed: int
+) -> Complexes:
+    """Return approximations of the complex modes at one choice of the inputs.
 
-    `driven` (inputs, 2) are the cosines and sines of the inputs. Some may be missing, and
-    some may come twice.
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    circle_points
+        (inputs, 2) cosines and sines of the inputs.
+    seed
+        Seed of the homotopy.
+
+    Returns
+    -------
+    (n, unknowns) complex angles (rad). Some modes may be missing, and some may come twice.
     """
-    every = range(equations.unknowns)
-    made = System(equations, every, every).at(driven[None])
-    angles = -1j * np.log(solutions(made, seed).points)
+    all_numbers = range(equations.unknown_count)
+    system = EquationSystem(equations, all_numbers, all_numbers)
+    polynomials = system.form_polynomials(circle_points[None])
+    angles = -1j * np.log(track_homotopy(polynomials, seed).points)
     return angles[np.all(np.isfinite(angles), axis=1)]
 
 
-NEAR = 1.0
-"""Squared distance, as points of circles, of known roots that others are followed from."""
-MOST_KNOWN = 128
+@dataclass(frozen=True)
+class SolvedChoice:
+    """All roots of a system at one choice of its given variables.
+
+    Attributes
+    ----------
+    given
+        (given,) angles (rad) of the given variables.
+    roots
+        All roots, complex ones and those at infinity included.
+    """
+
+    given: Floats
+    roots: ChartRoots
 
 
-class System:
-    """Equations `rows` of a mechanism, to be solved for some `unknowns`, by number.
+@dataclass(frozen=True)
+class RootAngles:
+    """Angles of roots at the centre of a box, and their motion over the box.
 
-    `given` are all other variables. `solved` has angles of these and all `bound` solutions
-    there can be then, complex ones and those at infinity too.
+    The numbers are meaningful for real roots only.
+
+    Attributes
+    ----------
+    angle
+        (n, k) angles (rad) at the centre.
+    rates
+        (n, k, inputs) derivatives by the inputs.
+    error
+        (n, k) largest deviation (rad) from linear motion over the box.
+    """
+
+    angle: Floats
+    rates: Floats
+    error: Floats
+
+
+@dataclass(frozen=True)
+class SystemFindings:
+    """What is proven of the roots of a system for several modes of the systems before.
+
+    Attributes
+    ----------
+    mode
+        (n,) the mode to which each root belongs.
+    is_complete
+        (modes,) whether all roots are proven, different from each other, and each proven to
+        be real or not.
+    is_real
+        (n,) which roots are proven real.
+    angles
+        The angles of the roots.
+    """
+
+    mode: Indices
+    is_complete: Bools
+    is_real: Bools
+    angles: RootAngles
+
+
+class EquationSystem:
+    """Some equations of a mechanism that are solved for some of its unknowns.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    rows
+        Numbers of the equations of this system.
+    unknowns
+        Numbers of its unknowns, as many.
+
+    Attributes
+    ----------
+    given
+        Numbers of all other variables, whose values are given.
+    degrees
+        (k, variables) trigonometric degrees, the unknowns first, then the given variables.
+    bound
+        Largest possible number of roots.
+    solved
+        Choices of the given variables with all roots, from which others are followed.
     """
 
     def __init__(
-        self, equations: Equations, rows: Sequence[int], unknowns: Sequence[int]
+        self, equations: ArcEquations, rows: Sequence[int], unknowns: Sequence[int]
     ) -> None:
-        self.equations, self.rows, self.unknowns = equations, rows, unknowns
-        self.given = [v for v in range(equations.variables) if v not in unknowns]
+        self.equations = equations
+        self.rows = rows
+        self.unknowns = unknowns
+        self.given = [
+            variable
+            for variable in range(equations.variable_count)
+            if variable not in unknowns
+        ]
         self.degrees = equations.degrees[np.ix_(rows, [*unknowns, *self.given])]
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
-        self.solved: list[tuple[Floats, ChartRoots]] = []
+        self.solved: list[SolvedChoice] = []
 
-    def at(self, turns: Array) -> Polynomials:
-        """Return the polynomials at cosines and sines (m, given, 2), each rounded once."""
-        real, rows = self.equations.real, self.rows
-        made = [real.powers(row, self.unknowns, turns) for row in rows]
-        largest = [max(np.max(np.abs(array), initial=0.0) for array in two) for two in made]
-        error = real.error[rows] * np.max(self.degrees, axis=1, initial=1)
-        error += ROUNDING * np.add(1.0, largest)
-        values, slopes = zip(*made, strict=True)
-        return Polynomials(values, slopes, error, self.equations.bound[rows], self.degrees)
+    def form_polynomials(self, circle_points: Array) -> Polynomials:
+        """Return the polynomials of the system at m choices of the given variables.
 
-    def proven(
-        self, modes: Array, centres: Floats, turns: Floats, half: Floats
-    ) -> tuple[Indices, Bools, Bools, tuple[Floats, Floats, Floats]]:
-        """Return what is proven of the roots for all modes, over boxes of each.
-
-        The mode of each root; for which modes all are proven, real or not, and different;
-        which roots are real. Then what `_angles` says of them. Boxes have their centres,
-        turns and half widths.
+        Parameters
+        ----------
+        circle_points
+            (m, given, 2) cosines and sines of the given variables, each rounded once.
         """
-        bound, still = self.bound, 0.0 * centres
-        inputs = centres, turns, still[..., None] + np.eye(centres.shape[1]), still
-        given, turns, moving, off = (
-            np.concatenate([modes[name], values], axis=1)[:, self.given]
-            for name, values in zip(("angle", "turn", "rates", "off"), inputs, strict=True)
+        harmonics = self.equations.harmonics
+        parts = [
+            harmonics.partial_polynomials(row, self.unknowns, circle_points)
+            for row in self.rows
+        ]
+        largest = [
+            max(np.max(np.abs(array), initial=0.0) for array in arrays) for arrays in parts
+        ]
+        error = harmonics.error[self.rows] * np.max(self.degrees, axis=1, initial=1)
+        error += PRODUCT_ROUNDING * np.add(1.0, largest)
+        return Polynomials(
+            coefficients=tuple(coefficients for coefficients, _ in parts),
+            slopes=tuple(slopes for _, slopes in parts),
+            error=error,
+            derivative_bound=self.equations.derivative_bound[self.rows],
+            degrees=self.degrees,
         )
-        made = self.at(turns)
-        near = roots_of_one(made) if len(self.unknowns) == 1 else self._near(given)
-        roots, ended = polished(made, near)
-        good, radius, unique, width, reach, rates = tubes(made, roots, half, moving, off)
-        for k in np.flatnonzero(are_apart(roots, radius, ended, bound)):
-            self.solved.append((given[k], roots.take(slice(k * bound, (k + 1) * bound))))
-        del self.solved[:-MOST_KNOWN]
-        real, off_circle = are_real(roots, radius, unique)
-        apart = are_apart(roots, radius, good & (real | off_circle), bound)
-        angles = _angles(roots, half[roots.row], width, reach, rates)
-        return roots.row, apart, real, angles
 
-    def _near(self, given: Floats) -> ChartRoots:
-        """Return the roots known nearest to what is given (n, given), moved to there.
+    def prove_roots(
+        self, modes: Array, centres: Floats, circle_points: Floats, half: Floats
+    ) -> SystemFindings:
+        """Return what is proven of the roots of this system, over one box for each mode.
 
-        Where none are near they are found anew.
+        Parameters
+        ----------
+        modes
+            (modes,) records of the modes of the systems before, see `count_modes`.
+        centres
+            (modes, inputs) centre (rad) of the box of each mode.
+        circle_points
+            (modes, inputs, 2) cosines and sines of the exact centres.
+        half
+            (modes, inputs) half widths (rad) of the boxes.
         """
-        start, origins = given.copy(), []
-        at = circle([place for place, _ in self.solved])
-        for place in start:
-            gaps = np.sum((at - circle(place)) ** 2, axis=(1, 2)) if len(at) else [np.inf]
-            near = np.argmin(gaps)
-            if gaps[near] < NEAR:
-                place[:], roots = self.solved[near]
-                origins.append(roots.points)
-            else:
-                origins.append(self._found(self.at(circle(place)[None])))
-        row = np.repeat(np.arange(len(given)), self.bound)
-        roots = ChartRoots.of(np.concatenate(origins), row)
-        _, first, by_given = values_at(self.at(circle(start)), roots)
-        ways = wrap(given - start)[roots.row]
-        rates = np.nan_to_num(-inverses(first) @ by_given)
-        return roots.moved(roots.z + applied(rates, ways))
+        no_error = 0.0 * centres
+        unit_rates = no_error[..., None] + np.eye(centres.shape[1])
 
-    def _found(self, made: Polynomials) -> Complexes:
-        """Return all roots at what is given as points, zeros if some are lost."""
-        for seed in range(SEEDS):
-            roots, good = polished(made, solutions(made, seed))
-            roots = roots.take(good)
-            (gap,) = roots.gaps(len(roots.z))
-            roots = roots.take(~np.any(np.tril(gap < 1e-7, -1), axis=1))
+        def select_given(name: str, of_inputs: Array) -> Array:
+            """Return a property of the given variables, from the modes and the inputs."""
+            return np.concatenate([modes[name], of_inputs], axis=1)[:, self.given]
+
+        given = select_given("angle", centres)
+        polynomials = self.form_polynomials(select_given("circle_points", circle_points))
+        input_boxes = InputBoxes(
+            half=half,
+            given_rates=select_given("rates", unit_rates),
+            given_error=select_given("error", no_error),
+        )
+        if len(self.unknowns) == 1:
+            approximations = solve_one_unknown(polynomials)
+        else:
+            approximations = self._follow_roots(given)
+        roots, has_converged = polish_roots(polynomials, approximations)
+        tubes = enclose_roots(polynomials, roots, input_boxes)
+        # Choices with all roots are starts for others, also if their boxes are too large.
+        has_all_roots = are_distinct(roots, tubes.centre_radius, has_converged, self.bound)
+        for mode in np.flatnonzero(has_all_roots):
+            of_mode = slice(mode * self.bound, (mode + 1) * self.bound)
+            self.solved.append(SolvedChoice(given[mode], roots.take(of_mode)))
+        del self.solved[:-MAX_STORED_SOLUTIONS]
+        is_real, is_not_real = classify_real_roots(
+            roots, tubes.centre_radius, tubes.uniqueness_radius
+        )
+        is_decided = tubes.is_proven & (is_real | is_not_real)
+        is_complete = are_distinct(roots, tubes.centre_radius, is_decided, self.bound)
+        angles = _bound_root_angles(roots, tubes, half[roots.row])
+        return SystemFindings(roots.row, is_complete, is_real, angles)
+
+    def _follow_roots(self, given: Floats) -> ChartRoots:
+        """Return approximate roots, followed from the nearest choices that are solved.
+
+        If no solved choice is near, the roots come from a homotopy.
+
+        Parameters
+        ----------
+        given
+            (m, given) angles (rad) of the given variables.
+
+        Returns
+        -------
+        `bound` roots for each row.
+        """
+        starts = given.copy()
+        start_points = []
+        solved_points = cosines_and_sines([choice.given for choice in self.solved])
+        for start in starts:
+            if len(solved_points):
+                offsets = solved_points - cosines_and_sines(start)
+                squared_distances = np.sum(offsets**2, axis=(1, 2))
+            else:
+                squared_distances = np.array([np.inf])
+            nearest = np.argmin(squared_distances)
+            if squared_distances[nearest] < MAX_SOLUTION_DISTANCE:
+                choice = self.solved[nearest]
+                start[:] = choice.given
+                start_points.append(choice.roots.points)
+            else:
+                polynomials = self.form_polynomials(cosines_and_sines(start)[None])
+                start_points.append(self._solve_by_homotopy(polynomials))
+        row = np.repeat(np.arange(len(given)), self.bound)
+        roots = ChartRoots.from_points(np.concatenate(start_points), row)
+        # One step along the tangent from the start to the given variables.
+        at_starts = evaluate_polynomials(
+            self.form_polynomials(cosines_and_sines(starts)), roots
+        )
+        given_steps = wrap(given - starts)[roots.row]
+        rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
+        return roots.with_points(roots.z + apply_matrices(rates, given_steps))
+
+    def _solve_by_homotopy(self, polynomials: Polynomials) -> Complexes:
+        """Return e^(i angle) (bound, k) of all roots, zeros if some are lost."""
+        for seed in range(HOMOTOPY_SEEDS):
+            approximations = track_homotopy(polynomials, seed)
+            roots, has_converged = polish_roots(polynomials, approximations)
+            roots = roots.take(has_converged)
+            (gaps,) = roots.pairwise_gaps(len(roots.z))
+            # The lower triangle has the gaps to roots with a smaller number.
+            repeats_another = np.any(np.tril(gaps < SAME_ROOT_GAP, -1), axis=1)
+            roots = roots.take(~repeats_another)
             if len(roots.z) == self.bound:
                 return roots.points
         return np.zeros((self.bound, len(self.unknowns)), dtype=complex)
 
 
-def systems_of(equations: Equations) -> list[System]:
-    """Return the systems of a mechanism, each to be solved after those before it."""
-    return [System(equations, *two) for two in equations.construction.systems]
+def list_systems(equations: ArcEquations) -> list[EquationSystem]:
+    """Return the systems of a mechanism in the order in which they are solved."""
+    return [
+        EquationSystem(equations, rows, unknowns)
+        for rows, unknowns in equations.construction.equation_systems
+    ]
 
 
 @np.errstate(all="ignore")
-def counted(
-    systems: Sequence[System], centres: Floats, turns: Floats, half: Floats
+def count_modes(
+    systems: Sequence[EquationSystem], centres: Floats, circle_points: Floats, half: Floats
 ) -> tuple[Bools, Indices]:
-    """Return over which boxes of the inputs (m, inputs) all is proven, and the modes.
+    """Return over which boxes of the inputs all modes are proven, and their numbers.
 
-    Those are the numbers of real ones. `turns` (m, inputs, 2) are the cosines and sines
-    of the exact centres, next to which `centres` are. Roots are followed from those
-    known nearest.
+    Parameters
+    ----------
+    systems
+        The systems of the mechanism in order.
+    centres
+        (m, inputs) float64 numbers (rad) near the centres of the boxes.
+    circle_points
+        (m, inputs, 2) cosines and sines of the exact centres.
+    half
+        (m, inputs) half widths (rad).
+
+    Returns
+    -------
+    is_proven
+        (m,) bools.
+    mode_counts
+        (m,) numbers of real modes, where proven.
     """
     m, inputs = centres.shape
-    good, angles = np.ones(m, dtype=bool), (systems[0].equations.unknowns,)
-    # modes of the systems so far, over the box of a number: angles (rad) of all
-    # unknowns at its centre, zero where not known yet, how they move with the inputs,
-    # and by how much more at most
+    is_proven = np.ones(m, dtype=bool)
+    unknowns = (systems[0].equations.unknown_count,)
+    # Records of the real modes of the systems so far: number of the box; then for all
+    # unknowns the angle (rad) at its centre, cosine and sine, derivatives by the inputs,
+    # and # the largest deviation (rad) from linear motion. Unknowns of later systems are 0.
     modes = np.zeros(
         m,
         [
-            ("row", np.intp),
-            ("angle", float, angles),
-            ("turn", float, (*angles, 2)),
-            ("rates", float, (*angles, inputs)),
-            ("off", float, angles),
+            ("box", np.intp),
+            ("angle", float, unknowns),
+            ("circle_points", float, (*unknowns, 2)),
+            ("rates", float, (*unknowns, inputs)),
+            ("error", float, unknowns),
         ],
     )
-    modes["row"] = np.arange(m)
+    modes["box"] = np.arange(m)
     for system in systems:
-        modes = modes[good[modes["row"]]]
+        modes = modes[is_proven[modes["box"]]]
         if not len(modes):
             break
-        boxes = (values[modes["row"]] for values in (centres, turns, half))
-        row, apart, real, columns = system.proven(modes, *boxes)
-        good[modes["row"][~apart]] = False
-        (kept,) = np.nonzero(real & good[modes["row"]][row])
-        modes = modes[row[kept]]
-        for name, column in zip(("angle", "rates", "off"), columns, strict=True):
-            modes[name][:, system.unknowns] = column[kept]
-        modes["turn"][:, system.unknowns] = circle(columns[0][kept])
-    return good, np.bincount(modes["row"], minlength=m)
+        boxes = modes["box"]
+        findings = system.prove_roots(
+            modes, centres[boxes], circle_points[boxes], half[boxes]
+        )
+        is_proven[boxes[~findings.is_complete]] = False
+        # Each real root of a proven box extends its mode.
+        (real_roots,) = np.nonzero(findings.is_real & is_proven[boxes][findings.mode])
+        modes = modes[findings.mode[real_roots]]
+        angles = findings.angles
+        modes["angle"][:, system.unknowns] = angles.angle[real_roots]
+        modes["rates"][:, system.unknowns] = angles.rates[real_roots]
+        modes["error"][:, system.unknowns] = angles.error[real_roots]
+        modes["circle_points"][:, system.unknowns] = cosines_and_sines(
+            angles.angle[real_roots]
+        )
+    return is_proven, np.bincount(modes["box"], minlength=m)
 
 
-def _angles(
-    roots: ChartRoots, half: Floats, width: Floats, reach: Floats, rates: Complexes
-) -> tuple[Floats, Floats, Floats]:
-    """Return angles (n, k) of roots, of which the real ones are of use, rates, and off.
+def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> RootAngles:
+    """Return the angles of roots and their motion over the boxes.
 
-    At the centre, by the inputs, and how far they go from that over boxes.
+    Parameters
+    ----------
+    roots
+        The approximate roots.
+    tubes
+        Their tubes over the boxes.
+    half
+        (n, inputs) half widths (rad) of the box of each root.
     """
-    size = np.abs(roots.z)
+    magnitude = np.abs(roots.z)
+    # In the chart of the inverse the angle is negative.
     sense = np.where(roots.inverse, -1, 1)
-    rates = rates / (1j * sense * roots.z)[:, :, None]
-    # log(1 + w) is off from w by at most this
-    w = reach / size
-    off = 0.5 * w**2 / (1.0 - w) + width[:, None] / size
-    off = 1.05 * off + np.abs(size - 1.0) + 1e-15 * applied(np.abs(rates), half) + 1e-13
-    off = np.where(w < 0.5, off, np.inf)
-    return sense * np.angle(roots.z), rates.real, off
+    rates = tubes.rates / (1j * sense * roots.z)[:, :, None]
+    # The logarithm of 1 + w differs from w by at most w^2 / 2 / (1 - w).
+    w = tubes.reach / magnitude
+    error = 0.5 * w**2 / (1.0 - w) + tubes.tube_radius[:, None] / magnitude
+    # The approximation may be off the unit circle; the last two terms cover rounding.
+    error = (
+        1.05 * error
+        + np.abs(magnitude - 1.0)
+        + 1e-15 * apply_matrices(np.abs(rates), half)
+        + 1e-13
+    )
+    error = np.where(w < 0.5, error, np.inf)
+    return RootAngles(sense * np.angle(roots.z), rates.real, error)

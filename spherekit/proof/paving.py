@@ -1,169 +1,316 @@
-"""Proof that no configuration lies outside given pieces: space is cut into boxes.
+"""Exclusion: proof that no configuration exists outside given parts of space.
 
-A box goes if an equation cannot vanish in it: |f| at its centre is more than its slopes and
-the bound of its second derivatives allow over the box. It goes too if it is inside a
-piece. All others are halved. What is left when boxes are small is undecided.
+The space of the variables is cut into boxes. A box is discarded if an equation cannot
+vanish in it: |f| at its centre exceeds what the slopes and the bound of the second
+derivatives allow over the box. It is also discarded if it is inside a given part. All other
+boxes are halved. Boxes that are still left when they are small are undecided.
 
-Nor can a sum of equations vanish where one of them cannot be made up for by others: taken
-are the sums of the pseudo-inverse of F', in which the slope by one variable is largest. Any
-sum is one that may be taken, so that nothing rests on how well its weights are computed.
+A linear combination of equations that cannot vanish in a box discards it as well. The
+combinations that are tried are the rows of the pseudo-inverse of F', in each of which the
+slope by one variable dominates. The proof is valid for any weights, so their rounding does
+not matter.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, Integers
 from spherekit.progress import ProgressReporter
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.balls import UNIT, Ball, circle, middle, upper
-from spherekit.proof.tubes import ROUNDING, UP, corrected
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.balls import (
+    UNIT_ROUNDOFF,
+    Ball,
+    centre_float,
+    cosines_and_sines,
+    upper_magnitude,
+)
+from spherekit.proof.tubes import PRODUCT_ROUNDING, ROUND_UP, correct_configuration
 
-RIDGE = 1e-9
-"""What is added to the squares of slopes, so that weights are finite."""
+WEIGHT_REGULARISATION = 1e-9
+"""Number added to the diagonal of F' F'^T, so that the weights are finite.
+
+Larger: weights farther from the pseudo-inverse, which discard fewer boxes. Smaller: near
+singular F' the weights may overflow.
+"""
+
+MAX_BOXES_AT_ONCE = 4000
+"""Number of boxes that are examined in one array operation.
+
+Larger: more memory. Smaller: more overhead.
+"""
+
+SEARCHED_BOX_RAD = 0.12
+"""Half width (rad) of boxes below which configurations are looked for in them.
+
+Larger: curves are found earlier, with more failing searches. Smaller: more boxes are cut
+before a curve is found.
+"""
+
+SEARCHED_BOXES = 3
+"""Number of boxes of each batch in which configurations are looked for."""
+
+SMALLEST_BOX_RAD = 1e-6
+"""Half width (rad) below which boxes are not halved and count as undecided.
+
+Larger: larger undecided parts. Smaller: near crossings more boxes are examined.
+"""
+
+FIRST_ANGLE_RAD = -2.4
+"""Start (rad) of the full turn of each unknown angle.
+
+Special geometry has its configurations at multiples of simple fractions of a turn. At this
+start none of them is on the side of a box.
+"""
 
 
-def apart(values: Floats, slopes: Floats, radii: Floats, bent: Floats) -> Bools:
-    """Return which boxes are proven to have no zero (n,).
+def are_excluded(
+    values: Floats, slopes: Floats, radii: Floats, remainders: Floats
+) -> Bools:
+    """Return which boxes are proven to contain no zero of all equations, (n,).
 
     Parameters
     ----------
-    values, slopes
-        Of the equations at the centres, (n, k) and (n, k, v).
+    values
+        (n, k) equations at the centres of the boxes.
+    slopes
+        (n, k, v) their derivatives there.
     radii
-        Of the boxes, (n, v).
-    bent
-        (n, k) by how much at most the equations differ from their linear parts over the
+        (n, v) half widths of the boxes (rad).
+    remainders
+        (n, k) bounds of the difference of the equations from their linear parts over the
         boxes, errors included.
     """
-    across = slopes.swapaxes(1, 2)
-    weights = across @ np.linalg.inv(slopes @ across + RIDGE * np.eye(values.shape[1]))
-    size = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
+    transposed = slopes.swapaxes(1, 2)
+    regularisation = WEIGHT_REGULARISATION * np.eye(values.shape[1])
+    # (n, v, k): row v is the combination in which the slope by variable v dominates.
+    weights = transposed @ np.linalg.inv(slopes @ transposed + regularisation)
+    magnitudes = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
+    # w counts the combinations: what each can change over the box.
     reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
-    reach += np.einsum("nwk,nk->nw", np.abs(weights), bent + ROUNDING * size)
-    sums = np.abs(np.einsum("nwk,nk->nw", weights, values))
-    return np.any(sums > reach * UP, axis=1)
+    reach += np.einsum(
+        "nwk,nk->nw", np.abs(weights), remainders + PRODUCT_ROUNDING * magnitudes
+    )
+    combined_values = np.abs(np.einsum("nwk,nk->nw", weights, values))
+    return np.any(combined_values > reach * ROUND_UP, axis=1)
 
 
-CHUNK = 4000
-SEEDING, TRIED = 0.12, 3
-"""Boxes (rad) so small are looked into for what is not known yet, some of each batch."""
-SMALLEST = 1e-6
-"""Boxes (rad) are not halved further."""
-FIRST = -2.4
-"""Where turns of unknown angles begin (rad): at no place that special geometry prefers."""
+class VariableRanges:
+    """The ranges of all variables, and their division into boxes.
 
+    Boxes are integers (2, n, variables). For each variable, [0] is the number of times that
+    its range was halved, and [1] is the number of the part, from 0.
 
-class Ranges:
-    """The ranges of variables from `low` on, `width` wide: balls (rad), cut into boxes.
+    Parameters
+    ----------
+    low
+        Start of each range, balls (rad) that are exact or far narrower than a rounding.
+    width
+        Width of each range, likewise; 0 for a variable with one value.
 
-    The balls are exact or far narrower than a rounding. Boxes are integers (2, n,
-    variables): how often each side was halved, and which part it is.
+    Attributes
+    ----------
+    low
+        As given.
+    start, extent
+        (variables,) float64 numbers near the starts and widths.
+    whole
+        The one box of all ranges.
     """
 
     def __init__(self, low: Sequence[Ball], width: Sequence[Ball]) -> None:
         self.low = low
-        self.start, self.extent = (np.array([*map(middle, x)]) for x in (low, width))
+        self.start = np.array([*map(centre_float, low)])
+        self.extent = np.array([*map(centre_float, width)])
         self.whole: Integers = np.zeros((2, 1, len(low)), dtype=np.int64)
-        self._widest = np.array([*map(upper, width)]) * UP
-        self._off = 8.0 * UNIT * (np.abs(self.start) + np.abs(self.extent))
-        self._off[self.extent == 0.0] = 0.0
+        self._upper_width = np.array([*map(upper_magnitude, width)]) * ROUND_UP
+        # Rounding of the centres.
+        magnitude = np.abs(self.start) + np.abs(self.extent)
+        self._rounding = 8.0 * UNIT_ROUNDOFF * magnitude
+        self._rounding[self.extent == 0.0] = 0.0
 
     def radii(self, boxes: Integers) -> Floats:
-        """Return half widths (n, variables) about the centres, rounded up."""
-        return self._widest * np.exp2(-1.0 - boxes[0]) + self._off
+        """Return the half widths (n, variables) rad about `centres`, rounded up."""
+        return self._upper_width * np.exp2(-1.0 - boxes[0]) + self._rounding
 
     def centres(self, boxes: Integers) -> Floats:
-        """Return float64 numbers (n, variables) next to the centres."""
-        levels, places = boxes
-        return self.start + self.extent * (places + 0.5) * np.exp2(-levels)
+        """Return float64 numbers (n, variables) rad near the centres of boxes."""
+        levels, parts = boxes
+        return self.start + self.extent * (parts + 0.5) * np.exp2(-levels)
 
-    def turns(self, boxes: Integers) -> Floats:
-        """Return cosines and sines (n, variables, 2) of these, each rounded once.
+    def circle_points(self, boxes: Integers) -> Floats:
+        """Return cosines and sines (n, variables, 2) of `centres`, each rounded once.
 
-        Where a variable has only one angle they are of that.
+        For a variable with one value they are those of the ball, not of a float64 number
+        near it.
         """
         centres = self.centres(boxes)
-        numbers, back = np.unique(centres, return_inverse=True)
-        made = circle(numbers)[back]
-        fixed = self.extent == 0.0
-        made[:, fixed] = circle(self.low)[fixed]
-        return made
+        # Many boxes share coordinates, so each number is evaluated once.
+        numbers, positions = np.unique(centres, return_inverse=True)
+        circle_points = cosines_and_sines(numbers)[positions]
+        has_one_value = self.extent == 0.0
+        circle_points[:, has_one_value] = cosines_and_sines(self.low)[has_one_value]
+        return circle_points
 
 
-def halved(boxes: Integers, sides: Indices) -> Integers:
-    """Return both halves of each box across its side in `sides` (n,)."""
-    levels, places = boxes
-    cut = np.arange(levels.shape[1]) == sides[:, None]
-    levels, low = levels + cut, places << cut
-    return np.concatenate([[levels, low], [levels, low + cut]], axis=1)
+def halve_boxes(boxes: Integers, variables: Indices) -> Integers:
+    """Return both halves of each box, cut across one variable per box.
+
+    Parameters
+    ----------
+    boxes
+        (2, n, v) boxes, see `VariableRanges`.
+    variables
+        (n,) the variable across which each box is cut.
+
+    Returns
+    -------
+    (2, 2 n, v): the lower halves of all boxes, then the upper halves.
+    """
+    levels, parts = boxes
+    is_cut = np.arange(levels.shape[1]) == variables[:, None]
+    levels = levels + is_cut
+    lower_parts = parts << is_cut
+    return np.concatenate([[levels, lower_parts], [levels, lower_parts + is_cut]], axis=1)
 
 
-def cut_up(
-    boxes: Integers, most: int, doing: str, judged: Callable[[Integers, int], Integers]
+def subdivide(
+    boxes: Integers,
+    max_at_once: int,
+    activity: str,
+    examine: Callable[[Integers, int], Integers],
 ) -> int:
-    """Return how many boxes were looked at until `judged` leaves none.
+    """Examine boxes and the parts that remain of them until nothing remains.
 
-    It is told at most `most` boxes at once, and how many there were before and with them.
+    Parameters
+    ----------
+    boxes
+        (2, n, v) boxes, see `VariableRanges`.
+    max_at_once
+        Largest number of boxes that are examined in one call.
+    activity
+        Words for the progress report.
+    examine
+        Examines boxes and returns those to be examined next. The second argument is the
+        number of boxes examined so far, these included.
+
+    Returns
+    -------
+    The number of examined boxes.
     """
-    waiting, looked_at, working = [boxes], 0, ProgressReporter(doing)
+    waiting = [boxes]
+    examined_count = 0
+    progress = ProgressReporter(activity)
     while waiting:
-        boxes, later = np.split(waiting.pop(), [most], axis=1)
-        looked_at += boxes.shape[1]
-        working.tell(lambda: f"{looked_at} boxes")  # noqa: B023
-        left = judged(boxes, looked_at)
-        waiting += [part for part in (later, left) if part.shape[1]]
-    return looked_at
+        batch, postponed = np.split(waiting.pop(), [max_at_once], axis=1)
+        examined_count += batch.shape[1]
+        progress.tell(lambda: f"{examined_count} boxes")  # noqa: B023
+        remaining = examine(batch, examined_count)
+        waiting += [part for part in (postponed, remaining) if part.shape[1]]
+    return examined_count
 
 
-Covered = Callable[[Floats, Floats], Bools]
-"""Says which boxes of centres and radii (n, variables) are inside a piece."""
-Taken = Callable[[Floats], bool]
-"""Is told a configuration next to a box that is not decided; whether it finds a piece."""
-Left = tuple[Floats, Floats]
-"""Centres and radii (n, variables) rad of boxes that are left undecided."""
+@dataclass(frozen=True)
+class BoxSet:
+    """Boxes in the space of all variables.
 
-
-def paved(
-    equations: Equations,
-    ranges: Ranges,
-    covered: Covered,
-    taken: Taken,
-    most: int,
-) -> tuple[int, Left]:
-    """Return how many boxes of the ranges were looked at, and those left over.
-
-    They may have configurations that are not in pieces. After `most` boxes none are halved.
+    Attributes
+    ----------
+    centres, radii
+        (n, v) centres and half widths (rad).
     """
-    degrees, error = equations.degrees, equations.real.error
-    moved = int(np.sum(ranges.extent > 0.0))
-    left: list[Left] = []
 
-    def judged(boxes: Integers, looked_at: int) -> Integers:
+    centres: Floats
+    radii: Floats
+
+    def __len__(self) -> int:
+        return len(self.centres)
+
+
+BoxCover = Callable[[Floats, Floats], Bools]
+"""Returns which boxes are inside given parts, from centres and half widths (n, v) rad."""
+
+ConfigurationSink = Callable[[Floats], bool]
+"""Receives a configuration (v,) near an undecided box; returns whether a part was added."""
+
+
+def pave(
+    equations: ArcEquations,
+    ranges: VariableRanges,
+    covers: BoxCover,
+    add_configuration: ConfigurationSink,
+    max_boxes: int,
+) -> tuple[int, BoxSet]:
+    """Examine the whole of the ranges, and return the boxes that remain undecided.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    ranges
+        The ranges of all variables.
+    covers
+        Which boxes are inside the parts with known configurations.
+    add_configuration
+        Called with configurations near boxes that are not excluded, so that parts can be
+        added.
+    max_boxes
+        After this number of boxes none is halved.
+
+    Returns
+    -------
+    The number of examined boxes, and the undecided boxes. Configurations outside the parts
+    can exist in these only.
+    """
+    degrees = equations.degrees
+    error = equations.harmonics.error
+    moving_count = int(np.sum(ranges.extent > 0.0))
+    undecided_centres: list[Floats] = []
+    undecided_radii: list[Floats] = []
+
+    def examine(boxes: Integers, examined_count: int) -> Integers:
+        """Return the halves of the boxes that are neither excluded nor covered."""
         radii = ranges.radii(boxes)
-        values, slopes = equations.real.derivatives(ranges.turns(boxes), 1)
+        values, slopes = equations.harmonics.derivatives(ranges.circle_points(boxes), 1)
         change = radii @ degrees.T
-        bent = 0.5 * equations.bound * change**2 + error * (1.0 + change)
+        remainders = 0.5 * equations.derivative_bound * change**2 + error * (1.0 + change)
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
-        rows = np.flatnonzero(np.all(np.abs(values) <= (reach + bent) * UP, axis=1))
-        rows = rows[~apart(values[rows], slopes[rows], radii[rows], bent[rows])]
-        boxes, radii = boxes[:, rows], radii[rows]
-        centres = ranges.centres(boxes)
-        kept, widest = ~covered(centres, radii), np.max(radii, axis=1)
-        small = np.flatnonzero(kept & (widest < SEEDING))
-        new = False
-        for row in small[:: max(1, len(small) // TRIED)]:
-            place = corrected(equations, centres[row], moved)
-            near = 4.0 * widest[row]
-            if place is not None and np.max(np.abs(place - centres[row])) <= near:
-                new |= taken(place)
-        if new:
-            kept[kept] = ~covered(centres[kept], radii[kept])
-        ended = kept & ((widest < SMALLEST) | (looked_at > most))
-        left.append((centres[ended], radii[ended]))
-        kept &= ~ended
-        return halved(boxes[:, kept], np.argmax(radii[kept], axis=1))
+        # Single equations first: they are cheap and discard most boxes.
+        can_vanish = np.all(np.abs(values) <= (reach + remainders) * ROUND_UP, axis=1)
+        rows = np.flatnonzero(can_vanish)
+        is_excluded = are_excluded(
+            values[rows], slopes[rows], radii[rows], remainders[rows]
+        )
+        rows = rows[~is_excluded]
 
-    looked_at = cut_up(ranges.whole, CHUNK, "proving that nothing else is there", judged)
-    centres, radii = map(np.concatenate, zip(*left, strict=True))
-    return looked_at, (centres, radii)
+        boxes = boxes[:, rows]
+        radii = radii[rows]
+        centres = ranges.centres(boxes)
+        is_open = ~covers(centres, radii)
+        largest_radius = np.max(radii, axis=1)
+        small_boxes = np.flatnonzero(is_open & (largest_radius < SEARCHED_BOX_RAD))
+        has_new_part = False
+        for row in small_boxes[:: max(1, len(small_boxes) // SEARCHED_BOXES)]:
+            configuration = correct_configuration(equations, centres[row], moving_count)
+            if configuration is None:
+                continue
+            # Far away from the box the search would repeat that of other boxes.
+            distance = np.max(np.abs(configuration - centres[row]))
+            if distance <= 4.0 * largest_radius[row]:
+                has_new_part |= add_configuration(configuration)
+        if has_new_part:
+            is_open[is_open] = ~covers(centres[is_open], radii[is_open])
+
+        is_last = (largest_radius < SMALLEST_BOX_RAD) | (examined_count > max_boxes)
+        is_undecided = is_open & is_last
+        undecided_centres.append(centres[is_undecided])
+        undecided_radii.append(radii[is_undecided])
+        is_open &= ~is_undecided
+        return halve_boxes(boxes[:, is_open], np.argmax(radii[is_open], axis=1))
+
+    examined_count = subdivide(
+        ranges.whole, MAX_BOXES_AT_ONCE, "proving that nothing else is there", examine
+    )
+    undecided = BoxSet(np.concatenate(undecided_centres), np.concatenate(undecided_radii))
+    return examined_count, undecided

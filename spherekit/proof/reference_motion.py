@@ -1,16 +1,19 @@
-"""The motion that follows from the loads in balls: a reference for simulations.
+"""The motion of a mechanism under its loads in balls: a reference for simulations.
 
-Of the variables the one that moves most is the coordinate c, its choice made anew for each
-step. With B the equivalent inertia and Q the generalised force by c, Eksergian's equation
-(Di Gregorio 2024, eq. (9)) is
+In each step the pair variable that moves fastest is the coordinate c. With the equivalent
+inertia B and the generalised force Q by c, Eksergian's equation (Di Gregorio 2024, eq. (9))
+is
 
     dc/dt = p / sqrt(B),   dp/dt = Q / sqrt(B),
 
-for p = sqrt(B) dc/dt, whose square is twice the kinetic energy. In each step dc/dt and
-dp/dt are series of Legendre polynomials through Gauss's nodes, found by Picard's iteration
-from a float64 solution; at each of its turns the loops are closed once more by a step of
-Newton's method with c held. The geometry is the declared one, see
-`spherekit.proof.reference_rows`.
+where p = sqrt(B) dc/dt. The square of p is twice the kinetic energy. In each step dc/dt and
+dp/dt are Legendre series through Gauss nodes. They are found by Picard's iteration, which
+starts from a float64 solution. Each sweep of the iteration also closes the loops once more,
+by a Newton step with c held.
+
+Loads that are not smooth have *switches*: each `abs`, `sign`, `min` and `max` depends on
+the sign of a condition. Within a step every switch is held on one side, so that the load is
+smooth. A step ends where a condition changes its sign.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,132 +28,253 @@ from spherekit.errors import EngineError
 from spherekit.mechanism.load import LoadComponent, TorqueTable, require_expression
 from spherekit.mechanism.load_expression import ARRAY_OPERATIONS, NON_SMOOTH_FUNCTIONS, fold
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.proof.ball_forces import Moving, Sides, _of_table, inertia
-from spherekit.proof.ball_frames import exact, exactly
+from spherekit.proof.ball_forces import equivalent_inertia, interpolate_table
+from spherekit.proof.ball_frames import exact_ball, exact_balls
 from spherekit.proof.balls import (
     Ball,
     Digits,
-    coefficient,
-    floats,
-    library,
-    middles,
-    series,
+    centre_floats,
+    exact_centres,
+    flint_library,
+    power_series,
+    series_coefficient,
 )
-from spherekit.proof.linkage import Closed, Linkage, left_inverse, turning_rates
+from spherekit.proof.linkage import (
+    Linkage,
+    LoopClosure,
+    angular_velocities,
+    left_inverses,
+)
 from spherekit.status import Status
 
+MAX_PICARD_SWEEPS = 40
+"""Largest number of sweeps of Picard's iteration; a step that needs more is too long."""
 
-def knots(parts: Sequence[LoadComponent], until: float) -> list[Ball]:
-    """Return the times between 0 and `until` (s) at which tables of torques have kinks."""
-    every: list[Ball] = []
-    for table in (part.magnitude for part in parts):
-        if isinstance(table, TorqueTable):
-            times = exactly(table.times)
-            period = times[-1] - times[0]
-            farthest = until + np.max(np.abs(table.times))
-            turns = int(farthest / float(period)) + 1 if table.periodic else 0
-            for turn in range(-turns, turns + 1):
-                every.extend(middles(times + turn * period))
-    inside = {float(t): t for t in every if 0.0 < float(t) < until}
-    return sorted(inside.values(), key=float)
+CHEAP_SWEEPS = 15
+"""Number of sweeps beyond which the next step is shorter.
 
+Larger: fewer and longer steps with more sweeps each. Smaller: more and shorter steps.
+"""
 
-SWEEPS = 40
-"""Most turns of Picard's iteration; a step that needs more is too long."""
+STEP_GROWTH = 1.05
+"""Length of the next step over that of a step with few sweeps."""
 
-FEW, LONGER = 15, 1.05
-"""Turns after which a step is longer than is cheap; how much longer else the next is."""
+STEP_REDUCTION = 0.8
+"""Length of the next step over that of a step with many sweeps or a large error."""
 
-ACCEPTED = 16
-"""Roundings by which a step's last terms may move it."""
+MAX_TRUNCATION_ROUNDINGS = 16
+"""Largest size of the last terms of a step, in roundings.
 
-CHANGED = 2
-"""Roundings by which the last turn of Picard's iteration may."""
+Larger: longer steps with larger errors. Smaller: shorter steps, whose roundings add up.
+"""
 
-SETTLED = 1e5
-"""Roundings below which a change that no longer shrinks is rounding,"""
+CONVERGED_ROUNDINGS = 2
+"""Change of the last sweep, in roundings, below which the iteration has converged."""
 
-SURE = 10
-"""from this turn on; before, the iteration may not yet converge."""
+STAGNATION_ROUNDINGS = 1e5
+"""Change of a sweep, in roundings, below which a change that no longer shrinks is rounding.
 
-SHORTEST = 1e-10
-"""A step shorter than this part of the whole time is not an use."""
+Larger: a slow iteration may count as converged. Smaller: ill-conditioned steps never end.
+"""
 
-PREFERRED = 1.5
-"""Another variable becomes the coordinate where it moves this many times as fast."""
+MIN_SWEEPS_TO_STAGNATE = 10
+"""First sweep in which a change that no longer shrinks may count as rounding.
 
-GRID = 4
-"""Places, for each node of a step, at which conditions are looked at."""
+Before it, the iteration may not have begun to converge.
+"""
 
-Guess = Callable[[Floats], tuple[Floats, Floats]]
-"""Approximate variables (n, variables) rad, whole turns included, and their rates by
-time, at times (n,) s."""
+MIN_STEP_RATIO = 1e-10
+"""Shortest step, over the whole time; if a shorter one were needed the motion fails."""
+
+COORDINATE_CHANGE_RATIO = 1.5
+"""Rate of another variable, per unit rate of the coordinate, that makes it the coordinate.
+
+Larger: longer series near singularities of the coordinate. Smaller: frequent changes.
+"""
+
+SWITCH_SAMPLES_PER_NODE = 4
+"""Number of samples, for each node of a step, at which the signs of conditions are seen.
+
+Larger: two sign changes that are closer are noticed. Smaller: less evaluation.
+"""
+
+FloatSolution = Callable[[Floats], tuple[Floats, Floats]]
+"""Returns an approximate solution at times (n,) s.
+
+The result are the variables (n, variables) rad, whole turns included, and their rates
+(n, variables) by time.
+"""
 
 EndKind = Literal["time", "joint_limit", "sticking"]
+"""Why a motion ends: the requested time, a joint limit, or dry friction at rest."""
+
+SwitchSides = Floats | None
+"""Sides (switches,) +1 or -1 of all conditions, or None for those on which they are."""
+
+JOINT_LIMIT_SWITCH = -1
+"""Number that stands for a joint limit among the numbers of switches."""
+
+
+def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]:
+    """Return the times (s) between 0 and `until` at which tables of torques have kinks."""
+    times: list[Ball] = []
+    for table in (part.magnitude for part in parts):
+        if isinstance(table, TorqueTable):
+            table_times = exact_balls(table.times)
+            period = table_times[-1] - table_times[0]
+            farthest = until + np.max(np.abs(table.times))
+            period_count = int(farthest / float(period)) + 1 if table.periodic else 0
+            for number in range(-period_count, period_count + 1):
+                times.extend(exact_centres(table_times + number * period))
+    kinks = {float(t): t for t in times if 0.0 < float(t) < until}
+    return sorted(kinks.values(), key=float)
+
+
+@dataclass(frozen=True)
+class MovingMechanism:
+    """A mechanism at n configurations, with rates per unit rate of the coordinate.
+
+    Attributes
+    ----------
+    values
+        (n, variables) pair variables (rad), whole turns included.
+    rates
+        (n, variables) rates of the variables.
+    w
+        (n, links, 3) angular velocities of the links in ground axes.
+    rotations
+        (n, links, 3, 3) rotations from link axes to ground axes.
+    """
+
+    values: Array
+    rates: Array
+    w: Array
+    rotations: Array
+
+
+@dataclass(frozen=True)
+class _CoordinateState:
+    """A mechanism at n configurations that are nearly closed.
+
+    Attributes
+    ----------
+    moving
+        Configurations and rates.
+    root_inertia
+        (n,) square root of the equivalent inertia.
+    closing_step
+        (n, variables) Newton step (rad) that closes the loops with the coordinate held.
+    """
+
+    moving: MovingMechanism
+    root_inertia: Array
+    closing_step: Array
 
 
 @dataclass(frozen=True)
 class _Step:
-    """A step from `start` (s), `length` long, on which time goes from -1 to 1.
+    """A step of the motion. Within it x goes from -1 to 1.
 
-    `way` (count + 1, 2) are the series of the coordinate, the variable `along`, and of p.
-    `sides` are those of the switches; `signed` are series that turn negative where one
-    ends, by its number, -1 for joint limits. `error` is the size of its last terms in
-    roundings, `sweeps` the turns it took.
+    Attributes
+    ----------
+    start, length
+        Start and length in time (s).
+    coordinate
+        Number of the variable that is the coordinate.
+    series
+        (nodes + 1, 2) Legendre coefficients in x of the coordinate (rad) and of p.
+    sides
+        (switches,) sides of all conditions.
+    conditions
+        Legendre series of conditions and joint limits. Each becomes negative where the step
+        has to end. The first entry is the number of the switch, -1 for a joint limit.
+    truncation
+        Size of the last terms of the series, in roundings.
+    sweeps
+        Number of sweeps that the iteration took.
     """
 
     start: Ball
     length: Ball
-    along: int
-    way: Array
+    coordinate: int
+    series: Array
     sides: Floats
-    signed: list[tuple[int, Array]]
-    error: float
+    conditions: list[tuple[int, Array]]
+    truncation: float
     sweeps: int
 
-    def reached(self, x: Array) -> Array:
-        """Return the coordinate and p (2, n) at places x (n,) in [-1, 1]."""
-        return middles(_value(self.way, x).T)
+    def evaluate(self, x: Array) -> Array:
+        """Return the coordinate and p, (2, n), at positions x (n,) in [-1, 1]."""
+        return exact_centres(_evaluate_series(self.series, x).T)
 
 
-def _value(series: Array, x: Array) -> Array:
-    """Return Legendre series with coefficients (count, ...) at places x (n,)."""
-    # numpy's own `legval` has factors that it rounds to float64
-    return legvander(x, len(series) - 1) @ series
+@dataclass(frozen=True)
+class _SignChange:
+    """The first sign change of a condition in a step.
+
+    Attributes
+    ----------
+    x
+        Its position in [-1, 1].
+    switch
+        Number of the switch, -1 for a joint limit.
+    is_at_start
+        Whether the condition is negative at the first sample already.
+    """
+
+    x: Ball
+    switch: int | None
+    is_at_start: bool
 
 
-def _integral(series: Array) -> Array:
-    """Return the series of the integrals from -1."""
-    made = legint(series)
-    made[0] -= _value(made, exactly([-1.0]))[0]
-    return made
+def _evaluate_series(coefficients: Array, x: Array) -> Array:
+    """Return Legendre series with coefficients (count, ...) at positions x (n,).
+
+    `legval` of NumPy is not used, since it rounds its factors to float64.
+    """
+    return legvander(x, len(coefficients) - 1) @ coefficients
+
+
+def _integrate_series(coefficients: Array) -> Array:
+    """Return the Legendre series of the integrals from -1."""
+    integral = legint(coefficients)
+    integral[0] -= _evaluate_series(integral, exact_balls([-1.0]))[0]
+    return integral
 
 
 class ExactSimulation:
-    """The motion of a single-DOF mechanism from a start, under its loads.
-
-    It goes from t = 0 to `end` (s), where it ended by `kind`: the time asked for, a joint
-    limit, or dry friction that would turn back at once. `switches` are the times (s) of its
-    kinks.
+    """The motion of a mechanism with one degree of freedom under its loads.
 
     Parameters
     ----------
     arithmetic
-        The digits to compute with.
+        The number of digits.
     mechanism
-        With masses; all its loads act.
+        A mechanism with masses. All its loads act.
     driven, q, dq
-        The variable whose value (rad) and rate (rad/s) at t = 0 are given, exactly.
+        The variable whose value q (rad) and rate dq (rad/s) at t = 0 are given exactly.
     until
-        The time (s) to go to; beyond a stop, no further.
-    guess
-        A float64 solution.
+        The time (s) at which the motion ends, unless it ends earlier.
+    float_solution
+        A float64 solution, from which the iteration starts.
+
+    Attributes
+    ----------
+    arithmetic, mechanism, until
+        As given.
+    end
+        The time (s) at which the motion ended.
+    kind
+        Why it ended: at the requested time, at a joint limit, or because dry friction would
+        reverse it at once.
+    switches
+        The times (s) at which loads have kinks.
 
     Raises
     ------
     EngineError
-        If no step is short enough, or the configuration at the start is singular by the
-        driven variable.
+        If no step is short enough, or if the start is singular with the driven variable as
+        coordinate.
     """
 
     def __init__(
@@ -161,79 +285,125 @@ class ExactSimulation:
         q: float,
         dq: float,
         until: float,
-        guess: Guess,
+        float_solution: FloatSolution,
     ) -> None:
-        self.arithmetic, self.mechanism, self.until = arithmetic, mechanism, until
-        self._guess = guess
-        self._largest = 0.0
+        self.arithmetic = arithmetic
+        self.mechanism = mechanism
+        self.until = until
+        self._float_solution = float_solution
+        # Largest |p| so far: the scale of its changes.
+        self._largest_p = 0.0
         self._steps: list[_Step] = []
         self.switches: list[Ball] = []
         self.kind: EndKind = "time"
         with arithmetic.within():
-            self.end = exact(0.0)
+            self.end = exact_ball(0.0)
             self._linkage = Linkage(mechanism)
-            self._parts = [
+            self._load_parts = [
                 part for load in mechanism.loads for part in load.components(mechanism)
             ]
-            self._count = count = 10 + arithmetic.digits
-            root = library().arb.legendre_p_root
-            rows = [root(count, k, weight=True) for k in range(count)[::-1]]
-            self._nodes, weights = middles(np.array(rows)).T
+            count = 10 + arithmetic.digits
+            self._node_count = count
+            legendre_root = flint_library().arb.legendre_p_root
+            nodes_and_weights = [
+                legendre_root(count, k, weight=True) for k in range(count)[::-1]
+            ]
+            self._nodes, weights = exact_centres(np.array(nodes_and_weights)).T
+            # (nodes, nodes): Legendre coefficients from values at the nodes, and integrals
+            # from -1 to the nodes from values at the nodes.
             polynomials = legvander(self._nodes, count - 1) * (np.arange(count) + 0.5)
-            # coefficients from values at the nodes, and integrals from the start to these
-            self._series = middles((polynomials * weights[:, None]).T)
-            self._integrals = middles(_value(_integral(self._series), self._nodes))
-            self._grid = np.linspace(-1.0, 1.0, GRID * count + 1)
+            self._to_series = exact_centres((polynomials * weights[:, None]).T)
+            self._to_integrals = exact_centres(
+                _evaluate_series(_integrate_series(self._to_series), self._nodes)
+            )
+            sample_count = SWITCH_SAMPLES_PER_NODE * count + 1
+            self._samples = np.linspace(-1.0, 1.0, sample_count)
             self._run(driven, q, dq)
 
     def at(self, t: Floats) -> Array:
-        """Return the variables and two derivatives by time, balls (3, n, variables).
+        """Return the variables and their first two derivatives by time.
 
-        At times t (n,) s from 0 to the end; later ones count as the end. The variables are
-        in rad, whole turns included.
+        Parameters
+        ----------
+        t
+            (n,) times (s) from 0 to the end. Later times count as the end.
+
+        Returns
+        -------
+        (3, n, variables) balls: variables (rad, whole turns included), rad/s, rad/s2.
         """
         t = np.asarray(t, dtype=float)
         with self.arithmetic.within():
-            times = np.where(t >= float(self.end), self.end, exactly(t))
-            later = [float(step.start) for step in self._steps[1:]]
-            owner = np.searchsorted(later, t, side="right")
+            times = np.where(t >= float(self.end), self.end, exact_balls(t))
+            later_starts = [float(step.start) for step in self._steps[1:]]
+            step_numbers = np.searchsorted(later_starts, t, side="right")
             shape = 3, len(t), len(self.mechanism.variable_owners)
             states: Array = np.empty(shape, dtype=object)
-            for number in np.unique(owner):
-                rows = owner == number
-                states[:, rows] = self._states(self._steps[number], times[rows])
+            for number in np.unique(step_numbers):
+                rows = step_numbers == number
+                states[:, rows] = self._evaluate_step(self._steps[number], times[rows])
         return states
 
-    def _states(self, step: _Step, t: Array) -> list[Array]:
-        """Return the variables and their two derivatives by time within a step."""
-        c, p = step.reached(2 * (t - step.start) / step.length - 1)
-        closed = self._closed(t, c, step.along)
-        values, first, second = self._linkage.motion(closed, step.along, 2)
-        placed, _ = self._linkage.place(series(values, first, second))
-        w, dw = turning_rates(placed, 2)
-        placed = coefficient(placed, 0)
-        B, dB = inertia(self.mechanism, placed, w, dw)
-        speed = p / np.sqrt(B)
-        inside = float(step.start + step.length / 2)
-        moving = Moving(values, first, w, placed)
-        push, _ = self._force(moving, speed, t, step.sides, inside)
-        change = (push - dB * speed * speed / 2) / B
-        second = first * change[:, None] + 2 * second * (speed * speed)[:, None]
-        return [values, first * speed[:, None], second]
+    def _evaluate_step(self, step: _Step, t: Array) -> list[Array]:
+        """Return the variables and their first two derivatives at times within a step.
 
-    def _force(
-        self, moving: Moving, speed: Array, t: Array, sides: Sides, inside: float
-    ) -> tuple[Array, list[Array]]:
-        """Return the generalised force of the loads (n,), and the switches' conditions.
-
-        `speed` (n,) is the rate of the coordinate by time, `t` (n,) s. Conditions are in
-        the order in which expressions are evaluated; numbers in these are the float64 they
-        are. `inside` is a time (s) between the knots about the rows.
+        `t` (n,) is in s. The results are (n, variables) each.
         """
-        variables, conditions = self.mechanism.angles, list[Array]()
-        total = exactly(np.zeros(len(t)))
+        c, p = step.evaluate(2 * (t - step.start) / step.length - 1)
+        closure = self._close_loops(t, c, step.coordinate)
+        values, first, second = self._linkage.expand_motion(closure, step.coordinate, 2)
+        orientations, _ = self._linkage.place_links(power_series(values, first, second))
+        w, dw = angular_velocities(orientations, 2)
+        rotations = series_coefficient(orientations, 0)
+        B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
+        speed = p / np.sqrt(B)
+        time_inside = float(step.start + step.length / 2)
+        moving = MovingMechanism(values, first, w, rotations)
+        force, _ = self._generalised_force(moving, speed, t, step.sides, time_inside)
+        # Eksergian's equation: B c'' + dB c'^2 / 2 = Q.
+        acceleration = (force - dB * speed * speed / 2) / B
+        # `second` is half of the second derivative by the coordinate.
+        second_rates = first * acceleration[:, None] + 2 * second * (speed * speed)[:, None]
+        return [values, first * speed[:, None], second_rates]
 
-        def named(name: str) -> Any:
+    def _generalised_force(
+        self,
+        moving: MovingMechanism,
+        speed: Array,
+        t: Array,
+        sides: SwitchSides,
+        time_inside: float,
+    ) -> tuple[Array, list[Array]]:
+        """Return the generalised force of the loads, and the conditions of their switches.
+
+        Numbers in expressions count as exact float64 numbers.
+
+        Parameters
+        ----------
+        moving
+            The mechanism at n configurations.
+        speed
+            (n,) rate of the coordinate by time (rad/s).
+        t
+            (n,) times (s).
+        sides
+            Sides of the conditions.
+        time_inside
+            A time (s) between the two kinks of tables around all `t`.
+
+        Returns
+        -------
+        force
+            (n,) generalised force by the coordinate (N m).
+        conditions
+            (n,) for each condition, in the order in which expressions are evaluated.
+        """
+        variables = self.mechanism.angles
+        conditions = list[Array]()
+        force = exact_balls(np.zeros(len(t)))
+
+        def evaluate_name(name: str) -> Any:
+            """Return the time, a pair angle or its rate by time, (n,)."""
             kind, _, pair = name.partition("_")
             if kind == "t":
                 return t
@@ -241,197 +411,315 @@ class ExactSimulation:
                 return moving.values[:, variables[pair]]
             return moving.rates[:, variables[pair]] * speed
 
-        def side(condition: Array) -> Any:
-            """Return the side of the next condition (n,)."""
+        def take_side(condition: Array) -> Any:
+            """Record the next condition (n,), and return the side on which it is held."""
+            number = len(conditions)
             conditions.append(np.atleast_1d(condition))
-            return (
-                np.sign(floats(condition)) if sides is None else sides[len(conditions) - 1]
-            )
+            return np.sign(centre_floats(condition)) if sides is None else sides[number]
 
-        def applied(name: str, given: Sequence[Any]) -> Any:
-            """Return a function of expressions; NaN outside its domain."""
-            if name in ("sign", "abs"):
-                return side(given[0]) * given[0] ** (name == "abs")
+        def apply_function(name: str, arguments: Sequence[Any]) -> Any:
+            """Return a function of an expression; NaN outside its domain."""
+            if name == "sign":
+                # The power 0 gives ones of the type of the argument.
+                return take_side(arguments[0]) * arguments[0] ** 0
+            if name == "abs":
+                return take_side(arguments[0]) * arguments[0]
             if name in NON_SMOOTH_FUNCTIONS:
-                upward, best = 1 if name == "max" else -1, given[0]
-                for item in given[1:]:
-                    gap = best - item
-                    best = (best + item + upward * side(gap) * gap) / 2
-                return best
-            if not hasattr(exact(0.0), name):
-                return ARRAY_OPERATIONS[name](*given)
-            return np.frompyfunc(lambda x, *y: getattr(x, name)(*y), len(given), 1)(*given)
+                # Minimum and maximum: (a + b -+ side * (a - b)) / 2, one after another.
+                sense = 1 if name == "max" else -1
+                extreme = arguments[0]
+                for argument in arguments[1:]:
+                    difference = extreme - argument
+                    signed_difference = sense * take_side(difference) * difference
+                    extreme = (extreme + argument + signed_difference) / 2
+                return extreme
+            if not hasattr(exact_ball(0.0), name):
+                return ARRAY_OPERATIONS[name](*arguments)
+            ball_function = np.frompyfunc(
+                lambda x, *others: getattr(x, name)(*others), len(arguments), 1
+            )
+            return ball_function(*arguments)
 
-        for part in self._parts:
+        for part in self._load_parts:
             if isinstance(part.magnitude, TorqueTable):
-                magnitude = _of_table(part.magnitude, t, inside)
+                magnitude = interpolate_table(part.magnitude, t, time_inside)
             else:
-                magnitude = fold(
-                    require_expression(part.magnitude).root, exact, named, applied
-                )
+                root = require_expression(part.magnitude).root
+                magnitude = fold(root, exact_ball, evaluate_name, apply_function)
+            # Rates on which the magnitude does work, per unit rate of the coordinate.
             rates = [moving.rates[:, variables[part.pair]]] if part.pair else []
             for moment in part.moments:
                 link = self.mechanism.link_number[moment.link]
-                w, turn = moving.w[:, link], moving.rotations[:, link]
+                velocity = moving.w[:, link]
+                rotation = moving.rotations[:, link]
                 if moment.arm is not None:
-                    w = np.cross(w, turn @ exactly(moment.arm))
-                direction = exactly(moment.direction)
+                    # A force at a point: its work is that of the point's velocity.
+                    velocity = np.cross(velocity, rotation @ exact_balls(moment.arm))
+                direction = exact_balls(moment.direction)
                 if moment.axes == "link":
-                    direction = turn @ direction
-                rates.append(np.sum(w * direction, axis=1))
-            total = total + magnitude * sum(rates)
-        return total, conditions
+                    direction = rotation @ direction
+                rates.append(np.sum(velocity * direction, axis=1))
+            force = force + magnitude * sum(rates)
+        return force, conditions
 
-    def _closed(self, t: Array, c: Array, along: int) -> Closed:
-        """Return the closed configurations at times with a variable held."""
-        values = exactly(self._guess(floats(t))[0])
-        values[:, along] = c
-        closed = self._linkage.closed(values, [along], self.arithmetic.eps)
-        if np.any(closed.status != Status.OK):
+    def _close_loops(self, t: Array, c: Array, coordinate: int) -> LoopClosure:
+        """Return the closed configurations at given values of the coordinate.
+
+        Parameters
+        ----------
+        t
+            (n,) times (s), at which the float64 solution gives the starts.
+        c
+            (n,) values of the coordinate (rad).
+        coordinate
+            Number of the variable that is the coordinate.
+
+        Raises
+        ------
+        EngineError
+            If a configuration is singular with this coordinate.
+        """
+        values = exact_balls(self._float_solution(centre_floats(t))[0])
+        values[:, coordinate] = c
+        closure = self._linkage.close_loops(values, [coordinate], self.arithmetic.eps)
+        if np.any(closure.status != Status.OK):
             raise EngineError(
                 f"{self.mechanism.name}: a configuration is singular by variable "
-                f"{self.mechanism.variable_names[along]}; start beside it"
+                f"{self.mechanism.variable_names[coordinate]}; start beside it"
             )
-        return closed
+        return closure
 
-    def _moving(self, values: Array, along: int) -> tuple[Moving, Array, Array]:
-        """Return rates and inertia by a coordinate, and a step that closes the loops."""
+    def _evaluate_coordinate(self, values: Array, coordinate: int) -> _CoordinateState:
+        """Return rates and inertia at nearly closed configurations.
+
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables (rad).
+        coordinate
+            Number of the variable that is the coordinate.
+        """
         linkage = self._linkage
-        free = [v for v in range(values.shape[1]) if v != along]
-        placed, gaps = linkage.place(values)
-        vectors = linkage.vectors(values, placed)
+        free = [variable for variable in range(values.shape[1]) if variable != coordinate]
+        orientations, residuals = linkage.place_links(values)
+        vectors = linkage.variable_vectors(values, orientations)
         jacobian = linkage.jacobian(vectors)
-        inverse, _ = left_inverse(jacobian[:, :, free])
-        rates, miss = exactly(np.zeros((2, *values.shape)))
-        rates[:, along] = exact(1.0)
-        rates[:, free] = -np.matvec(inverse, jacobian[:, :, along])
-        miss[:, free] = -np.matvec(inverse, gaps)
-        w = linkage.velocities(vectors, rates)
-        B, _ = inertia(self.mechanism, placed, w, w)
-        return Moving(values, rates, w, placed), np.sqrt(B), miss
+        inverse, _ = left_inverses(jacobian[:, :, free])
+        rates, closing_step = exact_balls(np.zeros((2, *values.shape)))
+        rates[:, coordinate] = exact_ball(1.0)
+        rates[:, free] = -np.matvec(inverse, jacobian[:, :, coordinate])
+        closing_step[:, free] = -np.matvec(inverse, residuals)
+        w = linkage.link_velocities(vectors, rates)
+        # The derivative of the inertia is not used, so any vectors may stand for dw.
+        B, _ = equivalent_inertia(self.mechanism, orientations, w, w)
+        moving = MovingMechanism(values, rates, w, orientations)
+        return _CoordinateState(moving, np.sqrt(B), closing_step)
 
     def _run(self, driven: int, q: float, dq: float) -> None:
-        along = driven
-        values = self._closed(exactly([0.0]), exactly([q]), driven).values
-        moving, size, _ = self._moving(values, driven)
-        p = size[0] * dq
-        targets = [*knots(self._parts, self.until), exact(self.until)]
-        sides: Sides = None
-        flipped: int | None = None
+        """Compute all steps from the start to the end."""
+        coordinate = driven
+        start = exact_balls([0.0])
+        values = self._close_loops(start, exact_balls([q]), driven).values
+        state = self._evaluate_coordinate(values, driven)
+        p = state.root_inertia[0] * dq
+        # Steps end at kinks of tables, so that loads are smooth within a step.
+        targets = [
+            *find_table_kinks(self._load_parts, self.until),
+            exact_ball(self.until),
+        ]
+        sides: SwitchSides = None
+        last_switch: int | None = None
         length = targets[0] / 16
         while targets:
-            # where another variable moves faster, it is the coordinate from here on
-            rates = floats(moving.rates[0])
-            best = int(np.argmax(np.abs(rates)))
-            if abs(rates[best]) > PREFERRED:
-                along, p = best, p if rates[best] > 0.0 else -p
-            left = (targets[0] - self.end).mid()
-            length = min(length, left)
+            # A variable that moves faster becomes the coordinate.
+            rates = centre_floats(state.moving.rates[0])
+            fastest = int(np.argmax(np.abs(rates)))
+            if abs(rates[fastest]) > COORDINATE_CHANGE_RATIO:
+                coordinate = fastest
+                p = p if rates[fastest] > 0.0 else -p
+            time_left = (targets[0] - self.end).mid()
+            length = min(length, time_left)
             step: _Step | None = None
-            while step is None or step.error > ACCEPTED:
-                if float(length) < min(SHORTEST * self.until, float(left)):
+            while step is None or step.truncation > MAX_TRUNCATION_ROUNDINGS:
+                shortest = min(MIN_STEP_RATIO * self.until, float(time_left))
+                if float(length) < shortest:
                     raise EngineError(
                         f"{self.mechanism.name}: no step of the reference is short enough "
                         f"at {float(self.end):.6g} s; smooth the loads"
                     )
-                step = self._picard(values[0, along], p, along, length, sides)
+                step = self._try_step(values[0, coordinate], p, coordinate, length, sides)
                 length = (length / 2).mid()
-            x, switch, at_once = min(
-                self._roots(step),
-                key=lambda root: float(root[0]),
-                default=(exact(1.0), None, False),
+            # The step is used up to its first sign change, or as a whole.
+            sign_change = min(
+                self._find_sign_changes(step),
+                key=lambda change: float(change.x),
+                default=_SignChange(exact_ball(1.0), None, False),
             )
-            if at_once and switch == flipped:
+            switch = sign_change.switch
+            if sign_change.is_at_start and switch == last_switch:
+                # The switch that has just changed its side would change back at once.
                 self.kind = "sticking"
                 break
             self._steps.append(step)
-            (c,), (p,) = step.reached(np.array([x]))
-            self._largest = max(self._largest, abs(float(p)))
-            whole = switch is None and step.length is left
-            there = (step.start + step.length * (x + 1) / 2).mid()
-            self.end = targets.pop(0) if whole else there
-            values = self._closed(np.array([self.end]), c, along).values
-            moving, *_ = self._moving(values, along)
-            sides, flipped = step.sides.copy(), switch
-            if switch == -1:
+            (c,), (p,) = step.evaluate(np.array([sign_change.x]))
+            self._largest_p = max(self._largest_p, abs(float(p)))
+            reaches_target = switch is None and step.length is time_left
+            step_end = (step.start + step.length * (sign_change.x + 1) / 2).mid()
+            self.end = targets.pop(0) if reaches_target else step_end
+            values = self._close_loops(np.array([self.end]), c, coordinate).values
+            state = self._evaluate_coordinate(values, coordinate)
+            sides = step.sides.copy()
+            last_switch = switch
+            if switch == JOINT_LIMIT_SWITCH:
                 self.kind = "joint_limit"
                 break
             if switch is not None:
                 sides[switch] = -sides[switch]
                 self.switches.append(self.end)
-            costly = step.sweeps > FEW or step.error > 1.0
-            length = (step.length * (0.8 if costly else LONGER)).mid()
+            is_costly = step.sweeps > CHEAP_SWEEPS or step.truncation > 1.0
+            length = (step.length * (STEP_REDUCTION if is_costly else STEP_GROWTH)).mid()
         if not self._steps:
             raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
 
-    def _picard(
-        self, c: Ball, p: Ball, along: int, length: Ball, sides: Sides
+    def _try_step(
+        self, c: Ball, p: Ball, coordinate: int, length: Ball, sides: SwitchSides
     ) -> _Step | None:
-        """Return a step of a length, None where the iteration does not end."""
+        """Return a step from the present end, None if Picard's iteration does not converge.
+
+        Parameters
+        ----------
+        c, p
+            The coordinate (rad) and p at the start of the step.
+        coordinate
+            Number of the variable that is the coordinate.
+        length
+            Length of the step (s).
+        sides
+            Sides of the switches; None for those on which they are at the start.
+        """
         half = length / 2
-        t, inside = self.end + half * (self._nodes + 1), float(self.end + half)
-        values, rates = map(exactly, self._guess(floats(t)))
-        speed = rates[:, along]
-        here = values[:, along] = middles(c + half * (self._integrals @ speed))
-        push: Array | None = None
-        last = np.inf
-        for sweep in range(1, SWEEPS + 1):
-            moving, size, miss = self._moving(values, along)
-            push = size * speed if push is None else push
-            speed = push / size
+        t = self.end + half * (self._nodes + 1)
+        time_inside = float(self.end + half)
+        # Start: the float64 solution at the nodes. The coordinate is integrated from its
+        # exact start.
+        values, rates = map(exact_balls, self._float_solution(centre_floats(t)))
+        speed = rates[:, coordinate]
+        c_nodes = exact_centres(c + half * (self._to_integrals @ speed))
+        values[:, coordinate] = c_nodes
+        p_nodes: Array | None = None
+        last_change = np.inf
+        for sweep in range(1, MAX_PICARD_SWEEPS + 1):
+            state = self._evaluate_coordinate(values, coordinate)
+            moving = state.moving
+            p_nodes = state.root_inertia * speed if p_nodes is None else p_nodes
+            speed = p_nodes / state.root_inertia
             if sides is None:
-                _, seen = self._force(moving, speed, t, None, inside)
-                sides = np.array([np.sign(float(x[0])) or 1.0 for x in seen])
-            load, conditions = self._force(moving, speed, t, sides, inside)
-            drive = load / size
-            there = middles(c + half * (self._integrals @ speed))
-            pushed = middles(p + half * (self._integrals @ drive))
-            values = middles(values + miss + moving.rates * (there - here)[:, None])
-            values[:, along] = there
-            scale = max(self._largest, _size(pushed), abs(float(p))) or 1.0
-            moved = _size(there - here), _size(miss), _size(pushed - push) / scale
-            change = max(moved) / self.arithmetic.eps
-            here, push = there, pushed
+                _, conditions = self._generalised_force(moving, speed, t, None, time_inside)
+                sides = np.array(
+                    [np.sign(float(condition[0])) or 1.0 for condition in conditions]
+                )
+            force, conditions = self._generalised_force(
+                moving, speed, t, sides, time_inside
+            )
+            p_rate = force / state.root_inertia
+            # Both equations are integrated once more.
+            new_c = exact_centres(c + half * (self._to_integrals @ speed))
+            new_p = exact_centres(p + half * (self._to_integrals @ p_rate))
+            values = exact_centres(
+                values + state.closing_step + moving.rates * (new_c - c_nodes)[:, None]
+            )
+            values[:, coordinate] = new_c
+            p_scale = max(self._largest_p, _largest(new_p), abs(float(p))) or 1.0
+            largest_change = max(
+                _largest(new_c - c_nodes),
+                _largest(state.closing_step),
+                _largest(new_p - p_nodes) / p_scale,
+            )
+            change = largest_change / self.arithmetic.eps
+            c_nodes = new_c
+            p_nodes = new_p
             if not np.isfinite(change):
                 return None
-            if change <= CHANGED or (sweep >= SURE and last / 2 <= change <= SETTLED):
-                rates = self._series @ np.stack([speed, drive], axis=1)
-                way = half * _integral(rates)
-                way[0] += np.array([c, p])
-                terms = max(_size(rates[-2:, 0]), _size(rates[-2:, 1]) / scale)
-                error = float(half) / (2 * self._count) / self.arithmetic.eps * terms
-                signed = self._signed(conditions, sides, values)
-                return _Step(self.end, length, along, way, sides, signed, error, sweep)
-            last = change
+            has_stagnated = (
+                sweep >= MIN_SWEEPS_TO_STAGNATE
+                and last_change / 2 <= change <= STAGNATION_ROUNDINGS
+            )
+            if change <= CONVERGED_ROUNDINGS or has_stagnated:
+                rate_series = self._to_series @ np.stack([speed, p_rate], axis=1)
+                series = half * _integrate_series(rate_series)
+                series[0] += np.array([c, p])
+                last_terms = max(
+                    _largest(rate_series[-2:, 0]), _largest(rate_series[-2:, 1]) / p_scale
+                )
+                # Integration divides a term of degree n by about 2 n.
+                roundings_per_term = (
+                    float(half) / (2 * self._node_count) / self.arithmetic.eps
+                )
+                return _Step(
+                    start=self.end,
+                    length=length,
+                    coordinate=coordinate,
+                    series=series,
+                    sides=sides,
+                    conditions=self._expand_conditions(conditions, sides, values),
+                    truncation=roundings_per_term * last_terms,
+                    sweeps=sweep,
+                )
+            last_change = change
         return None
 
-    def _signed(
+    def _expand_conditions(
         self, conditions: Sequence[Array], sides: Floats, values: Array
     ) -> list[tuple[int, Array]]:
-        """Return the series of conditions and joint limits, positive where they hold."""
-        held = zip(conditions, sides, strict=True)
-        signed = list(enumerate(x * (side * np.ones(self._count)) for x, side in held))
-        for stop in self.mechanism.joint_limits:
-            value = values[:, self.mechanism.angles[stop.pair]]
-            signed += [(-1, value - stop.low), (-1, stop.high - value)]
-        return [(number, self._series @ value) for number, value in signed]
+        """Return Legendre series of conditions and joint limits, positive while they hold.
 
-    def _roots(self, step: _Step) -> Iterator[tuple[Ball, int, bool]]:
-        """Yield where in a step conditions first turn: place, switch, whether at once."""
-        for switch, condition in step.signed:
-            beyond = _value(floats(condition), self._grid[1:]) < 0.0
-            if not np.any(beyond):
+        Parameters
+        ----------
+        conditions
+            (nodes,) values of each condition.
+        sides
+            (switches,) the sides of the conditions.
+        values
+            (nodes, variables) pair variables (rad).
+
+        Returns
+        -------
+        For each condition the number of its switch, -1 for joint limits, and the series.
+        """
+        ones = np.ones(self._node_count)
+        node_values: list[tuple[int, Array]] = [
+            (number, condition * (side * ones))
+            for number, (condition, side) in enumerate(zip(conditions, sides, strict=True))
+        ]
+        for limit in self.mechanism.joint_limits:
+            angle = values[:, self.mechanism.angles[limit.pair]]
+            node_values.append((JOINT_LIMIT_SWITCH, angle - limit.low))
+            node_values.append((JOINT_LIMIT_SWITCH, limit.high - angle))
+        return [(number, self._to_series @ value) for number, value in node_values]
+
+    def _find_sign_changes(self, step: _Step) -> Iterator[_SignChange]:
+        """Yield the first sign change of each condition that has one in a step.
+
+        It is first noticed between two samples, and then located by bisection.
+        """
+        for switch, condition in step.conditions:
+            is_negative = (
+                _evaluate_series(centre_floats(condition), self._samples[1:]) < 0.0
+            )
+            if not np.any(is_negative):
                 continue
-            first = np.argmax(beyond)
-            low, high = exactly(self._grid[first : first + 2])
+            first = np.argmax(is_negative)
+            low, high = exact_balls(self._samples[first : first + 2])
+            # Each digit takes 3.4 halvings.
             for _ in range(int(3.4 * self.arithmetic.digits) + 8):
                 middle = (low + high).mid() / 2
-                if _value(condition, np.array([middle]))[0].mid() < 0:
+                if _evaluate_series(condition, np.array([middle]))[0].mid() < 0:
                     high = middle
                 else:
                     low = middle
-            yield high, switch, first == 0
+            yield _SignChange(high, switch, first == 0)
 
 
-def _size(balls: Any) -> float:
-    return np.max(np.abs(floats(balls)), initial=0.0)
+def _largest(balls: Any) -> float:
+    """Return the largest magnitude of an array of balls, 0 if it is empty."""
+    return np.max(np.abs(centre_floats(balls)), initial=0.0)

@@ -1,13 +1,13 @@
 """Reference values of the rows of a motion: configuration, rates and their derivatives.
 
-The rows of a motion say only which solution is meant. From there Newton's method closes
-the loops in as many digits as wanted, and the loop equations as power series in the input
-give all derivatives. Nothing of the solvers that made the motion is used.
+The rows of a motion only say which solution is meant. From there Newton's method closes the
+loops in as many digits as requested. The loop equations as power series in the input give
+all derivatives. Nothing of the solvers that computed the motion is used.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,15 +18,22 @@ from spherekit.errors import SolveError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
-from spherekit.proof.ball_frames import Frames, exact, exactly
-from spherekit.proof.balls import FEWEST, Digits, floats, middles, pi, series
+from spherekit.proof.ball_curves import vector_lengths
+from spherekit.proof.ball_frames import Frames, exact_ball, exact_balls
+from spherekit.proof.balls import (
+    MIN_DIGITS,
+    Digits,
+    centre_floats,
+    exact_centres,
+    pi_ball,
+    power_series,
+)
 from spherekit.proof.linkage import (
-    ROUNDING,
-    Closed,
+    ROUNDING_STEP_RATIO,
     Linkage,
-    largest,
-    lengths,
-    turning_rates,
+    LoopClosure,
+    angular_velocities,
+    largest_in_rows,
 )
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE
@@ -34,33 +41,66 @@ from spherekit.velocities.pole_field import PoleField
 from spherekit.velocities.pole_request import Request
 from spherekit.wording import listing
 
-RADIUS = 1e-6
-"""A solution farther (rad) from the row than this is not taken for the one meant."""
+SAME_SOLUTION_RAD = 1e-6
+"""Distance (rad) of a solution from its row up to which it is taken for the one meant.
 
-DIRECTED = 1e6
-"""A vector gives a direction above this many roundings times the conditioning."""
+Rows with a larger error bound may be farther away. Larger: a neighbouring solution may be
+taken. Smaller: inaccurate rows get the status MODE_LOST.
+"""
+
+DIRECTION_ROUNDING_RATIO = 1e6
+"""Length of a vector, over its rounding, above which it gives a direction.
+
+Rounding could then rotate the direction by 1e-6 rad at most. Larger: more poles of slow
+links are NaN. Smaller: directions with larger errors are returned.
+"""
+
+Key = TypeVar("Key")
+"""A pole or a link, by which the values of a field are stored."""
 
 
 @dataclass(frozen=True)
 class ExactRows:
-    """Reference values of n rows while one input moves at unit rate, the others held.
+    """Reference values of n rows while one input moves at unit rate, the others locked.
 
-    In ground axes, as balls of the `arithmetic`: `values` (n, variables) rad;
-    `rates` (n, variables) of them per unit rate of the input; `rotations`
-    (n, links, 3, 3); `axes` (n, pairs, 3) the axis of an R pair, the contact point of
-    others; `w` (n, links, 3) angular velocities relative to the ground; `dw`, `ddw` their
-    first and second derivative by the input, None where the order asked for does not reach
-    them. NaN where the status is not OK.
+    Vectors and rotations are in ground axes. Values are balls of the `arithmetic`, and NaN
+    in rows whose status is not OK.
 
-    In float64: `distance` (n,) rad, the largest change of a variable from the row to the
-    solution; `residual` (n,) rad, by which the geometry as declared stays open (rounding,
-    except in over-constrained chains); `condition` (n,) of the closure Jacobian without
-    the inputs, in Frobenius norms: an error e of the geometry moves the configuration by
-    up to about `condition` times e, and it grows without bound towards singularities of
-    type II. `status` (n,): that of a row which failed already; NOT_CONVERGED;
-    MODE_LOST where the solution is farther than 1e-6 rad and than the row may be off by
-    its open loops, or others are as near;
-    AT_SINGULARITY where the Jacobian has no full rank in these numbers; NOT_CLOSED.
+    Attributes
+    ----------
+    arithmetic
+        The number of digits.
+    mechanism
+        The mechanism.
+    driven
+        Number of the input pair that moves.
+    values
+        (n, variables) balls, the pair variables (rad).
+    rates
+        (n, variables) balls, their rates per unit rate of the input.
+    rotations
+        (n, links, 3, 3) balls, rotations from link axes to ground axes.
+    axes
+        (n, pairs, 3) balls, the axis of an R pair, the contact point of another pair.
+    w
+        (n, links, 3) balls, angular velocities relative to the ground.
+    dw, ddw
+        (n, links, 3) balls, their first and second derivative by the input. None if the
+        order does not include them.
+    distance
+        (n,) largest change (rad) of a variable from the row to the solution.
+    residual
+        (n,) largest component (rad) of the loop residuals of the declared geometry. It is
+        rounding, except in over-constrained chains.
+    condition
+        (n,) condition number, in Frobenius norms, of the closure Jacobian without the
+        inputs. An error e of the geometry moves the configuration by up to about
+        `condition` times e. It is unbounded near singularities of type II.
+    status
+        (n,) `Status`. A row that had failed keeps its status. NOT_CONVERGED; NOT_CLOSED;
+        MODE_LOST if the solution is farther from the row than 1e-6 rad and than the error
+        bound of the row allows, or if another solution may be as near; AT_SINGULARITY if
+        the Jacobian does not have full rank in these digits.
     """
 
     arithmetic: Digits
@@ -80,12 +120,12 @@ class ExactRows:
 
     @property
     def slopes(self) -> Array:
-        """`dw`, where it was asked for.
+        """`dw`, if it was requested.
 
         Raises
         ------
         ValueError
-            If the rows were made with order 1, without derivatives.
+            If the rows were computed with order 1, without derivatives.
         """
         if self.dw is None:
             raise ValueError("this needs rows of order 2 or 3")
@@ -103,15 +143,15 @@ def exact_rows(
 ) -> ExactRows:
     """Return reference values of some rows of a motion.
 
-    The inputs, arcs, angles, radii and coefficients are taken as the float64 numbers
-    they are given by; axes and centres are made unit vectors of balls.
+    The inputs, arcs, angles, radii and coefficients count as exact float64 numbers. Axes
+    and centres are made unit vectors of balls.
 
     Parameters
     ----------
     motion
-        Any motion; its variables are the starts, its inputs are exact.
+        Any motion. Its variables are the starts, its inputs are exact.
     rows
-        (n,) which rows are wanted.
+        (n,) which rows of the motion are computed.
     driven
         Number of the input pair that moves.
     arithmetic
@@ -119,8 +159,8 @@ def exact_rows(
     order
         1 for w alone, 2 for dw as well, 3 for ddw as well.
     inputs
-        (rows wanted, inputs) balls (rad), which the motion's are rounded from; by default
-        its own are exact.
+        (computed rows, inputs) balls (rad) of which the inputs of the motion are rounded
+        values. By default the inputs of the motion are exact.
 
     Raises
     ------
@@ -140,10 +180,24 @@ def exact_rows_by_input(
     inputs: Array | None = None,
     frames: Frames | None = None,
 ) -> tuple[ExactRows, ...]:
-    """Return `exact_rows` for each of some inputs that move alone, the others held.
+    """Return `exact_rows` for each of some inputs that move alone, the others locked.
 
-    The configurations are found once; `frames` of R pairs are those of the numbers as they
-    are, or as written (`Written.r_frames`).
+    The configurations are computed only once.
+
+    Parameters
+    ----------
+    motion, rows, arithmetic, order, inputs
+        See `exact_rows`.
+    driven
+        Numbers of the input pairs.
+    frames
+        Frames of the R pairs. By default those of the sizes as float64 numbers; those of
+        the decimal sizes are from `DecimalMechanism.revolute_frames`.
+
+    Raises
+    ------
+    SolveError
+        See `exact_rows`.
     """
     mechanism = motion.mechanism
     for pair in driven:
@@ -154,174 +208,305 @@ def exact_rows_by_input(
             )
     if order not in (1, 2, 3):
         raise SolveError(f"order {order} was asked for; give 1, 2 or 3")
-    arithmetic = arithmetic or Digits(FEWEST)
+    arithmetic = arithmetic or Digits(MIN_DIGITS)
     chosen = motion.rows(np.asarray(rows, dtype=bool))
     with arithmetic.within(), np.errstate(all="ignore"):
         linkage = Linkage(mechanism, frames)
-        held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
-        start = exactly(chosen.values)
-        # variables may have been brought into one turn; then so are the inputs
-        turns = np.round((chosen.inputs - chosen.values[:, held]) / TURN)
-        given = exactly(chosen.inputs) if inputs is None else inputs
-        start[:, held] = given - turns * (2 * pi())
-        solution = linkage.closed(start, held, arithmetic.eps)
-        status = _judged(chosen, solution)
-        placed, _ = linkage.place(solution.values)
-        axes = linkage.axes(solution.values, placed)
-        made = []
+        input_variables = [
+            mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs
+        ]
+        start = exact_balls(chosen.values)
+        # Variables may have been wrapped into one turn; then the inputs are wrapped too.
+        turns = np.round((chosen.inputs - chosen.values[:, input_variables]) / TURN)
+        input_values = exact_balls(chosen.inputs) if inputs is None else inputs
+        start[:, input_variables] = input_values - turns * (2 * pi_ball())
+        closure = linkage.close_loops(start, input_variables, arithmetic.eps)
+        status = _closure_status(chosen, closure)
+        is_good = status == Status.OK
+        orientations, _ = linkage.place_links(closure.values)
+        axes = linkage.pair_axes(closure.values, orientations)
+        references = []
         for pair in driven:
-            (moved,) = mechanism.variables_of(pair)
-            way = linkage.motion(solution, moved, order)
-            w = turning_rates(linkage.place(series(*way))[0], order)
-            balls = solution.values, way[1], placed, axes, *w
-            entries: list[Any] = [
-                *(_where(status == Status.OK, values) for values in balls),
-                *[None] * (3 - order),
-                *(solution.distance, solution.residual, solution.condition, status),
+            (moving_variable,) = mechanism.variables_of(pair)
+            coefficients = linkage.expand_motion(closure, moving_variable, order)
+            moving_orientations, _ = linkage.place_links(power_series(*coefficients))
+            # w, then its derivatives up to the order.
+            velocities = [
+                _nan_unless(is_good, array)
+                for array in angular_velocities(moving_orientations, order)
             ]
-            made.append(ExactRows(arithmetic, mechanism, pair, *entries))
-    return tuple(made)
+            reference = ExactRows(
+                arithmetic=arithmetic,
+                mechanism=mechanism,
+                driven=pair,
+                values=_nan_unless(is_good, closure.values),
+                rates=_nan_unless(is_good, coefficients[1]),
+                rotations=_nan_unless(is_good, orientations),
+                axes=_nan_unless(is_good, axes),
+                w=velocities[0],
+                dw=velocities[1] if order > 1 else None,
+                ddw=velocities[2] if order > 2 else None,
+                distance=closure.distance,
+                residual=closure.residual,
+                condition=closure.condition,
+                status=status,
+            )
+            references.append(reference)
+    return tuple(references)
 
 
-def _where(good: Bools, balls: Array) -> Array:
-    """Return balls (n, ...) with NaN in the rows that are not good."""
-    kept = balls.copy()
-    kept[~good] = exact(np.nan)
-    return kept
+def _nan_unless(is_good: Bools, balls: Array) -> Array:
+    """Return balls (n, ...) with NaN in the rows in which `is_good` (n,) is false."""
+    result = balls.copy()
+    result[~is_good] = exact_ball(np.nan)
+    return result
 
 
-def _judged(motion: Motion, solution: Closed) -> SmallIntegers:
-    """Return the status of rows: that of the motion, where this has failed already."""
-    status = solution.status.copy()
-    ok = status == Status.OK
-    status[ok & (solution.residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
-    off = motion.configuration_error
-    near = np.maximum(np.where(np.isfinite(off), 2.0 * off, 0.0), RADIUS)
-    status[ok & (solution.wild | (solution.distance > near))] = Status.MODE_LOST
-    unknown = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
-    given = np.where(motion.status == Status.OK, Status.NOT_CONVERGED, motion.status)
-    return np.where(unknown, given, status).astype(np.int8)
+def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
+    """Return the status (n,) of reference rows; rows that had failed keep theirs.
+
+    Parameters
+    ----------
+    motion
+        The rows from which Newton's method started.
+    closure
+        The solutions that it reached.
+    """
+    status = closure.status.copy()
+    is_converged = status == Status.OK
+    status[is_converged & (closure.residual > CLOSURE_TOLERANCE)] = Status.NOT_CLOSED
+    # A row may be off by its error bound. Twice the bound leaves room for its estimate.
+    error = motion.configuration_error
+    largest_distance = np.maximum(
+        np.where(np.isfinite(error), 2.0 * error, 0.0), SAME_SOLUTION_RAD
+    )
+    is_other_mode = closure.is_ambiguous | (closure.distance > largest_distance)
+    status[is_converged & is_other_mode] = Status.MODE_LOST
+    had_failed = motion.failed | ~np.all(np.isfinite(motion.values), axis=1)
+    status_of_failed = np.where(
+        motion.status == Status.OK, Status.NOT_CONVERGED, motion.status
+    )
+    return np.where(had_failed, status_of_failed, status).astype(np.int8)
 
 
-def exact_motion(motion: Motion, rows: Bools, exact: ExactRows) -> Motion:
-    """Return some rows (n,) of a motion with the configurations that `exact` has of them.
+def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
+    """Return some rows of a motion with the configurations of reference values.
 
-    The residual is that by which the geometry as declared stays open.
+    The closure residual is that of the declared geometry.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    rows
+        (n,) which rows of the motion the reference values belong to.
+    reference
+        The reference values of these rows.
     """
     return replace(
         motion.rows(rows),
-        values=floats(exact.values),
-        placed=floats(exact.rotations),
-        residual=exact.residual,
-        status=exact.status,
+        values=centre_floats(reference.values),
+        placed=centre_floats(reference.rotations),
+        residual=reference.residual,
+        status=reference.status,
     )
 
 
-def exact_direction(exact: ExactRows, pole: Pole, toward: Floats) -> Array:
-    """Return the unit vectors (n, 3) along a pole, on the side of `toward` (n, 3).
+def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
+    """Return the direction of a pole in reference rows.
 
-    That is the axis or contact point of a pair of the two links, or else the direction of
-    their relative angular velocity; of its derivative, where they are at rest. In ground
-    axes; NaN where `toward` or the rows are, or where rounding could turn the direction by
-    1e-6 rad, as where the derivative vanishes as well.
+    It is the axis or contact point of the pair that joins the two links. Without a pair it
+    is the direction of the relative angular velocity, and of its derivative if the links
+    are at relative rest.
+
+    Parameters
+    ----------
+    reference
+        The reference rows, of order 2 at least.
+    pole
+        The two links.
+    toward
+        (n, 3) the direction is oriented to the side of these vectors (ground axes).
+
+    Returns
+    -------
+    (n, 3) balls, unit vectors in ground axes. NaN where `toward` or the reference is NaN,
+    and where rounding could rotate the direction by 1e-6 rad.
 
     Raises
     ------
     ValueError
-        If the rows were made with order 1, without derivatives.
+        If the rows were computed with order 1, without derivatives.
     """
-    with exact.arithmetic.within(), np.errstate(all="ignore"):
-        moving, change = (_relative(w, pole) for w in (exact.w, exact.slopes))
-        joined = exact.mechanism.pole_pairs.get(pole)
-        if joined is not None:
-            along = exact.axes[:, joined]
+    with reference.arithmetic.within(), np.errstate(all="ignore"):
+        velocity = _relative_vector(reference.w, pole)
+        derivative = _relative_vector(reference.slopes, pole)
+        joining_pair = reference.mechanism.pole_pairs.get(pole)
+        if joining_pair is not None:
+            vector = reference.axes[:, joining_pair]
         else:
-            floor = exact.arithmetic.eps * exact.condition
-            rate, bent = (
-                largest(v) / np.maximum(largest(w[:, pole].reshape(len(v), 6)), 1.0)
-                for v, w in ((moving, exact.w), (change, exact.slopes))
+            # Rounding of relative velocities, and of their derivatives.
+            rounding = reference.arithmetic.eps * reference.condition
+            speed = _relative_size(velocity, reference.w, pole)
+            change = _relative_size(derivative, reference.slopes, pole)
+            moves = speed > DIRECTION_ROUNDING_RATIO * rounding
+            rests = ~(speed > ROUNDING_STEP_RATIO * rounding)
+            starts_moving = (
+                change > DIRECTION_ROUNDING_RATIO * rounding * reference.condition
             )
-            turns = rate > DIRECTED * floor
-            rests = ~(rate > ROUNDING * floor)
-            leaves = bent > DIRECTED * floor * exact.condition
-            along = _where(
-                turns | (rests & leaves), np.where(turns[:, None], moving, change)
+            vector = _nan_unless(
+                moves | (rests & starts_moving),
+                np.where(moves[:, None], velocity, derivative),
             )
-        side = np.where(np.sum(floats(along) * toward, axis=1) < 0.0, -1.0, 1.0)
-        sure = np.all(np.isfinite(toward), axis=1)
-        # of the centres: a ball about 0 has no root
-        return _where(sure, along * (side / lengths(middles(along)))[:, None])
+        is_opposite = np.sum(centre_floats(vector) * toward, axis=1) < 0.0
+        sign = np.where(is_opposite, -1.0, 1.0)
+        # Lengths of the centres: a ball about 0 has no square root.
+        length = vector_lengths(exact_centres(vector))
+        has_side = np.all(np.isfinite(toward), axis=1)
+        return _nan_unless(has_side, vector * (sign / length)[:, None])
 
 
-def exact_field(exact: ExactRows, wanted: Request, field: PoleField) -> PoleField:
-    """Return a field's poles with the numbers nearest to the reference values.
+def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
+    """Return the size of relative vectors of two links, over those of the two links.
 
     Parameters
     ----------
-    exact
+    relative
+        (n, 3) the relative vectors.
+    vectors
+        (n, links, 3) the vectors of all links.
+    pole
+        The two links.
+
+    Returns
+    -------
+    (n,) the ratio to the larger of 1 and the largest component of both links.
+    """
+    of_both_links = vectors[:, pole].reshape(len(relative), 6)
+    return largest_in_rows(relative) / np.maximum(largest_in_rows(of_both_links), 1.0)
+
+
+def exact_field(reference: ExactRows, request: Request, field: PoleField) -> PoleField:
+    """Return the poles of a field with the float64 numbers nearest to reference values.
+
+    Parameters
+    ----------
+    reference
         Reference rows, of order 2 at least, for the input that the request moves.
-    wanted
+    request
         The request behind the field.
     field
-        What was found for the same rows: signs are taken from it, and NaN stays NaN.
+        The values that were computed for the same rows. Directions are oriented like them,
+        and NaN stays NaN.
 
     Returns
     -------
     PoleField
-        NaN, with the status of the reference, where there is no reference; `conditioning`,
-        `planes` and the bounds of errors are NaN, as they belong to the way in which poles
-        were found.
+        Rows without a reference are NaN and have the status of the reference.
+        `conditioning`, `planes` and the error bounds are NaN, since they belong to the
+        computation of the field.
     """
-    unknown = (
-        *("conditioning", "planes", "direction_error"),
-        *("velocity_coefficient_error", "acceleration_coefficient_error"),
-        "direction_dq_error",
+    with reference.arithmetic.within():
+        directions = {
+            pole: exact_direction(reference, pole, field.direction[pole])
+            for pole in request.poles
+        }
+        direction_derivatives = {
+            pole: _direction_derivative(reference, pole, direction)
+            for pole, direction in directions.items()
+        }
+        velocity_coefficients = {
+            pole: _component_along(_relative_vector(reference.w, pole), direction)
+            for pole, direction in directions.items()
+        }
+        acceleration_coefficients = {
+            pole: _component_along(_relative_vector(reference.slopes, pole), direction)
+            for pole, direction in directions.items()
+        }
+        w = {link: reference.w[:, link] for link in field.w}
+        dw = {link: reference.slopes[:, link] for link in field.dw}
+
+    def status_of(codes: SmallIntegers) -> SmallIntegers:
+        """Return codes (n,), with that of the reference in rows without one."""
+        has_reference = reference.status == Status.OK
+        return np.where(has_reference, codes, reference.status).astype(np.int8)
+
+    return replace(
+        field,
+        direction=_round_where_known(field.direction, directions),
+        direction_dq=_round_where_known(field.direction_dq, direction_derivatives),
+        velocity_coefficient=_round_where_known(
+            field.velocity_coefficient, velocity_coefficients
+        ),
+        acceleration_coefficient=_round_where_known(
+            field.acceleration_coefficient, acceleration_coefficients
+        ),
+        w=_round_where_known(field.w, w),
+        dw=_round_where_known(field.dw, dw),
+        conditioning=_all_nan(field.conditioning),
+        planes=_all_nan(field.planes),
+        direction_error=_all_nan(field.direction_error),
+        velocity_coefficient_error=_all_nan(field.velocity_coefficient_error),
+        acceleration_coefficient_error=_all_nan(field.acceleration_coefficient_error),
+        direction_dq_error=_all_nan(field.direction_dq_error),
+        status=status_of(field.status),
+        pole_status={pole: status_of(field.pole_status[pole]) for pole in request.poles},
     )
-    made: dict[str, Any] = {
-        name: dict.fromkeys(getattr(field, name), np.nan) for name in unknown
+
+
+def _round_where_known(
+    field_values: Mapping[Key, Floats], balls: Mapping[Key, Array]
+) -> dict[Key, Floats]:
+    """Return the float64 numbers nearest to balls, NaN where the values of a field are."""
+    return {
+        key: np.where(np.isnan(field_values[key]), np.nan, centre_floats(array))
+        for key, array in balls.items()
     }
-    with exact.arithmetic.within():
-        units = {
-            pole: exact_direction(exact, pole, field.direction[pole])
-            for pole in wanted.poles
-        }
-        made["direction"] = units
-        made["direction_dq"] = {pole: _turn(exact, pole, units[pole]) for pole in units}
-        for name, rate, w in (
-            ("velocity_coefficient", "w", exact.w),
-            ("acceleration_coefficient", "dw", exact.slopes),
-        ):
-            made[name] = {pole: _along(_relative(w, pole), units[pole]) for pole in units}
-            made[rate] = {link: w[:, link] for link in getattr(field, rate)}
-    for name, numbers in made.items():
-        made[name] = {
-            key: np.where(np.isnan(getattr(field, name)[key]), np.nan, floats(x))
-            for key, x in numbers.items()
-        }
-    status, *codes = (
-        np.where(exact.status == Status.OK, given, exact.status).astype(np.int8)
-        for given in (field.status, *(field.pole_status[pole] for pole in wanted.poles))
-    )
-    made["pole_status"] = dict(zip(wanted.poles, codes, strict=True))
-    return replace(field, status=status, **made)
 
 
-def _along(v: Array, unit: Array) -> Array:
-    """Return components (n,) of vectors along directions, lengths where these are NaN."""
-    blind = ~np.all(np.isfinite(floats(unit)), axis=1)
-    return np.where(blind, lengths(middles(v)), np.sum(v * unit, axis=1))
+def _all_nan(field_values: Mapping[Key, Floats]) -> dict[Key, Floats]:
+    """Return arrays of NaN with the shapes of the values of a field."""
+    return {key: np.full(array.shape, np.nan) for key, array in field_values.items()}
 
 
-def _turn(exact: ExactRows, pole: Pole, unit: Array) -> Floats:
-    """Return (n, 3) how a direction turns: carried by a link, or from v = r u."""
-    pairs, joined = exact.mechanism.pairs, exact.mechanism.pole_pairs.get(pole)
-    if joined is not None and pairs[joined].kind.has_axis:
-        return np.cross(floats(exact.w[:, exact.mechanism.ends[joined][0]]), floats(unit))
-    v, dv = _relative(exact.w, pole), _relative(exact.slopes, pole)
-    across = dv - np.sum(dv * unit, axis=1)[:, None] * unit
+def _component_along(vectors: Array, directions: Array) -> Array:
+    """Return the components (n,) of vectors (n, 3) along unit vectors (n, 3).
+
+    Where the direction is NaN it is the length of the vector.
+    """
+    has_no_direction = ~np.all(np.isfinite(centre_floats(directions)), axis=1)
+    lengths = vector_lengths(exact_centres(vectors))
+    return np.where(has_no_direction, lengths, np.sum(vectors * directions, axis=1))
+
+
+def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) -> Floats:
+    """Return the derivative (n, 3) of the direction of a pole by the input.
+
+    The axis of an R pair is fixed in its links, and rotates with them. Otherwise, with the
+    relative angular velocity v = k u, the derivative u' is the part of v' across u, over k.
+
+    Parameters
+    ----------
+    reference
+        The reference rows, of order 2 at least.
+    pole
+        The two links.
+    direction
+        (n, 3) the direction u of the pole.
+    """
+    mechanism = reference.mechanism
+    joining_pair = mechanism.pole_pairs.get(pole)
+    if joining_pair is not None and mechanism.pairs[joining_pair].kind.has_axis:
+        link = mechanism.ends[joining_pair][0]
+        return np.cross(centre_floats(reference.w[:, link]), centre_floats(direction))
+    v = _relative_vector(reference.w, pole)
+    dv = _relative_vector(reference.slopes, pole)
+    dv_along = np.sum(dv * direction, axis=1)[:, None] * direction
+    k = np.sum(v * direction, axis=1)
     with np.errstate(all="ignore"):
-        return floats(across) / floats(np.sum(v * unit, axis=1))[:, None]
+        return centre_floats(dv - dv_along) / centre_floats(k)[:, None]
 
 
-def _relative(w: Array, pole: Pole) -> Array:
-    return w[:, pole[1]] - w[:, pole[0]]
+def _relative_vector(vectors: Array, pole: Pole) -> Array:
+    """Return the vectors (n, 3) of the second link of a pole less those of its first."""
+    return vectors[:, pole[1]] - vectors[:, pole[0]]

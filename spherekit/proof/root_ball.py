@@ -1,10 +1,10 @@
-"""A ball with exactly one solution of the equations in it, by the way that leads there.
+"""Balls that are proven to contain exactly one solution of the equations.
 
-Where F' is regular in all of a ball, F has one zero in it at most, as the difference of two
-values is a mean of F' times that of the places. From the centre x there is a way on which F
-falls evenly to 0, z' = -F'(z)^-1 F(x) (M. Davidenko, 1953). If with balls of F' over the
-whole ball its solutions are shorter than the ball's radius, the way ends within, and so
-at a zero, at most as far from the centre.
+If F' is regular everywhere in a ball, F has at most one zero in it, because the difference
+of two values is a mean of F' times the difference of the points. From the centre x there is
+a path z' = -F'(z)^-1 F(x) along which F decreases linearly to 0 (M. Davidenko, 1953). If
+the balls of F' over the whole ball bound its length by less than the radius, the path ends
+inside, at a zero whose distance from the centre has the same bound.
 """
 
 from collections.abc import Sequence
@@ -15,34 +15,63 @@ import numpy as np
 
 from spherekit.arrays import Array
 from spherekit.numerics.angles import wrap
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.ball_frames import exactly
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_balls
 from spherekit.proof.balls import (
     Ball,
     complex_ball,
-    lower,
-    middles,
-    precision,
-    solved,
-    upper,
-    wide,
+    exact_centres,
+    lower_magnitude,
+    precision_bits,
+    solve_balls,
+    upper_magnitude,
+    widen,
 )
 
-WIDEST = 0.0625
-"""Largest radius (rad) of a ball looked at."""
-MARGIN = 4.0
-"""A solution is said to be in a ball so much wider than proven, so that others see it."""
-STEPS = 80
-NEAR_REAL = 1e-6
-"""Roots with smaller imaginary parts (rad) are tried as real ones."""
+MAX_UNIQUENESS_RADIUS_RAD = 0.0625
+"""Largest radius (rad) of a ball in which a solution is proven to be the only one.
+
+Larger: more tests fail. Smaller: less of the space around a solution is known to be empty.
+"""
+
+SOLUTION_MARGIN = 4.0
+"""Stated radius of a solution over the proven one.
+
+Larger: solutions that are close are not told apart. Smaller: checkers with weaker bounds
+cannot repeat the proof.
+"""
+
+MAX_ROOT_STEPS = 80
+"""Largest number of Newton steps to a solution.
+
+Larger: poor approximations succeed. Smaller: they fail sooner. Double roots need a step for
+each bit.
+"""
+
+MAX_ROOT_STEP_RAD = 10.0
+"""Largest Newton step (rad) to a solution; a longer one has diverged."""
+
+REAL_TRIAL_IMAGINARY_RAD = 1e-6
+"""Imaginary parts (rad) below which a solution is first tried as a real one.
+
+Larger: more trials in vain. Smaller: real solutions that coincide nearly may be missed.
+"""
 
 
 @dataclass(frozen=True)
-class Root:
-    """Unknown angles with exactly one solution within `unique` of `centre` (rad).
+class CertifiedRoot:
+    """A solution of the equations that is proven to exist and to be the only one nearby.
 
-    The solution is within `radius`. `centre` are balls without radius. The solution is
-    real if `real` says so, and has an imaginary part if it does not.
+    Attributes
+    ----------
+    centre
+        Balls without radius: an approximation of each unknown angle (rad), real or complex.
+    radius
+        The solution differs from the centre by at most this (rad) in each angle.
+    unique
+        No other solution differs from the centre by at most this (rad) in each angle.
+    real
+        Whether the solution is proven real; otherwise it is proven not to be.
     """
 
     centre: tuple[Ball, ...]
@@ -51,95 +80,140 @@ class Root:
     real: bool
 
     def balls(self) -> list[Ball]:
-        """Return balls of the angles that contain the solution."""
-        return [_around(angle, self.radius, self.real) for angle in self.centre]
+        """Return balls (rad) of the unknown angles that contain the solution."""
+        return [_widen_angle(angle, self.radius, self.real) for angle in self.centre]
 
-    def apart(self, other: "Root") -> bool:
-        """Return whether two solutions are proven different, up to whole turns."""
+    def differs_from(self, other: "CertifiedRoot") -> bool:
+        """Return whether two solutions are proven different, modulo turns."""
         return any(
-            not one.overlaps(two)
-            for one, two in zip(self.points(), other.points(), strict=True)
+            not point.overlaps(other_point)
+            for point, other_point in zip(self.points(), other.points(), strict=True)
         )
 
-    def leads_to(self, near: Sequence[complex]) -> bool:
-        """Return whether an approximation is in its ball, whole turns away or not."""
-        apart = np.array(near) - [complex(angle) for angle in self.centre]
-        return bool(np.all(np.abs(wrap(apart.real) + 1j * apart.imag) < 0.5 * self.unique))
+    def attracts(self, approximation: Sequence[complex]) -> bool:
+        """Return whether an approximation (rad) is within half of `unique`, modulo turns.
+
+        Newton's method from there leads to this solution.
+        """
+        offset = np.array(approximation) - [complex(angle) for angle in self.centre]
+        distance = np.abs(wrap(offset.real) + 1j * offset.imag)
+        return bool(np.all(distance < 0.5 * self.unique))
 
     def points(self) -> list[Ball]:
-        """Return balls of e^(i angle)."""
+        """Return balls of e^(i angle) of all unknown angles."""
         return [(complex_ball(1j) * angle).exp() for angle in self.balls()]
 
 
-def root_near(
-    equations: Equations, driven: Sequence[Ball], near: Sequence[complex]
-) -> Root | None:
-    """Return the solution next to an approximation, None where nothing is proven.
+def find_root(
+    equations: ArcEquations, known_angles: Sequence[Ball], approximation: Sequence[complex]
+) -> CertifiedRoot | None:
+    """Return the solution near an approximation, None if none is proven.
 
-    `driven` are balls of the inputs.
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    known_angles
+        Balls (rad) of all variables that are not unknown.
+    approximation
+        The unknown angles (rad).
     """
-    x = np.array([complex_ball(angle) for angle in near])
+    x = np.array([complex_ball(angle) for angle in approximation])
     with suppress(ZeroDivisionError):
-        for _ in range(STEPS):
-            values, first = _at(equations, x, driven)
-            change = _inverse_near(first) @ values
-            x = middles(x - change)
-            size = max(map(upper, change))
-            if size < 2.0 ** (-precision() / 2):
+        for _ in range(MAX_ROOT_STEPS):
+            values, slopes = _evaluate(equations, x, known_angles)
+            change = _approximate_inverse(slopes) @ values
+            x = exact_centres(x - change)
+            step_size = max(map(upper_magnitude, change))
+            # Newton's method doubles the digits: after this step all are correct.
+            if step_size < 2.0 ** (-precision_bits() / 2):
                 break
-            if not size < 10.0:
+            if not step_size < MAX_ROOT_STEP_RAD:
                 return None
-        if max(upper(angle.imag) for angle in x) < NEAR_REAL:
-            real = np.array([angle.real for angle in x])
-            if root := _certified(equations, driven, real, True):
+        largest_imaginary = max(upper_magnitude(angle.imag) for angle in x)
+        if largest_imaginary < REAL_TRIAL_IMAGINARY_RAD:
+            real_parts = np.array([angle.real for angle in x])
+            if root := _certify_root(equations, known_angles, real_parts, True):
                 return root
-        return _certified(equations, driven, x, False)
+        return _certify_root(equations, known_angles, x, False)
     return None
 
 
-def _at(equations: Equations, x: Array, driven: Sequence[Ball]) -> tuple[Array, Array]:
-    """Return F (k,) and F' (k, k) at balls of the unknowns."""
-    values, slopes = equations.arrays([*x, *driven])
-    return values, slopes[:, : equations.unknowns]
+def _evaluate(
+    equations: ArcEquations, x: Array, known_angles: Sequence[Ball]
+) -> tuple[Array, Array]:
+    """Return F (k,) and F' (k, k) by the unknowns, at balls x (k,) of the unknowns."""
+    values, slopes = equations.evaluate([*x, *known_angles])
+    return values, slopes[:, : equations.unknown_count]
 
 
-def _certified(
-    equations: Equations, driven: Sequence[Ball], x: Array, real: bool
-) -> Root | None:
-    values, first = _at(equations, x, driven)
-    degrees = equations.degrees[:, : equations.unknowns]
-    growth = np.exp(degrees @ [upper(ball.imag) for ball in x])
-    second = equations.bound * growth * np.sum(degrees, axis=1) ** 2
-    # where derivatives may have changed by a fifth
-    rows = np.vectorize(upper)(_inverse_near(first))
-    unique = min(WIDEST, 0.2 / np.max(rows @ second))
-    around = np.array([_around(angle, unique, False) for angle in x])
-    off = zero_within(values, _at(equations, around, driven)[1])
-    radius = min(max(MARGIN * off, 1e-300), unique)
-    apart = real or any(lower(ball.imag) > radius for ball in x)
-    return Root(tuple(x), radius, unique, real) if off < unique and apart else None
+def _certify_root(
+    equations: ArcEquations, known_angles: Sequence[Ball], x: Array, real: bool
+) -> CertifiedRoot | None:
+    """Return the solution in a ball about x, None if it is not proven.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    known_angles
+        Balls (rad) of all variables that are not unknown.
+    x
+        (k,) balls without radius: the approximation, real or complex.
+    real
+        Whether x is real. The solution is then real as well: its conjugate is a solution in
+        the same ball. If x is not real, the ball must not touch the real angles.
+    """
+    values, slopes = _evaluate(equations, x, known_angles)
+    degrees = equations.degrees[:, : equations.unknown_count]
+    # Imaginary parts increase the bounds of derivatives exponentially.
+    growth = np.exp(degrees @ [upper_magnitude(ball.imag) for ball in x])
+    second_bound = equations.derivative_bound * growth * np.sum(degrees, axis=1) ** 2
+    # The radius within which the derivatives may change by a fifth.
+    inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
+    unique = min(MAX_UNIQUENESS_RADIUS_RAD, 0.2 / np.max(inverse_size @ second_bound))
+    unique_balls = np.array([_widen_angle(angle, unique, False) for angle in x])
+    slopes_around = _evaluate(equations, unique_balls, known_angles)[1]
+    distance = bound_zero_distance(values, slopes_around)
+    radius = min(max(SOLUTION_MARGIN * distance, 1e-300), unique)
+    is_decided = real or any(lower_magnitude(ball.imag) > radius for ball in x)
+    if not (distance < unique and is_decided):
+        return None
+    return CertifiedRoot(tuple(x), radius, unique, real)
 
 
-def _around(angle: Ball, radius: float, real: bool) -> Ball:
-    """Return the ball of an angle's solution, of real numbers where it is real."""
+def _widen_angle(angle: Ball, radius: float, real: bool) -> Ball:
+    """Return the ball of a radius (rad) about an angle, of real numbers only if `real`."""
     if real:
-        return wide(angle, radius)
-    return complex_ball(wide(angle.real, radius), wide(angle.imag, radius))
+        return widen(angle, radius)
+    return complex_ball(widen(angle.real, radius), widen(angle.imag, radius))
 
 
-def zero_within(values: Array, over: Array) -> float:
-    """Return how far from the centre of balls there is a zero of F, infinity if unproven.
+def bound_zero_distance(values: Array, slopes: Array) -> float:
+    """Return a bound of the distance of a zero of F from the centre of balls.
 
-    `values` are F at the centre, `over` F' anywhere within the balls. There is just one
-    zero in them if they are wider than this.
+    If the balls are wider than the bound, they contain exactly one zero.
+
+    Parameters
+    ----------
+    values
+        (k,) balls: F at the centre.
+    slopes
+        (k, k) balls: F' anywhere in the balls.
+
+    Returns
+    -------
+    Infinity if F' may be singular in the balls.
     """
     try:
-        near = _inverse_near(over)
-        return max(map(upper, solved(near @ over, near @ values[:, None]).flat))
+        inverse = _approximate_inverse(slopes)
+        steps = solve_balls(inverse @ slopes, inverse @ values[:, None])
+        return max(map(upper_magnitude, steps.flat))
     except ZeroDivisionError:
         return np.inf
 
 
-def _inverse_near(square: Array) -> Array:
-    """Return a matrix without radii next to the inverse."""
-    return np.asarray(middles(solved(middles(square), exactly(np.eye(len(square))))))
+def _approximate_inverse(square: Array) -> Array:
+    """Return balls without radius near the inverse of a square matrix of balls."""
+    identity = exact_balls(np.eye(len(square)))
+    return np.asarray(exact_centres(solve_balls(exact_centres(square), identity)))

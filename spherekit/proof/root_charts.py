@@ -1,10 +1,15 @@
-"""All complex roots over boxes of the inputs, in charts without infinity.
+"""Certified complex roots for all inputs of a box, in charts without infinity.
 
-In z = e^(i angle) the equations are polynomials of degree 2 m in each unknown. Of z and
-1 / z one is at most 1, so that a root at infinity is a root like others, and all bounds
-are sums over coefficients. A root is proven for all inputs of a box at once: one and only
-one in a tube about z0 + z' (q - q0). Of a system that is solved after others, their
-angles are inputs too. Numbers may be infinite: callers let NumPy divide by zero.
+In z = e^(i angle) the equations are polynomials of degree 2 m in each unknown, where m is
+the trigonometric degree. Either z or 1/z has a magnitude of at most 1. Each root is stored
+in this *chart*, so that a root at infinity is like any other, and all bounds are sums over
+coefficients.
+
+A root is certified for all inputs q of a box at once: there is exactly one root in a tube
+about z0 + z' (q - q0). The *given* variables of a system are the inputs, and the unknowns
+of the systems that were solved before.
+
+Numbers may be infinite or NaN where a test fails. Callers let NumPy divide by zero.
 """
 
 from collections.abc import Sequence
@@ -14,242 +19,524 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Complexes, Floats, Indices
-from spherekit.proof.tubes import ROUNDING, UP
+from spherekit.proof.tubes import PRODUCT_ROUNDING, ROUND_UP
 
-OUTSIDE = 1.05
-"""A point is moved to the other chart where its size is more."""
-AROUND, CLOSE = 1.7, 50.0
-"""Radius in which a root is shown alone, over how far it moves and how near it is."""
-NEWTON_STEPS = 8
-STILL = 1e-13
+CHART_CHANGE_MAGNITUDE = 1.05
+"""Magnitude of a point above which it is moved to the other chart.
+
+Larger: weaker bounds. Smaller: points near the unit circle change charts in every step.
+"""
+
+MOTION_FACTOR = 1.7
+"""Radius in which a root is proven alone, over its motion in the box of inputs.
+
+Larger: the derivatives change more, and the test fails. Smaller: the root leaves the
+radius.
+"""
+
+RESIDUAL_FACTOR = 50.0
+"""The same over the distance of the root from its approximation."""
+
+MAX_POLISHING_STEPS = 8
+"""Largest number of Newton steps that improve approximate roots.
+
+Larger: poor approximations succeed. Smaller: they fail sooner.
+"""
+
+POLISHING_TOLERANCE = 1e-13
+"""Newton step (in z) below which no further step is made.
+
+Larger: larger residuals, and larger radii of the roots. Smaller: steps that are rounding.
+"""
+
+CONVERGED_STEP = 1e-9
+"""Last Newton step (in z) above which a root has not converged.
+
+Larger: approximations that are not near a root are kept. Smaller: nearly double roots are
+given up.
+"""
 
 
 @dataclass(frozen=True)
 class Polynomials:
-    """Coefficients of a system at m inputs, and of their derivatives by the inputs.
+    """The polynomials of a system at m choices of its given variables, with error bounds.
 
-    `values[i]` (m, 2 m_i1 + 1, ...) and `slopes[i]` (m, inputs, ...) have the coefficients
-    of the powers of z, each off by at most `error[i]`. All derivatives of an equation by
-    angles are at most `constant[i]` times products of `degrees` (k, variables), the
-    unknowns first.
+    Attributes
+    ----------
+    coefficients
+        For each equation (m, 2 m_1 + 1, 2 m_2 + 1, ...): coefficient of the powers of z of
+        each unknown, the power 0 first.
+    slopes
+        For each equation (m, given, ...): derivatives of the coefficients by the given
+        variables.
+    error
+        (k,) error bound of each coefficient.
+    derivative_bound
+        (k,) bounds C: a derivative of the equation by angles is at most C times products of
+        degrees.
+    degrees
+        (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
 
-    values: tuple[Complexes, ...]
+    coefficients: tuple[Complexes, ...]
     slopes: tuple[Complexes, ...]
     error: Floats
-    constant: Floats
+    derivative_bound: Floats
     degrees: Indices
 
 
 @dataclass(frozen=True)
 class ChartRoots:
-    """Points (n, k): `z`, or where `inverse` says so 1 / z, of the inputs `row` (n,)."""
+    """Points in the space of the unknowns, each coordinate in its better chart.
+
+    Attributes
+    ----------
+    z
+        (n, k) e^(i angle) of each unknown, or its inverse.
+    inverse
+        (n, k) whether `z` is the inverse.
+    row
+        (n,) the choice of the given variables to which a point belongs.
+    """
 
     z: Complexes
     inverse: Bools
     row: Indices
 
     @staticmethod
-    def of(points: Complexes, row: Indices) -> "ChartRoots":
-        """Return e^(i angle) (n, k), infinite ones too, in the chart where it is small."""
+    def from_points(points: Complexes, row: Indices) -> "ChartRoots":
+        """Return points e^(i angle) (n, k), infinite ones too, in their charts."""
         inverse = ~(np.abs(points) <= 1.0)
         z = np.where(inverse, 1.0 / points, points)
         return ChartRoots(np.where(np.isfinite(points), z, 0.0), inverse, row)
 
     @property
     def points(self) -> Complexes:
-        """e^(i angle) (n, k), infinite ones too."""
+        """(n, k) e^(i angle), infinite ones too."""
         return np.where(self.inverse, 1.0 / self.z, self.z)
 
-    def gaps(self, count: int) -> Floats:
-        """Return how far roots of each input are from each other (m, count, count).
+    def pairwise_gaps(self, count: int) -> Floats:
+        """Return how far the roots of each row are from each other.
 
-        There are `count` of each input, one input after the other.
+        Parameters
+        ----------
+        count
+            Number of roots of each row; the rows follow each other.
+
+        Returns
+        -------
+        (m, count, count) the largest difference over the unknowns. For two points a/b and
+        c/d in homogeneous coordinates the difference is |a d - b c|.
         """
         shape = -1, count, self.z.shape[1]
-        over = np.where(self.inverse, 1.0, self.z).reshape(shape)
-        way = over[:, :, None] * np.where(self.inverse, self.z, 1.0).reshape(shape)[:, None]
-        return np.max(np.abs(way - way.swapaxes(1, 2)), axis=3, initial=0.0)
+        numerators = np.where(self.inverse, 1.0, self.z).reshape(shape)
+        denominators = np.where(self.inverse, self.z, 1.0).reshape(shape)
+        products = numerators[:, :, None] * denominators[:, None]
+        differences = np.abs(products - products.swapaxes(1, 2))
+        return np.max(differences, axis=3, initial=0.0)
 
-    def take(self, kept: Any) -> "ChartRoots":
-        """Return some of them."""
-        return ChartRoots(self.z[kept], self.inverse[kept], self.row[kept])
+    def take(self, chosen: Any) -> "ChartRoots":
+        """Return the points that an index, a mask or a slice chooses."""
+        return ChartRoots(self.z[chosen], self.inverse[chosen], self.row[chosen])
 
-    def derivatives(self, arrays: Sequence[Complexes], order: int = 0) -> Complexes:
-        """Return all derivatives by z of an order, of polynomials (m, ..., sizes) each.
+    def derivatives(self, polynomials: Sequence[Complexes], order: int = 0) -> Complexes:
+        """Return the derivatives of polynomials by z at all points, in their charts.
 
-        They are (n, polynomials, unknowns, ...), with as many axes of unknowns as the
-        order.
+        In the chart of the inverse the coefficients belong to the powers in reverse order.
+
+        Parameters
+        ----------
+        polynomials
+            For each polynomial (m, ..., sizes), see `Polynomials`.
+        order
+            Order of the derivatives: 0, 1 or 2.
+
+        Returns
+        -------
+        (n, polynomials, unknowns, ...) with one axis of unknowns for each order, then the
+        axes of the polynomials before the sizes.
         """
         n, count = self.z.shape
-        made = []
-        for series in arrays:
-            for key in np.ndindex(*[count] * order):
-                part = series[self.row]
+        parts = []
+        for coefficients in polynomials:
+            for variables in np.ndindex(*[count] * order):
+                part = coefficients[self.row]
+                # Sum over the last axis first: that of the last unknown.
                 for column in reversed(range(count)):
-                    powers = self._powers(column, part.shape[-1], key.count(column))
+                    powers = self._powers(column, part.shape[-1], variables.count(column))
                     part = np.einsum("n...p,np->n...", part, powers)
-                made.append(part)
-        out = np.stack(made, axis=1)
-        return out.reshape(n, len(arrays), *[count] * order, *out.shape[2:])
+                parts.append(part)
+        stacked = np.stack(parts, axis=1)
+        shape = (n, len(polynomials), *[count] * order, *stacked.shape[2:])
+        return stacked.reshape(shape)
 
     def _powers(self, column: int, size: int, order: int) -> Complexes:
-        """Return (n, size) the powers of z that belong to coefficients, or derivatives."""
-        up = np.arange(size)
-        exponents = np.where(self.inverse[:, column, None], up[::-1], up)
+        """Return derivatives (n, size) of the powers of z that belong to coefficients.
+
+        Parameters
+        ----------
+        column
+            Number of the unknown.
+        size
+            Number of coefficients.
+        order
+            Order of the derivative.
+        """
+        ascending = np.arange(size)
+        exponents = np.where(self.inverse[:, column, None], ascending[::-1], ascending)
         factor = np.prod([exponents - step for step in range(order)], axis=0)
         return factor * self.z[:, column, None] ** np.maximum(exponents - order, 0)
 
-    def moved(self, z: Complexes) -> "ChartRoots":
-        """Return the same with other points, each in the better chart."""
-        over = np.abs(z) > OUTSIDE
-        return ChartRoots(np.where(over, 1.0 / z, z), self.inverse ^ over, self.row)
+    def with_points(self, z: Complexes) -> "ChartRoots":
+        """Return new points, given in the present charts and moved to the better ones."""
+        is_large = np.abs(z) > CHART_CHANGE_MAGNITUDE
+        return ChartRoots(np.where(is_large, 1.0 / z, z), self.inverse ^ is_large, self.row)
 
 
-def values_at(
-    made: Polynomials, roots: ChartRoots
-) -> tuple[Complexes, Complexes, Complexes]:
-    """Return P (n, k), its derivatives by z (n, k, k) and by the inputs (n, k, inputs)."""
-    first = roots.derivatives(made.values, 1)
-    return roots.derivatives(made.values), first, roots.derivatives(made.slopes)
+@dataclass(frozen=True)
+class PolynomialValues:
+    """The polynomials and their derivatives at points, in the charts of the points.
+
+    Attributes
+    ----------
+    values
+        (n, k) P.
+    by_unknowns
+        (n, k, k) P_z, derivatives by z.
+    by_given
+        (n, k, given) P_g, derivatives by the given variables.
+    """
+
+    values: Complexes
+    by_unknowns: Complexes
+    by_given: Complexes
 
 
-def polished(made: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
-    """Return what Newton's method makes of points, and where it ends well."""
-    good = np.ones(len(roots.z), dtype=bool)
-    for _ in range(NEWTON_STEPS):
-        values, first, _ = values_at(made, roots)
-        change = applied(inverses(first), values)
-        size = np.max(np.abs(change), axis=1, initial=0.0)
-        good &= size < 1.0
-        roots = roots.moved(np.where(good[:, None], roots.z - change, roots.z))
-        if np.max(size[good], initial=0.0) < STILL:
+def evaluate_polynomials(polynomials: Polynomials, roots: ChartRoots) -> PolynomialValues:
+    """Return the polynomials and their first derivatives at points."""
+    by_unknowns = roots.derivatives(polynomials.coefficients, 1)
+    return PolynomialValues(
+        values=roots.derivatives(polynomials.coefficients),
+        by_unknowns=by_unknowns,
+        by_given=roots.derivatives(polynomials.slopes),
+    )
+
+
+def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
+    """Improve approximate roots by Newton's method.
+
+    Returns
+    -------
+    The roots, and (n,) for which of them the method has converged.
+    """
+    is_good = np.ones(len(roots.z), dtype=bool)
+    for _ in range(MAX_POLISHING_STEPS):
+        at_roots = evaluate_polynomials(polynomials, roots)
+        change = apply_matrices(invert_matrices(at_roots.by_unknowns), at_roots.values)
+        step_size = np.max(np.abs(change), axis=1, initial=0.0)
+        is_good &= step_size < 1.0
+        roots = roots.with_points(np.where(is_good[:, None], roots.z - change, roots.z))
+        if np.max(step_size[is_good], initial=0.0) < POLISHING_TOLERANCE:
             break
-    return roots, good & (size < 1e-9)
+    return roots, is_good & (step_size < CONVERGED_STEP)
 
 
-def inverses(first: Complexes) -> Complexes:
-    """Return inverses (n, k, k), NaN where there are none."""
-    regular = np.all(np.isfinite(first), axis=(1, 2))
-    regular &= np.abs(np.linalg.det(np.where(regular[:, None, None], first, 0))) > 0.0
-    out = np.full_like(first, np.nan)
-    out[regular] = np.linalg.inv(first[regular])
-    return out
+def invert_matrices(matrices: Complexes) -> Complexes:
+    """Return the inverses (n, k, k) of matrices, NaN for singular ones."""
+    is_regular = np.all(np.isfinite(matrices), axis=(1, 2))
+    finite_matrices = np.where(is_regular[:, None, None], matrices, 0)
+    is_regular &= np.abs(np.linalg.det(finite_matrices)) > 0.0
+    inverses = np.full_like(matrices, np.nan)
+    inverses[is_regular] = np.linalg.inv(matrices[is_regular])
+    return inverses
 
 
-def applied(matrices: Array, vectors: Array) -> Array:
-    """Return products (n, i) of matrices (n, i, j) and vectors (n, j)."""
+def apply_matrices(matrices: Array, vectors: Array) -> Array:
+    """Return the products (n, i) of matrices (n, i, j) with vectors (n, j)."""
     return np.matvec(matrices, vectors)
 
 
-def _rounding(made: Polynomials, rows: Indices) -> Floats:
-    """Return by how much values (n, k) are off by coefficients and sums of them."""
-    sizes = [np.abs(array).reshape(len(array), -1) for array in made.values]
-    count = [array.shape[1] for array in sizes]
-    total = np.stack([np.sum(array, axis=1) for array in sizes], axis=1)
-    return np.multiply(count, made.error + 4 * ROUNDING * total)[rows]
+def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
+    """Return error bounds (n, k) of values where all |z| are at most 1.
+
+    They cover the errors of the coefficients and the rounding of the sums. `rows` (n,) are
+    the rows of the points.
+    """
+    magnitudes = [
+        np.abs(array).reshape(len(array), -1) for array in polynomials.coefficients
+    ]
+    counts = [array.shape[1] for array in magnitudes]
+    totals = np.stack([np.sum(array, axis=1) for array in magnitudes], axis=1)
+    errors = polynomials.error + 4 * PRODUCT_ROUNDING * totals
+    return np.multiply(counts, errors)[rows]
 
 
-def _changes(
-    made: Polynomials, roots: ChartRoots, wide: Floats, swing: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return by how much P (n, k) and P' (n, k, k) are off, and more within `wide` (n,).
+@dataclass(frozen=True)
+class ChangeBounds:
+    """How much polynomials and derivatives may change near a root.
 
-    Last is by how much P' times a way may be off for what is given, which moves by at most
-    `swing` (n, given). Derivatives of order three are at most the constant times powers of
-    `steps`, and by what is given of `turned` (S. Bernstein).
+    Attributes
+    ----------
+    value_error
+        (n, k) error bound of P.
+    slope_change
+        (n, k, k) bound of the change of P_z within a radius and over the box.
+    drift
+        (n, k) bound of what is neglected if P is taken as linear along the tube's axis.
+    """
+
+    value_error: Floats
+    slope_change: Floats
+    drift: Floats
+
+
+def _bound_changes(
+    polynomials: Polynomials, roots: ChartRoots, radius: Floats, given_change: Floats
+) -> ChangeBounds:
+    """Return how much polynomials and derivatives may change near roots.
+
+    Derivatives of order three are bounded by the constant times powers of the degrees, by
+    Bernstein's inequality.
+
+    Parameters
+    ----------
+    polynomials, roots
+        The polynomials and their approximate roots.
+    radius
+        (n,) radius about each root, in z.
+    given_change
+        (n, given) largest change (rad) of the given variables over the box.
     """
     count = roots.z.shape[1]
-    steps, turned = 2.0 * made.degrees[:, :count], made.degrees[:, count:]
-    reach = np.maximum(np.abs(roots.z) + wide[:, None], 1.0)
-    growth = np.exp(np.log(reach) @ steps.T) * UP
-    most, blur = made.constant * growth, growth * _rounding(made, roots.row)
-    across, given = wide[:, None] * np.sum(steps, axis=1), swing @ turned.T
-    way, least = across + given, np.maximum(steps, 1.0)
-    mixed = np.einsum("nijg,ng->nij", np.abs(roots.derivatives(made.slopes, 1)), swing)
-    bent = np.sum(np.abs(roots.derivatives(made.values, 2)), axis=3)
-    more = bent * wide[:, None, None] + mixed
-    more += (0.5 * most * way**2 + blur * way)[:, :, None] * least
-    drift = np.sum(mixed, axis=2) * wide[:, None] + most * given * (given + across**2)
-    return blur, more, 0.5 * drift + blur * (1.0 + way) * way
-
-
-def tubes(
-    made: Polynomials, roots: ChartRoots, half: Floats, moving: Floats, off: Floats
-) -> tuple[Bools, Floats, Floats, Floats, Floats, Complexes]:
-    """Return where points (n,) have one root for every input of boxes, and where it is.
-
-    At the centre it is within the first distance (n,), and everywhere alone within the
-    second; in the box within the third of its tube's axis, whose slopes (n, k, inputs) are
-    last, and within (n, k) of its place there. What is given to the system moves by
-    `moving` (m, given, inputs) times the inputs, `half` (m, inputs) at most, and by at most
-    `off` (m, given) rad more.
-
-    With Y P' within `slack` of 1 all over, Y next to the inverse at the point, roots are no
-    farther from any place there than the largest of Y P over 1 - `slack`. On the axis this
-    is small: as far as Y P' and Y P_g change, which grow evenly at most, for half the way.
-    So the way of the root, z' = -P'^-1 P and then -P'^-1 P_g g', does not leave.
-    """
-    count = roots.z.shape[1]
-    half, stray, moving = (box[roots.row] for box in (half, off, moving))
-    values, first, by_given = values_at(made, roots)
-    inverse = inverses(first)
-    size, pull = np.abs(inverse), inverse @ by_given
-    rates = -pull @ moving
-    moved = applied(np.abs(rates), half) * UP
-    swing = (applied(np.abs(moving), half) + stray) * UP
-    astray, missed = applied(np.abs(pull), stray), np.abs(applied(inverse, values))
-    bent = made.constant * (swing @ made.degrees[:, count:].T) ** 2
-    goes = moved + astray + applied(size, bent)
-    begins = missed + applied(size, _rounding(made, roots.row))
-    wide = np.max(AROUND * goes + CLOSE * begins, axis=1) + 1e-12
-    blur, more, drift = _changes(made, roots, wide, swing)
-    steps = np.maximum(2.0 * made.degrees[:, :count], 1.0)
-    part = np.abs(np.eye(count) - inverse @ first) + ROUNDING
-    part += size @ (blur[:, :, None] * steps + ROUNDING * np.abs(first))
-    more = size @ more
-    slack = np.max(np.sum(part + more, axis=2), axis=1) * UP
-    start = missed + applied(size, blur + ROUNDING * np.abs(values))
-    drift += ROUNDING * applied(np.abs(by_given), swing)
-    strays = start + astray + applied(size, drift) + applied(part + 0.5 * more, moved)
-    radius, width = (
-        np.max(bound, axis=1) / (1.0 - slack) * UP for bound in (start, strays)
+    degrees_in_z = 2.0 * polynomials.degrees[:, :count]
+    degrees_in_given = polynomials.degrees[:, count:]
+    # Outside the unit circle a polynomial of degree d grows at most by |z|^d.
+    largest_magnitude = np.maximum(np.abs(roots.z) + radius[:, None], 1.0)
+    growth = np.exp(np.log(largest_magnitude) @ degrees_in_z.T) * ROUND_UP
+    bound = polynomials.derivative_bound * growth
+    value_error = growth * _bound_rounding(polynomials, roots.row)
+    by_radius = radius[:, None] * np.sum(degrees_in_z, axis=1)
+    by_given = given_change @ degrees_in_given.T
+    total = by_radius + by_given
+    degrees_at_least_one = np.maximum(degrees_in_z, 1.0)
+    # i: equation, j: unknown, g: given variable.
+    mixed = np.einsum(
+        "nijg,ng->nij", np.abs(roots.derivatives(polynomials.slopes, 1)), given_change
     )
-    good = (slack < 1.0) & (np.max(moved, axis=1) + width < wide)
-    return good, radius, wide, width, (moved + width[:, None]) * UP, rates
+    second = np.sum(np.abs(roots.derivatives(polynomials.coefficients, 2)), axis=3)
+    slope_change = second * radius[:, None, None] + mixed
+    remainder = 0.5 * bound * total**2 + value_error * total
+    slope_change += remainder[:, :, None] * degrees_at_least_one
+    mixed_drift = np.sum(mixed, axis=2) * radius[:, None]
+    drift = mixed_drift + bound * by_given * (by_given + by_radius**2)
+    return ChangeBounds(
+        value_error=value_error,
+        slope_change=slope_change,
+        drift=0.5 * drift + value_error * (1.0 + total) * total,
+    )
 
 
-def roots_of_one(made: Polynomials) -> ChartRoots:
-    """Return approximations of all roots of one polynomial at each of m inputs."""
-    (coefficients,) = made.values
+@dataclass(frozen=True)
+class InputBoxes:
+    """Boxes of the inputs, and how the given variables of a system move over them.
+
+    Attributes
+    ----------
+    half
+        (m, inputs) half widths (rad).
+    given_rates
+        (m, given, inputs) derivatives of the given variables by the inputs.
+    given_error
+        (m, given) largest deviation (rad) of the given variables from linear motion.
+    """
+
+    half: Floats
+    given_rates: Floats
+    given_error: Floats
+
+
+@dataclass(frozen=True)
+class RootTubes:
+    """Tubes about approximate roots, each with exactly one root for every input of a box.
+
+    Attributes
+    ----------
+    is_proven
+        (n,) whether this is proven. Otherwise the other attributes have no meaning.
+    centre_radius
+        (n,) largest distance of the root from the approximation at the centre of the box.
+    uniqueness_radius
+        (n,) radius in which the root is the only one, over the whole box.
+    tube_radius
+        (n,) largest distance of the root from the axis of its tube over the box.
+    reach
+        (n, k) largest distance of each coordinate from the approximation over the box.
+    rates
+        (n, k, inputs) derivatives of z by the inputs along the axis.
+    """
+
+    is_proven: Bools
+    centre_radius: Floats
+    uniqueness_radius: Floats
+    tube_radius: Floats
+    reach: Floats
+    rates: Complexes
+
+
+def enclose_roots(
+    polynomials: Polynomials, roots: ChartRoots, input_boxes: InputBoxes
+) -> RootTubes:
+    """Return tubes about approximate roots with exactly one root for each input.
+
+    Let Y be near the inverse of P_z at the approximation, and let Y P_z differ from the
+    identity by at most `slack` < 1 within the radius and over the box. A root is then no
+    farther from any point there than the largest |Y P| over 1 - slack. On the axis of the
+    tube |Y P| is small: Y P_z and Y P_g change at most linearly, so that their mean change
+    is half of the largest one. The path of the root, z' = -P_z^-1 P and then
+    -P_z^-1 P_g g', therefore does not leave the radius.
+
+    Parameters
+    ----------
+    polynomials
+        The polynomials at m choices of the given variables, the centres of the boxes.
+    roots
+        Approximate roots.
+    input_boxes
+        The boxes of the inputs about each choice.
+    """
+    count = roots.z.shape[1]
+    half = input_boxes.half[roots.row]
+    given_rates = input_boxes.given_rates[roots.row]
+    given_error = input_boxes.given_error[roots.row]
+    at_roots = evaluate_polynomials(polynomials, roots)
+    values = at_roots.values
+    by_unknowns = at_roots.by_unknowns
+    by_given = at_roots.by_given
+    inverse = invert_matrices(by_unknowns)
+    inverse_size = np.abs(inverse)
+    inverse_by_given = inverse @ by_given
+
+    # Motion of the root over the box: linear part, and what deviations of the given
+    # variables add.
+    rates = -inverse_by_given @ given_rates
+    motion = apply_matrices(np.abs(rates), half) * ROUND_UP
+    given_change = (apply_matrices(np.abs(given_rates), half) + given_error) * ROUND_UP
+    from_given_error = apply_matrices(np.abs(inverse_by_given), given_error)
+    newton_step = np.abs(apply_matrices(inverse, values))
+
+    # The radius in which the root is to be proven alone.
+    degrees_in_given = polynomials.degrees[:, count:]
+    bend = polynomials.derivative_bound * (given_change @ degrees_in_given.T) ** 2
+    total_motion = motion + from_given_error + apply_matrices(inverse_size, bend)
+    rounding = _bound_rounding(polynomials, roots.row)
+    centre_distance = newton_step + apply_matrices(inverse_size, rounding)
+    radius = MOTION_FACTOR * total_motion + RESIDUAL_FACTOR * centre_distance
+    uniqueness_radius = np.max(radius, axis=1) + 1e-12
+
+    # |1 - Y P_z|: at the approximation, and its change within the radius and over the box.
+    changes = _bound_changes(polynomials, roots, uniqueness_radius, given_change)
+    degrees_at_least_one = np.maximum(2.0 * polynomials.degrees[:, :count], 1.0)
+    deviation = np.abs(np.eye(count) - inverse @ by_unknowns) + PRODUCT_ROUNDING
+    deviation += inverse_size @ (
+        changes.value_error[:, :, None] * degrees_at_least_one
+        + PRODUCT_ROUNDING * np.abs(by_unknowns)
+    )
+    deviation_change = inverse_size @ changes.slope_change
+    row_sums = np.sum(deviation + deviation_change, axis=2)
+    slack = np.max(row_sums, axis=1) * ROUND_UP
+
+    # |Y P| at the centre, and on the axis over the box.
+    value_rounding = changes.value_error + PRODUCT_ROUNDING * np.abs(values)
+    at_centre = newton_step + apply_matrices(inverse_size, value_rounding)
+    drift = changes.drift + PRODUCT_ROUNDING * apply_matrices(
+        np.abs(by_given), given_change
+    )
+    on_axis = (
+        at_centre
+        + from_given_error
+        + apply_matrices(inverse_size, drift)
+        + apply_matrices(deviation + 0.5 * deviation_change, motion)
+    )
+    centre_radius = np.max(at_centre, axis=1) / (1.0 - slack) * ROUND_UP
+    tube_radius = np.max(on_axis, axis=1) / (1.0 - slack) * ROUND_UP
+    stays_inside = np.max(motion, axis=1) + tube_radius < uniqueness_radius
+    return RootTubes(
+        is_proven=(slack < 1.0) & stays_inside,
+        centre_radius=centre_radius,
+        uniqueness_radius=uniqueness_radius,
+        tube_radius=tube_radius,
+        reach=(motion + tube_radius[:, None]) * ROUND_UP,
+        rates=rates,
+    )
+
+
+def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
+    """Return approximations of all roots of one polynomial in one unknown.
+
+    They are the eigenvalues of the companion matrix, for each of the m rows.
+    """
+    (coefficients,) = polynomials.coefficients
     m, size = coefficients.shape
     companion = np.tile(np.eye(size - 1, k=-1, dtype=complex), (m, 1, 1))
-    last = -coefficients[:, :-1] / coefficients[:, -1:]
-    companion[:, :, -1] = np.where(np.isfinite(last), last, 0.0)
+    last_column = -coefficients[:, :-1] / coefficients[:, -1:]
+    # A leading coefficient of 0 means roots at infinity: they are not found here.
+    companion[:, :, -1] = np.where(np.isfinite(last_column), last_column, 0.0)
     points = np.linalg.eigvals(companion).reshape(-1, 1)
-    return ChartRoots.of(points, np.repeat(np.arange(m), size - 1))
+    return ChartRoots.from_points(points, np.repeat(np.arange(m), size - 1))
 
 
-def are_apart(roots: ChartRoots, radius: Floats, good: Bools, count: int) -> Bools:
-    """Return at which inputs all roots are good and proven different from each other.
+def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
+    """Return for which rows all roots are good and proven different from each other.
 
-    There are `count` roots of each input, one input after the other.
+    Parameters
+    ----------
+    roots
+        The approximate roots, `count` of each row, one row after the other.
+    radius
+        (n,) distance bound of each root from its approximation.
+    is_good
+        (n,) whether a root counts.
+    count
+        Number of roots of each row.
+
+    Returns
+    -------
+    (m,) bools.
     """
-    r = radius.reshape(-1, count)
-    one, other = r[:, :, None], r[:, None]
-    limit = 1.5 * (one + other + one * other) * UP + 1e-14
-    apart = (roots.gaps(count) > limit) | np.eye(count, dtype=bool)
-    return np.all(apart, axis=(1, 2)) & np.all(good.reshape(r.shape), axis=1)
+    radii = radius.reshape(-1, count)
+    first = radii[:, :, None]
+    second = radii[:, None]
+    # Change of the homogeneous difference |a d - b c| within both radii.
+    limit = 1.5 * (first + second + first * second) * ROUND_UP + 1e-14
+    is_apart = (roots.pairwise_gaps(count) > limit) | np.eye(count, dtype=bool)
+    return np.all(is_apart, axis=(1, 2)) & np.all(is_good.reshape(radii.shape), axis=1)
 
 
-def are_real(roots: ChartRoots, radius: Floats, unique: Floats) -> tuple[Bools, Bools]:
-    """Return which roots are proven real, and which are proven not to be.
+def classify_real_roots(
+    roots: ChartRoots, radius: Floats, uniqueness_radius: Floats
+) -> tuple[Bools, Bools]:
+    """Return which roots are proven to have real angles, and which are proven not to.
 
-    With z also 1 / conj(z) is a root; where both are in a ball with one root they are
-    the same, and |z| = 1.
+    With z, 1/conj(z) is a root too. If both are in a ball that contains exactly one root,
+    they are equal, and |z| = 1.
+
+    Parameters
+    ----------
+    roots
+        The approximate roots.
+    radius, uniqueness_radius
+        (n,) see `RootTubes.centre_radius` and `RootTubes.uniqueness_radius`.
     """
-    size = np.abs(roots.z)
-    r = radius[:, None] * UP + 1e-14
-    mirrored = r / ((size - r) * size) + np.abs(size - 1.0 / size) + 1e-14
-    real = np.all((size > 2 * r) & (mirrored * UP < unique[:, None]), axis=1)
-    return real, np.any(np.abs(size - 1.0) > r, axis=1)
+    magnitude = np.abs(roots.z)
+    # 1e-14 covers the rounding of magnitudes.
+    root_radius = radius[:, None] * ROUND_UP + 1e-14
+    # Distance of the mirror image of any point of the ball from the centre.
+    mirror_distance = (
+        root_radius / ((magnitude - root_radius) * magnitude)
+        + np.abs(magnitude - 1.0 / magnitude)
+        + 1e-14
+    )
+    mirror_is_inside = mirror_distance * ROUND_UP < uniqueness_radius[:, None]
+    is_real = np.all((magnitude > 2 * root_radius) & mirror_is_inside, axis=1)
+    is_not_real = np.any(np.abs(magnitude - 1.0) > root_radius, axis=1)
+    return is_real, is_not_real

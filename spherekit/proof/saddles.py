@@ -1,16 +1,16 @@
-"""Where configuration curves cross, or just miss each other: a saddle with four arms.
+"""Saddles: places where configuration curves cross, or narrowly miss each other.
 
-Where F' loses one rank and misses the direction l, F = g l has one solution (z, g) next to
-it for each pair of coordinates (u, v) along the kernel of F', since the equations bordered
-by l and these coordinates are regular. The configurations near by are g(u, v) = 0 (Lyapunov
-and Schmidt); derivatives of g come from the same linear equations. If g is convex in u and
-concave in v over a rectangle, positive on its sides u = +-r and negative at (0, +-s), its
-zeros are four arms that leave through the sides v = +-s, one in each quadrant. How they are
-joined follows from the level c alone, the largest over v of the least g over u: they cross
-at one point if c is 0, else they are two arcs that miss each other. A value and slopes of g
-at any point enclose c: it is at most that value and what the slope by v adds over the
-rectangle, and at least that value less what the slope by u takes. All of it is computed in
-balls.
+Near such a place the configurations are the zeros of a reduced equation g(u, v)
+(`spherekit.proof.reduced_equation`). Suppose that over a rectangle g is convex in u and
+concave in v, positive on the sides u = +-r, and negative at (0, +-s) with s a small part of
+the height. Its zeros are then four arms, one in each quadrant, which leave through the
+sides of constant v.
+
+How the arms are joined depends on the level c only, the largest value over v of the least
+value of g over u. If c is 0, two curves cross in one point. Otherwise they are two arcs
+that miss each other, and the sign of c says which arms they join. The value and the slopes
+of g at any one point enclose c: it exceeds that value by at most the slope by v times the
+rectangle, and falls below it by at most the slope by u times the rectangle.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,366 +20,363 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.ball_frames import exactly
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_balls
 from spherekit.proof.balls import (
     Ball,
-    bits,
-    circle,
-    floats,
-    lower,
-    middles,
-    precision,
-    solved,
-    upper,
-    wide,
+    centre_floats,
+    lower_magnitude,
+    upper_magnitude,
+    widen,
+    working_precision,
 )
-from spherekit.proof.tubes import Zone
+from spherekit.proof.reduced_equation import (
+    ReducedEquation,
+    reduce_at_saddle,
+    zero_balls,
+)
+from spherekit.proof.saddle_arms import (
+    ArmErrors,
+    ArmRates,
+    Quadrant,
+    SaddleForm,
+    bound_arm_rates,
+    find_monotonic_variables,
+)
+from spherekit.proof.tubes import COORDINATE_ROUNDING_RAD, OrientedBox
 
-Quadrant = tuple[int, int]
+LEVEL_PRECISIONS_BITS = (80, 160, 320, 640)
+"""Bits of ball centres in which the level is enclosed until its sign is known.
 
+More bits tell narrower gaps from crossings, and take longer where the level is 0.
+"""
 
-def _slopes(bend: Array, slack: float) -> dict[int, tuple[float, float]]:
-    """Return bounds of v / u, by its sign, where the form of `bend` (2, 2) is about 0.
+LARGEST_RECTANGLE_RAD = 0.4
+"""Half width (rad) of the largest rectangle that is tried.
 
-    It is at most `slack` times the square of the larger of u and v.
+Larger: more trials that fail. Smaller: arms are shorter.
+"""
 
-    Raises
-    ------
-    ZeroDivisionError
-        If there are no such bounds.
-    """
-    a, d, b = wide(bend[0, 0], slack), wide(-bend[1, 1], slack), bend[0, 1]
-    root = (b * b + a * d).sqrt()
-    made = {sign: (root + sign * b) / d for sign in (1, -1)}
-    if not (a > 0 and d > 0 and made[1] > 0 and made[-1] > 0):
-        raise ZeroDivisionError
-    return {sign: (sign * lower(size), sign * upper(size)) for sign, size in made.items()}
+SMALLEST_RECTANGLE_RAD = 1e-5
+"""Half width (rad) below which no rectangle is tried.
 
+Larger: sharply bent crossings are missed. Smaller: more trials that fail.
+"""
 
-def _along(
-    ways: Array, bend: Array, slope: float, off: float
-) -> tuple[list[Ball], Indices]:
-    """Return slopes of g by u and v, and signs of the rates, in a direction (1, slope).
+RECTANGLE_REDUCTION = 0.75
+"""Half width of each rectangle that is tried, over that of the one before it."""
 
-    With (u, v) the way from the saddle, g is its level and half the form of g'', and the
-    slopes of g are g'' (u, v), each with some g'' of `bend` (2, 2) and off by at most `off`
-    times the way. Variables move with u and v by `ways` (v, 2). A rate is linear in the
-    direction, so that it has the sign in a cone that it has on both its sides.
-    """
-    most = off * max(1.0, abs(slope))
-    by_u, by_v = by = [wide(entry, most) for entry in bend @ exactly([1.0, slope])]
-    rates = ways @ [-by_v, by_u]
-    return by, (rates > 0).astype(int) - (rates < 0)
+CROSSING_RECTANGLE_RAD = 0.02
+"""Half width (rad) below which a crossing is accepted although rate signs are open.
 
+A smaller rectangle may show more signs of rates. Larger: more signs stay open. Smaller:
+arms reach less far, so that chains need more arcs near the crossing.
+"""
 
-def _outward(
-    ways: Array, bend: Array, farthest: float, slack: float, off: float, spare: float
-) -> tuple[dict[Quadrant, Indices], dict[Quadrant, Floats]]:
-    """Return the signs of all rates outward on the arms, and how far variables go.
+GAP_RECTANGLE_RAD = 1e-3
+"""The same for a saddle whose level is not proven to be 0."""
 
-    The form of `bend` is at most `slack` times the square of the way there. The way is at
-    most `farthest`, from a centre that is `spare` from the saddle at most.
-    """
-    signs, reach = {}, {}
-    for k, ends in _slopes(bend, slack).items():
-        (one, first), (other, last) = (_along(ways, bend, end, off) for end in ends)
-        proven = one[0] > 0 and other[0] > 0
-        directions = [*ends, np.clip(k, min(ends), max(ends))]
-        sides = [np.array([1.0, slope]) / max(1.0, abs(slope)) for slope in directions]
-        far = np.array([max(map(upper, row)) for row in ways @ exactly(sides).T])
-        for v in (1, -1):
-            signs[k * v, v] = v * proven * np.where(first == last, first, 0)
-            reach[k * v, v] = far * farthest + spare
-    return signs, reach
+INNER_HEIGHT_RATIO = 1.0 / 16.0
+"""Part of the height of the rectangle beyond which the quadrants tell the arms apart.
 
+Larger: chains end on arms only farther from the saddle. Smaller: the test fails more often.
+"""
 
-def _passes(ways: Array, bend: Array, level: Ball, steep: float) -> Bools:
-    """Return which rates vanish nowhere on the two arcs of a level that is not 0."""
-    # the way is at least what makes the form as large as the level is
-    least = np.sqrt(lower(level) / sum(map(upper, bend.flat)))
-    slopes, off = _slopes(bend, 4.004 * steep / least), 1.001 * steep / least
-    # one arc and its mirror image: from quadrant to quadrant over v or over u
-    turned, side, end = (-1, 1, 0) if level > 0 else (1, 0, 1)
-    (one, first), (other, last) = (_along(ways, bend, slopes[k][end], off) for k in (1, -1))
-    whole = turned * one[side] > 0 and other[side] > 0
-    return np.asarray(whole & (first == turned * last) & (first != 0))
+HEIGHT_RATIO = 0.7
+"""Height of the rectangle over its width, in units in which the arms are diagonals.
 
+It is below 1 so that the arms leave through the sides of constant v.
+"""
 
-PRECISIONS = (80, 160, 320, 640)
-"""Bits of centres in which the level of a saddle is enclosed, until its sign is known."""
-FARTHEST = 0.02
-"""How far (rad) from where a curve could not be followed a saddle is looked for."""
-WIDEST = 0.4
-"""Largest rectangle tried (rad), in the units of the branches."""
-NARROWEST = 1e-5
-SHRINK = 0.75
-STEEPEST, LEAST = 0.02, 1e-3
-"""Smaller rectangles are not tried only to learn more signs of rates, or to reach less."""
-INNER = 1.0 / 16.0
-"""Arms are told apart by quadrants from this part of the rectangle on."""
-FLATTER = 0.7
-"""Height of the rectangle over its width, in units in which branches are diagonals."""
-NEWTON = 12
-FAR = 100.0
-"""How many times their gap arms are away from a saddle where they count as straight."""
+STRAIGHT_ARM_RATIO = 100.0
+"""Distance from a saddle, over the gap, beyond which arms count as straight.
+
+Larger: rate signs are proven only farther away. Smaller: the bend near the gap leaves more
+signs open.
+"""
 
 
 @dataclass(frozen=True)
-class Saddle(Zone):
-    """A part of space with four arms of configuration curves that meet, or nearly do.
+class Saddle(OrientedBox):
+    """An oriented box with four arms of configuration curves that meet, or nearly do.
 
-    Coordinates are those of `frame` (v, v) about `centre`: u, v and all others, each at
-    most `limits` (v,). `level` is the sign of g at the saddle, 0 if the curves are proven
-    to cross there, None if it is not told from 0; arms of equal v are joined if it is
-    positive, of equal u if negative. The curves miss each other by at most `gap` (rad).
-    `rates` has for each quadrant the sign that each variable's rate has outward on the
-    arm, 0 if none is proven, farther than `zone` (v,) from the centre, and `reach` how far
-    the variable goes from the centre on it. `passes` says of which variables the rates
-    vanish nowhere between two arms that are joined.
+    The first two coordinates of the box are u and v.
+
+    Attributes
+    ----------
+    level_sign
+        0 if the curves are proven to cross, None if the level is not told from 0. With a
+        positive level the arms of equal v are joined, with a negative one those of equal u.
+    gap
+        Largest distance (rad) at which the curves miss each other.
+    central_zone
+        (v,) largest distance (rad) of each variable from the centre in the zone in which
+        the arms bend, so that the signs of rates do not apply.
+    outward_signs
+        For each quadrant (v,) the sign of the rate of each variable on the arm outside the
+        central zone, in the direction away from the saddle; 0 if it is not proven.
+    reach
+        For each quadrant (v,) the largest change (rad) of each variable on the arm from
+        the centre.
+    is_monotonic
+        (v,) whether a variable has no stationary point between two arms that are joined.
     """
 
-    level: int | None
+    level_sign: int | None
     gap: float
-    zone: Floats
-    rates: Mapping[Quadrant, Indices]
+    central_zone: Floats
+    outward_signs: Mapping[Quadrant, Indices]
     reach: Mapping[Quadrant, Floats]
-    passes: Bools
+    is_monotonic: Bools
 
-    def on(self, quadrant: Quadrant) -> Floats:
-        """Return a place (v,) near an arm, not far from where it leaves."""
-        way = 0.9 * np.array([FLATTER, 1.0]) * self.limits[:2] * quadrant
-        return self.centre + self.frame[:, :2] @ way
+    def point_near_arm(self, quadrant: Quadrant) -> Floats:
+        """Return a point (v,) near an arm, close to where the arm leaves the box."""
+        uv = 0.9 * np.array([HEIGHT_RATIO, 1.0]) * self.limits[:2] * quadrant
+        return self.centre + self.frame[:, :2] @ uv
 
-    def quadrant(self, place: Floats, off: float) -> Quadrant | None:
-        """Return the arm that a configuration is on, None where that is not proven."""
+    def find_quadrant(self, place: Floats, error: float) -> Quadrant | None:
+        """Return the quadrant of the arm that a configuration is on, None if not proven.
+
+        Parameters
+        ----------
+        place
+            (v,) near the configuration (rad).
+        error
+            Largest distance (rad) of the configuration from the place.
+        """
         u, v = self.coordinates(place)[:2]
-        far = abs(v) - off > INNER * self.limits[1] + 1e-13
-        if not (far and abs(u) > off + 1e-13 and self.holds(place, off)):
+        inner_height = INNER_HEIGHT_RATIO * self.limits[1]
+        is_outside_centre = abs(v) - error > inner_height + COORDINATE_ROUNDING_RAD
+        has_sign_of_u = abs(u) > error + COORDINATE_ROUNDING_RAD
+        if not (is_outside_centre and has_sign_of_u and self.contains(place, error)):
             return None
         return int(np.sign(u)), int(np.sign(v))
 
 
-def saddle_near(
-    equations: Equations,
+def find_saddle(
+    equations: ArcEquations,
     place: Floats,
-    crosses: Callable[[Zone], bool],
-    fits: Callable[[Zone], bool],
+    is_proven_crossing: Callable[[OrientedBox], bool],
+    is_allowed: Callable[[OrientedBox], bool],
 ) -> Saddle | None:
-    """Return the saddle next to a place, None if none is proven that near.
+    """Return the saddle near a place, None if none is proven.
 
-    `crosses` says whether in its part of space a configuration is proven at which a sum of
-    the rows of F' vanishes, so that the level is 0; `fits` whether the part may be used.
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    place
+        (v,) a place (rad) where a curve could not be followed.
+    is_proven_crossing
+        Returns whether a box is proven to contain a configuration in which F' loses a rank.
+        The level is then exactly 0.
+    is_allowed
+        Returns whether a box may be used.
     """
-    with bits(PRECISIONS[0]), suppress(ZeroDivisionError):
-        form = _form(equations, place)
-        size = WIDEST
-        while size > NARROWEST:
-            shown = form.shown(size, crosses)
-            if shown is not None and fits(shown):
-                # of a smaller one more signs of rates may be known, or arms reach less
-                enough = STEEPEST if shown.level == 0 else LEAST
-                if size < enough or not any(0 in row for row in shown.rates.values()):
-                    return shown
-            size *= SHRINK
+    with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
+        reduced_equation = reduce_at_saddle(equations, place)
+        size = LARGEST_RECTANGLE_RAD
+        while size > SMALLEST_RECTANGLE_RAD:
+            saddle = _prove_saddle(reduced_equation, size, is_proven_crossing)
+            if saddle is not None and is_allowed(saddle):
+                # A smaller rectangle may show more signs, or may have arms that reach less.
+                accepted_size = (
+                    CROSSING_RECTANGLE_RAD if saddle.level_sign == 0 else GAP_RECTANGLE_RAD
+                )
+                has_open_sign = any(0 in signs for signs in saddle.outward_signs.values())
+                if size < accepted_size or not has_open_sign:
+                    return saddle
+            size *= RECTANGLE_REDUCTION
     return None
 
 
-def _form(equations: Equations, place: Floats) -> "_Form":
-    """Return coordinates in which the curves at a saddle are diagonals of a rectangle.
+def _prove_saddle(
+    reduced_equation: ReducedEquation,
+    size: float,
+    is_proven_crossing: Callable[[OrientedBox], bool],
+) -> Saddle | None:
+    """Return the saddle with a rectangle of one size, None if that is not proven.
+
+    Parameters
+    ----------
+    reduced_equation
+        The reduced equation about its critical point.
+    size
+        Half width (rad) of the rectangle, in the units of `ReducedEquation.units`.
+    is_proven_crossing
+        See `find_saddle`.
+    """
+    frame = reduced_equation.frame
+    rectangle = np.array([1.0, HEIGHT_RATIO]) * size * reduced_equation.units
+    normals = frame[:, 2:].T
+    centre = exact_balls(reduced_equation.centre)
+    level, residual = reduced_equation.split_residual(centre)
+    # Room for the other coordinates: their second-order change, and a part of the size.
+    bend = rectangle @ reduced_equation.other_curvatures @ rectangle
+    other_limit = 0.2 * size + np.max(bend, initial=0.0)
+    limits = np.array([*rectangle, *[other_limit] * len(normals)])
+    try:
+        box_balls = reduced_equation.enclose_box(limits)
+        derivatives = reduced_equation.differentiate(box_balls, residual)
+        variable_rates = derivatives.variable_rates
+        hessian = derivatives.hessian
+        # The path to F = g l: first the residual at the centre is removed, then u and v
+        # change. The other coordinates must stay within their limit.
+        other_changes = normals @ derivatives.correction[:-1] + (
+            normals @ variable_rates
+        ) @ zero_balls(rectangle)
+        has_saddle_form = hessian[0, 0] > 0 and hessian[1, 1] < 0
+        stays_inside = all(
+            upper_magnitude(change) < other_limit for change in other_changes
+        )
+        if not (has_saddle_form and stays_inside):
+            return None
+        value, gradient = reduced_equation.evaluate_at(
+            centre, level, derivatives.correction
+        )
+        if not _has_four_arms(limits, value, gradient, hessian):
+            return None
+        # From here on u and v are in the scaled units, which are 1 at most.
+        units = exact_balls(reduced_equation.units)
+        form = SaddleForm(
+            variable_rates=variable_rates * units,
+            hessian=hessian * units * units[:, None],
+            size=1.001 * size,
+        )
+        box = OrientedBox(reduced_equation.centre, frame, limits)
+        none_monotonic = np.zeros(limits.shape, dtype=bool)
+        if is_proven_crossing(box):
+            arm_rates = bound_arm_rates(form, ArmErrors(form=0.0, slope=0.0, centre=1e-12))
+            return _make_saddle(box, 0, 0.0, 0.0 * limits, arm_rates, none_monotonic)
+
+        level, slope_at_saddle = _enclose_level(reduced_equation, limits)
+        least_curvature = min(
+            lower_magnitude(hessian[0, 0]), lower_magnitude(hessian[1, 1])
+        )
+        largest_level = upper_magnitude(level)
+        level_sign = (level > 0) - (level < 0)
+        gap = 2.0 * np.sqrt(2.0 * largest_level / least_curvature)
+        # Beyond this distance from the saddle arms are straight up to small errors.
+        straight_distance = (
+            STRAIGHT_ARM_RATIO * gap + 1e4 * slope_at_saddle / least_curvature + 1e-300
+        )
+        errors = ArmErrors(
+            form=2.001
+            * (largest_level / straight_distance + 2.0 * slope_at_saddle)
+            / straight_distance,
+            slope=1.001 * slope_at_saddle / straight_distance,
+            centre=4.0 * straight_distance,
+        )
+        rate_sums = np.array([sum(map(upper_magnitude, row)) for row in variable_rates])
+        return _make_saddle(
+            box,
+            level_sign or None,
+            gap,
+            4.0 * straight_distance * rate_sums + 1e-12,
+            bound_arm_rates(form, errors),
+            find_monotonic_variables(form, level, slope_at_saddle)
+            if level_sign
+            else none_monotonic,
+        )
+    except ZeroDivisionError:
+        return None
+
+
+def _make_saddle(
+    box: OrientedBox,
+    level_sign: int | None,
+    gap: float,
+    central_zone: Floats,
+    arm_rates: ArmRates,
+    is_monotonic: Bools,
+) -> Saddle:
+    """Return the saddle in a box; the other arguments are attributes of `Saddle`."""
+    return Saddle(
+        centre=box.centre,
+        frame=box.frame,
+        limits=box.limits,
+        level_sign=level_sign,
+        gap=gap,
+        central_zone=central_zone,
+        outward_signs=arm_rates.outward_signs,
+        reach=arm_rates.reach,
+        is_monotonic=is_monotonic,
+    )
+
+
+def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[Ball, float]:
+    """Return the level of a saddle, and a bound of the slopes of g at a point near it.
+
+    The precision is increased until the level is told from 0.
+
+    Parameters
+    ----------
+    reduced_equation
+        The reduced equation about its critical point.
+    limits
+        (v,) half lengths (rad) of the box; the first two are those of the rectangle.
 
     Raises
     ------
     ZeroDivisionError
-        If no centre next to the place has such coordinates.
+        If the critical point of g moves away from the centre.
     """
-    centre = floats(_Form.about(equations, place).critical(exactly(place)))
-    form = _Form.about(equations, centre)
-    _, second = form.solved(exactly(centre), form.open(exactly(centre))[1])
-    (low, high), vectors = np.linalg.eigh(floats(second[-1, 1:, 1:]))
-    told = low < 0.0 < high and min(-low, high) > 1e-6 * max(-low, high)
-    if not (told and np.max(np.abs(centre - place)) < FARTHEST):
-        raise ZeroDivisionError
-    frame, turned = form.frame.copy(), vectors[:, ::-1]
-    frame[:, :2] @= turned
-    units = np.array([high, -low]) ** -0.5
-    bent = turned.T @ floats(second[:-1, 1:, 1:]) @ turned
-    lifted = np.abs(np.tensordot(frame[:, 2:].T, bent, 1))
-    return replace(form, frame=frame, units=units / np.max(units), lifted=lifted)
-
-
-@dataclass(frozen=True)
-class _Form:
-    """The reduced equation g about a centre, and the test over rectangles.
-
-    F = g `missed` (k,), and u and v are the first two coordinates of `frame` about
-    `centre`; `units` (2,) are lengths of these in which branches are diagonals, `lifted`
-    (others, 2, 2) sizes of the second derivatives of the other coordinates by them.
-    """
-
-    equations: Equations
-    centre: Floats
-    frame: Floats
-    missed: Floats
-    units: Floats
-    lifted: Floats
-
-    @staticmethod
-    def about(equations: Equations, place: Floats) -> "_Form":
-        """Return one by the rank that F' is nearest to losing.
-
-        Raises
-        ------
-        ZeroDivisionError
-            If it is more than one.
-        """
-        _, slopes = equations.real.derivatives(circle(place[None]), 1)
-        left, sizes, right = np.linalg.svd(slopes[0])
-        if not np.all(sizes[:-1] > 1e-6 * sizes[0]):
-            raise ZeroDivisionError
-        frame = np.roll(right, 2, axis=0).T
-        return _Form(equations, place, frame, left[:, -1], np.ones(2), np.ones(0))
-
-    def open(self, place: Array) -> tuple[Ball, Array]:
-        """Return a number near g at a place, and by how much F differs from it (k,)."""
-        (values,), missed = self.equations.arrays(place, 0), exactly(self.missed)
-        level = middles(missed @ values)
-        return level, values - level * missed
-
-    def solved(self, places: Array, residual: Array, order: int = 2) -> list[Array]:
-        """Return how (z, g) moves, (v + 1, 3): by a residual of F, and with u and v.
-
-        With it, at an order of 2, its second derivatives (v + 1, 3, 3). At balls of all
-        variables.
-        """
-        _, slopes, *bends = self.equations.arrays(places, order)
-        (k, v), nothing = slopes.shape, np.zeros((2, 1))
-        missed, along = exactly(self.missed), exactly(self.frame[:, :2].T)
-        square = np.block([[slopes, -missed[:, None]], [along, nothing]])
-        right = np.block([[-residual[:, None], np.zeros((k, 2))], [nothing, np.eye(2)]])
-        made = [solved(square, right)]
-        for bent in bends:
-            right = np.zeros((v + 1, 9), object)
-            right[:k] = -(made[0][:v].T @ bent @ made[0][:v]).reshape(k, 9)
-            made.append(solved(square, right).reshape(-1, 3, 3))
-        return made
-
-    def critical(self, place: Array) -> Array:
-        """Return centres next to where the slopes of g are 0; nothing rests on them.
-
-        Raises
-        ------
-        ZeroDivisionError
-            If there is none next to a place.
-        """
-        for _ in range(NEWTON):
-            first, second = self.solved(place, self.open(place)[1])
-            slope = middles(first[-1, 1:] + second[-1, 0, 1:])
-            flat = solved(middles(second[-1, 1:, 1:]), -slope[:, None])[:, 0]
-            change = middles(first[:-1, 0] + first[:-1, 1:] @ flat)
-            far = np.max(np.abs(floats(change)))
-            if not far < 0.5:
-                raise ZeroDivisionError
-            place = middles(place + change)
-            if far < 2.0 ** (8 - precision()):
-                break
-        return place
-
-    def shown(self, size: float, crosses: Callable[[Zone], bool]) -> Saddle | None:
-        """Return the saddle with a rectangle of a size, None if that does not prove it."""
-        flat, normals = np.array([1.0, FLATTER]) * size * self.units, self.frame[:, 2:].T
-        centre = exactly(self.centre)
-        level, residual = self.open(centre)
-        reach = 0.2 * size + np.max(flat @ self.lifted @ flat, initial=0.0)
-        limits = np.array([*flat, *[reach] * len(normals)])
-        try:
-            first, second = self.solved(self._over(limits), residual)
-            ways, bend = first[:-1, 1:], second[-1, 1:, 1:]
-            # on the way from the residual at the centre, and from there to u and v
-            aside = normals @ first[:-1, 0] + (normals @ ways) @ _about(flat)
-            convex = bend[0, 0] > 0 and bend[1, 1] < 0
-            if not (convex and all(upper(way) < reach for way in aside)):
-                return None
-            value, slope = self._there(centre, level, first[:, 0])
-            if not _sides(limits, value, slope, bend):
-                return None
-            part = self.centre, self.frame, limits
-            # in units, which are 1 at most
-            units = exactly(self.units)
-            arms = ways * units, bend * units * units[:, None], 1.001 * size
-            nowhere = np.zeros(limits.shape, dtype=bool)
-            if crosses(Zone(*part)):
-                signs, far = _outward(*arms, 0.0, 0.0, 1e-12)
-                return Saddle(*part, 0, 0.0, 0.0 * limits, signs, far, nowhere)
-            level, steep = self._level(limits)
-            least = min(lower(bend[0, 0]), lower(bend[1, 1]))
-            height, sign = upper(level), (level > 0) - (level < 0)
-            gap = 2.0 * np.sqrt(2.0 * height / least)
-            away = FAR * gap + 1e4 * steep / least + 1e-300
-            slack, off = 2.001 * (height / away + 2.0 * steep) / away, 1.001 * steep / away
-            return Saddle(
-                *part,
-                sign or None,
-                gap,
-                4.0 * away * np.array([sum(map(upper, row)) for row in ways]) + 1e-12,
-                *_outward(*arms, slack, off, 4.0 * away),
-                _passes(*arms[:2], level, steep) if sign else nowhere,
+    place = exact_balls(reduced_equation.centre)
+    # Largest distance of two points of the rectangle in one direction.
+    largest_distance = 2.002 * np.max(limits[:2])
+    for bits in LEVEL_PRECISIONS_BITS:
+        with working_precision(bits):
+            equations = ArcEquations(
+                reduced_equation.equations.decimal_mechanism,
+                reduced_equation.equations.construction,
             )
-        except ZeroDivisionError:
-            return None
-
-    def _over(self, limits: Floats) -> Array:
-        """Return balls of all variables over a part of space, a little more than it."""
-        reach = np.abs(self.frame) @ limits * (1.0 + 1e-9) + 1e-12
-        return exactly(self.centre) + _about(reach)
-
-    def _there(self, place: Array, level: Ball, moved: Array) -> tuple[Ball, Array]:
-        """Return g and its slopes (2,) at the u and v of a place.
-
-        `moved` (v + 1,) is how far (z, g) is from the place and its level.
-        """
-        (near,) = self.solved(place + moved[:-1], 0 * exactly(self.missed), 1)
-        return level + moved[-1], near[-1, 1:]
-
-    def _level(self, limits: Floats) -> tuple[Ball, float]:
-        """Return the level of the saddle, and the largest slope at a place next to it.
-
-        Raises
-        ------
-        ZeroDivisionError
-            If no place next to the centre is flat.
-        """
-        place, most = exactly(self.centre), 2.002 * np.max(limits[:2])
-        for digits in PRECISIONS:
-            with bits(digits):
-                made = Equations(self.equations.written, self.equations.construction)
-                form = replace(self, equations=made)
-                place = form.critical(place)
-                off = (floats(place) - self.centre) @ self.frame
-                if not np.all(np.abs(off) < 1e-3 * limits):
-                    raise ZeroDivisionError
-                level, residual = form.open(place)
-                (first,) = form.solved(form._over(limits), residual, 1)
-                value, slope = form._there(place, level, first[:, 0])
-                steep = max(map(upper, slope))
-                level = wide(value, most * steep)
-                if not level.contains(0):
-                    break
-        return level, steep
+            sharp_equation = replace(reduced_equation, equations=equations)
+            place = sharp_equation.find_critical_point(place)
+            offset = (centre_floats(place) - reduced_equation.centre) @ (
+                reduced_equation.frame
+            )
+            if not np.all(np.abs(offset) < 1e-3 * limits):
+                raise ZeroDivisionError
+            level, residual = sharp_equation.split_residual(place)
+            box_balls = sharp_equation.enclose_box(limits)
+            derivatives = sharp_equation.differentiate(box_balls, residual, 1)
+            value, gradient = sharp_equation.evaluate_at(
+                place, level, derivatives.correction
+            )
+            slope_at_place = max(map(upper_magnitude, gradient))
+            level = widen(value, largest_distance * slope_at_place)
+            if not level.contains(0):
+                break
+    return level, slope_at_place
 
 
-def _sides(limits: Floats, value: Ball, slope: Array, bend: Array) -> bool:
-    """Return whether g is positive on the sides of u and the arms are in quadrants."""
+def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
+    """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
+
+    g has to be positive on the sides of constant u. It has to be negative at the points
+    (0, v) from the inner height on, also where the least value over u is taken.
+
+    Parameters
+    ----------
+    limits
+        (v,) half lengths (rad) of the box; the first two are those of the rectangle.
+    value, gradient
+        g and its slopes (2,) at the centre, balls.
+    hessian
+        (2, 2) balls: second derivatives of g over the whole box.
+    """
     u, v, *_ = limits
-    level, steep = upper(value), [*map(upper, slope)]
-    least = [*map(lower, bend.diagonal())]
-    side = least[0] * u * u - 2 * upper(bend[0, 1]) * u * v - upper(bend[1, 1]) * v * v
-    out = 0.5 * side - steep[0] * u - steep[1] * v - level
-    inner = INNER * v
-    down = 0.5 * least[1] * inner**2 - steep[1] * inner
-    return bool(out > 1e-12 * u * u and down > 1.001 * max(level, 2.0 * u * steep[0]))
-
-
-def _about(radii: Floats) -> Array:
-    """Return balls about 0."""
-    return np.array([wide(0.0, radius) for radius in radii])
+    level = upper_magnitude(value)
+    slope_u, slope_v = map(upper_magnitude, gradient)
+    least_uu, least_vv = map(lower_magnitude, hessian.diagonal())
+    largest_uv = upper_magnitude(hessian[0, 1])
+    largest_vv = upper_magnitude(hessian[1, 1])
+    # Least value of g on the sides of constant u.
+    twice_form = least_uu * u * u - 2 * largest_uv * u * v - largest_vv * v * v
+    value_on_sides = 0.5 * twice_form - slope_u * u - slope_v * v - level
+    # Least descent of g from the centre to the inner height.
+    inner_height = INNER_HEIGHT_RATIO * v
+    descent = 0.5 * least_vv * inner_height**2 - slope_v * inner_height
+    is_positive_on_sides = value_on_sides > 1e-12 * u * u
+    is_negative_above = descent > 1.001 * max(level, 2.0 * u * slope_u)
+    return bool(is_positive_on_sides and is_negative_above)

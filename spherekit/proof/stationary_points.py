@@ -1,219 +1,452 @@
-"""Where a variable stops along a chain: proven places, one in each, and none elsewhere.
+"""Stationary points of a variable along a chain of certified arcs.
 
-Along a piece, z' = t + N w with (F_z N) w = -F_z t, so bounds of F_z in the piece are
-bounds of the rates of all variables, and bounds of F_zz those of the rates' derivatives.
-Between two neighbouring centres a rate that cannot vanish has no zero; one whose derivative
-cannot vanish has one zero if its signs at both centres differ, and none if they do not.
-All others are cut in two.
+Each is proven to be the only one in its neighbourhood, and elsewhere there is none. Along
+an arc the rates are z' = t + N w with (F'N) w = -F't. Bounds of F' in the arc's box are
+therefore bounds of the rates of all variables, and bounds of F'' are bounds of the
+derivatives of the rates.
+
+Let a *stretch* be the part of a curve between two configurations. A rate that cannot vanish
+in a stretch has no zero there. A rate whose derivative cannot vanish has one zero if its
+signs at both ends differ, and none if they agree. All other stretches are cut in two.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.balls import circle
-from spherekit.proof.chains import Chain, _ahead
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.balls import cosines_and_sines
+from spherekit.proof.chains import Chain, find_piece_ahead
 from spherekit.proof.tubes import (
-    ROUNDING,
-    UP,
+    COORDINATE_ROUNDING_RAD,
+    PRODUCT_ROUNDING,
+    ROUND_UP,
     CertifiedArc,
-    corrected,
-    frame_at,
-    piece_at,
+    correct_configuration,
+    find_frame,
+    find_piece,
 )
 
-DEEPEST = 40
-"""How often a part of a curve is cut in two at most."""
-SHORTEST_PART = 1e-6
-"""Shorter parts (rad) of a curve are not cut."""
-SHORTEST_STILL = 0.02
-"""Nor are these, if neither the rate nor its derivative has a sign at the centre."""
-MOST_PARTS = 4000
-PARTS_EACH = 40
-"""Parts of a chain, and more for each piece, beyond which no short ones are made."""
-NEAREST, WIDER = 3.6e-10, 4.0
-"""Length (rad) of a part of a curve in which a zero is shown, and the next over it."""
+MAX_CUT_DEPTH = 40
+"""Largest number of times that a stretch is cut in two.
 
+Larger: shorter stretches are decided. Smaller: more of them stay undecided.
+"""
 
-def rates(piece: CertifiedArc, half: float) -> Floats:
-    """Return bounds (2, 2, v) where |s| <= half: of the rates by s and their derivatives.
+SHORTEST_STRETCH_RAD = 1e-6
+"""Length (rad) below which stretches are not cut.
 
-    Of each the lower ones come first.
-    """
-    test, t, normals = piece.test, piece.frame[:, 0], piece.frame[:, 1:]
-    tight = piece.beside(half)
-    _, rows, across = test.arc(half, tight)
-    spread = np.sum(np.abs(normals), axis=1) * across * UP
-    # z'' = -N (F' N)^-1 F''(z', z'), and z' along the frame is 1 and at most `across`
-    reach, size = np.append(half, 0.0 * t[1:] + tight), np.append(1.0, 0.0 * t[1:] + across)
-    sums = test.degrees @ reach
-    varied = (test.constant * sums + test.error) * (test.degrees @ size) ** 2
-    bend, sizes = -test.bent[:, 0, 0], np.abs(test.bent)
-    off = (test.size @ varied + sizes @ size @ size - sizes[:, 0, 0]) * UP
-    off = (off + rows / (1.0 - rows) * np.max(np.abs(bend) + off)) * UP + 1e-15
-    middle, beside = normals @ bend, np.abs(normals) @ off * UP
-    return np.array([[t - spread, t + spread], [middle - beside, middle + beside]])
+Larger: two stationary points closer than this stay undecided. Smaller: more stretches.
+"""
 
+SHORTEST_FLAT_STRETCH_RAD = 0.02
+"""The same where neither the rate nor its derivative has a proven sign at the start.
 
-def signs(piece: CertifiedArc, half: float, variable: int) -> Indices:
-    """Return signs that a rate and its derivative have where |s| <= half, 0 if none."""
-    low, high = rates(piece, half)[:, :, variable].T
-    return (low > 0.0).astype(int) - (high < 0.0)
+Short stretches would not help there: the signs are open at the start itself.
+"""
+
+MAX_STRETCHES = 4000
+"""Number of stretches of a chain beyond which no short ones are made.
+
+Larger: more is decided where the variable nearly rests. Smaller: less time is spent there.
+"""
+
+STRETCHES_PER_ARC = 40
+"""Number of further stretches for each arc of the chain, see `MAX_STRETCHES`."""
+
+FIRST_BRACKET_RAD = 3.6e-10
+"""Length (rad) of the first stretch in which a zero of a rate is enclosed.
+
+Larger: wider enclosures. Smaller: the signs at the ends are more often open.
+"""
+
+BRACKET_GROWTH = 4.0
+"""Length of each stretch that is tried to enclose a zero, over that of the one before."""
+
+MIN_FORWARD_COSINE = 1e-3
+"""Smallest cosine of the angle between the tangents of two arcs that are oriented alike.
+
+Larger: sharper bends are not passed. Smaller: an arc of the opposite sense might pass.
+"""
 
 
 @dataclass(frozen=True)
-class StationaryPlace:
-    """A configuration where one variable stops along a curve, and nowhere else near it.
+class RateBounds:
+    """Bounds of the rates of all variables along an arc, and of their derivatives.
 
-    Or, as is said beside it, where it may stop. `place` (v,) is off by at most `off` (rad)
-    in every variable, or in that one. It comes `after` the centre of the piece of that
-    number.
+    Rates are derivatives by the coordinate s along the tangent.
+
+    Attributes
+    ----------
+    rate_low, rate_high
+        (v,) bounds of the rates.
+    derivative_low, derivative_high
+        (v,) bounds of the derivatives of the rates by s.
+    """
+
+    rate_low: Floats
+    rate_high: Floats
+    derivative_low: Floats
+    derivative_high: Floats
+
+
+def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
+    """Return bounds of the rates of all variables for |s| <= half_length (rad)."""
+    test = piece.test
+    tangent = piece.frame[:, 0]
+    normals = piece.frame[:, 1:]
+    distance = piece.distance_within(half_length)
+    bounds = test.bound_arc(half_length, distance)
+    rate_error = np.sum(np.abs(normals), axis=1) * bounds.slope * ROUND_UP
+    # z'' = -N (F'N)^-1 F''(z', z'). Along the frame, z' is 1 and at most the slope bound.
+    reach = np.append(half_length, np.zeros(len(tangent) - 1) + distance)
+    velocity = np.append(1.0, np.zeros(len(tangent) - 1) + bounds.slope)
+    sums = test.degrees @ reach
+    # Change of F'' within the reach, applied to z' twice.
+    variation = (test.third_bound * sums + test.error) * (test.degrees @ velocity) ** 2
+    bend = -test.second_derivatives[:, 0, 0]
+    magnitudes = np.abs(test.second_derivatives)
+    # Deviation of Y F''(z', z') from its value at the centre for z' = t, then the factor
+    # by which (F'N)^-1 may differ from Y.
+    deviation = (
+        test.inverse_size @ variation
+        + magnitudes @ velocity @ velocity
+        - magnitudes[:, 0, 0]
+    ) * ROUND_UP
+    inverse_factor = bounds.contraction / (1.0 - bounds.contraction)
+    largest_bend = np.max(np.abs(bend) + deviation)
+    deviation = (deviation + inverse_factor * largest_bend) * ROUND_UP + 1e-15
+    second = normals @ bend
+    second_error = np.abs(normals) @ deviation * ROUND_UP
+    return RateBounds(
+        rate_low=tangent - rate_error,
+        rate_high=tangent + rate_error,
+        derivative_low=second - second_error,
+        derivative_high=second + second_error,
+    )
+
+
+def _rate_signs(piece: CertifiedArc, half_length: float, variable: int) -> tuple[int, int]:
+    """Return the proven signs of a rate and of its derivative for |s| <= half_length.
+
+    A sign that is not proven is 0.
+    """
+    bounds = bound_rates(piece, half_length)
+    return (
+        _common_sign(bounds.rate_low[variable], bounds.rate_high[variable]),
+        _common_sign(bounds.derivative_low[variable], bounds.derivative_high[variable]),
+    )
+
+
+def _common_sign(low: float, high: float) -> int:
+    """Return the sign of all numbers from low to high, 0 if they do not have one."""
+    return int(low > 0.0) - int(high < 0.0)
+
+
+@dataclass(frozen=True)
+class StationaryPoint:
+    """A configuration at which one variable is stationary along a curve.
+
+    For an undecided stretch: a configuration near which the variable may be stationary.
+
+    Attributes
+    ----------
+    place
+        (v,) near the configuration (rad).
+    error
+        Bound (rad) of the deviation of every variable. For an undecided stretch it is the
+        largest deviation of the one variable.
+    piece
+        Number of the arc of the chain after whose centre the configuration comes.
     """
 
     place: Floats
-    off: float
-    after: int = 0
+    error: float
+    piece: int = 0
 
 
-Stops = tuple[list[StationaryPlace], list[StationaryPlace]]
-"""Where a variable stops along a chain, and where it may stop."""
+@dataclass(frozen=True)
+class StationaryPoints:
+    """The stationary points of a variable along a chain.
 
-
-def stops(equations: Equations, chain: Chain, variable: int) -> Stops:
-    """Return where a variable stops along a chain, and the parts that are undecided.
-
-    Neighbours along which the derivative has one sign are seen as one, since the rate then
-    passes all its zeros the same way: its sign where they meet may be open.
+    Attributes
+    ----------
+    proven
+        The proven stationary points, in order.
+    undecided
+        Stretches in which there may be others.
     """
-    made: Stops = [], []
-    budget, begun, sign, sense, kept = MOST_PARTS, chain.pieces[0], 0, 0, 0
-    for number, (first, further) in enumerate(chain.links):
-        budget += PARTS_EACH
-        waiting = [(first, further.centre, further.miss, 0)]
+
+    proven: list[StationaryPoint] = field(default_factory=list)
+    undecided: list[StationaryPoint] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _StretchSigns:
+    """What is proven of a rate in a stretch in which it may vanish; 0 if a sign is open.
+
+    Attributes
+    ----------
+    at_start, at_end
+        Sign of the rate at the start and at the end.
+    derivative
+        Sign of the derivative of the rate in the whole stretch.
+    """
+
+    at_start: int
+    derivative: int
+    at_end: int
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """The part of a curve from the centre of an arc to a configuration in the arc's box.
+
+    Attributes
+    ----------
+    piece
+        The arc.
+    end
+        (v,) the configuration (rad).
+    end_error
+        Distance bound (rad) of the configuration from `end`.
+    depth
+        Number of cuts that led to this stretch.
+    """
+
+    piece: CertifiedArc
+    end: Floats
+    end_error: float
+    depth: int = 0
+
+    @property
+    def reach(self) -> float:
+        """Coordinate s (rad) along the tangent that the stretch does not exceed."""
+        coordinate = self.piece.coordinates(self.end)[0]
+        return float(coordinate + self.end_error + COORDINATE_ROUNDING_RAD)
+
+
+def find_stationary_points(
+    equations: ArcEquations, chain: Chain, variable: int
+) -> StationaryPoints:
+    """Return the stationary points of a variable along a chain, and what is undecided.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    chain
+        The chain of certified arcs.
+    variable
+        Number of the variable.
+    """
+    result = StationaryPoints()
+    # Successive stretches with one sign of the derivative are joined to a run. In it the
+    # rate passes zero at most once, so its sign at the joints may stay open.
+    run_start = chain.pieces[0]
+    run_start_sign = 0
+    run_derivative = 0
+    undecided_before_run = 0
+    stretch_budget = MAX_STRETCHES
+    for number, (piece, next_piece) in enumerate(chain.links):
+        stretch_budget += STRETCHES_PER_ARC
+        waiting = [_Stretch(piece, next_piece.centre, next_piece.centre_error)]
         while waiting:
-            budget -= 1
-            piece, goal, off, depth = waiting.pop()
-            part = _part(equations, variable, piece, goal, off, depth, budget > 0)
-            if isinstance(part, CertifiedArc):
+            stretch_budget -= 1
+            stretch = waiting.pop()
+            finding = _examine_stretch(equations, variable, stretch, stretch_budget > 0)
+            if isinstance(finding, CertifiedArc):
+                # Cut at this arc; the first half is examined first.
+                depth = stretch.depth + 1
                 waiting += [
-                    (part, goal, off, depth + 1),
-                    (piece, part.centre, part.miss, depth + 1),
+                    _Stretch(finding, stretch.end, stretch.end_error, depth),
+                    _Stretch(stretch.piece, finding.centre, finding.centre_error, depth),
                 ]
                 continue
-            before, bend, end = part or (0, 0, 0)
-            if not bend or bend != sense or not begun.holds(goal, off):
-                begun, sign, kept = piece, before, len(made[1])
-            decided = sign and bend and end
-            if decided:
-                del made[1][kept:]
-            if decided and sign != end:
-                place = _place(equations, begun, goal, off, variable, end)
-                made[0].append(replace(place, after=number))
-            elif part and not decided:
-                place = _doubt(piece, goal, off, variable)
-                made[1].append(replace(place, after=number))
-            sense = 0 if decided else bend
-    return made
+            signs = finding or _StretchSigns(0, 0, 0)
+            continues_run = (
+                signs.derivative
+                and signs.derivative == run_derivative
+                and run_start.contains(stretch.end, stretch.end_error)
+            )
+            if not continues_run:
+                run_start = stretch.piece
+                run_start_sign = signs.at_start
+                undecided_before_run = len(result.undecided)
+            is_decided = run_start_sign and signs.derivative and signs.at_end
+            if is_decided:
+                del result.undecided[undecided_before_run:]
+            if is_decided and run_start_sign != signs.at_end:
+                run = _Stretch(run_start, stretch.end, stretch.end_error)
+                point = _enclose_zero(equations, run, variable, signs.at_end)
+                result.proven.append(replace(point, piece=number))
+            elif finding and not is_decided:
+                point = _bound_undecided(stretch, variable)
+                result.undecided.append(replace(point, piece=number))
+            run_derivative = 0 if is_decided else signs.derivative
+    return result
 
 
-def _part(
-    equations: Equations,
-    variable: int,
-    piece: CertifiedArc,
-    goal: Floats,
-    off: float,
-    depth: int,
-    short: bool,
-) -> tuple[int, int, int] | CertifiedArc | None:
-    """Return what a variable does from a piece's centre to a goal in it, off by `off`.
+def _examine_stretch(
+    equations: ArcEquations, variable: int, stretch: _Stretch, allows_short: bool
+) -> _StretchSigns | CertifiedArc | None:
+    """Return what is proven of the rate of a variable in a stretch.
 
-    It does not stop; or signs say what it does, 0 where they are open: of its rate at the
-    centre, of the derivative all along and of the rate at the goal; or it is seen in the
-    two parts at the piece returned. Parts are `short` only if that is wanted, and helps.
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    variable
+        Number of the variable.
+    stretch
+        The stretch.
+    allows_short
+        Whether short stretches may be made.
+
+    Returns
+    -------
+    None if the rate does not vanish in the stretch. An arc at which the stretch is to be
+    cut. Otherwise the signs that are proven.
     """
-    reach = piece.coordinates(goal)[0] + off + 1e-13
-    rate, bend = signs(piece, min(reach, piece.half), variable)
-    if rate:
+    piece = stretch.piece
+    reach = stretch.reach
+    rate_sign, derivative_sign = _rate_signs(piece, min(reach, piece.half_length), variable)
+    if rate_sign:
         return None
-    before, end, least = signs(piece, 0.0, variable), 0, SHORTEST_STILL
-    if bend:
-        there = piece_at(equations, goal, piece.tangent, 1e-3)
-        if there is not None and there.tangent @ piece.tangent > 1e-3:
-            end = signs(there, 0.0, variable)[0]
-        # an end whose sign is open stays one, however short the parts
-    elif short and any(before):
-        least = SHORTEST_PART
-    if not (before[0] and end) and reach >= least and depth < DEEPEST:
-        middle = _middle(equations, piece, goal, 0.5 if depth % 2 else 0.47)
-        if middle is not None and middle.holds(goal, off):
+    start_signs = _rate_signs(piece, 0.0, variable)
+    sign_at_end = 0
+    shortest = SHORTEST_FLAT_STRETCH_RAD
+    if derivative_sign:
+        end_piece = find_piece(equations, stretch.end, piece.tangent, 1e-3)
+        if end_piece is not None and end_piece.tangent @ piece.tangent > MIN_FORWARD_COSINE:
+            sign_at_end = _rate_signs(end_piece, 0.0, variable)[0]
+        # A sign that is open at the end stays open, however short the stretches become.
+    elif allows_short and any(start_signs):
+        shortest = SHORTEST_STRETCH_RAD
+    has_both_signs = start_signs[0] and sign_at_end
+    if not has_both_signs and reach >= shortest and stretch.depth < MAX_CUT_DEPTH:
+        # Two ratios in turn, so that successive cuts are not all at the middle.
+        ratio = 0.5 if stretch.depth % 2 else 0.47
+        middle = _find_middle_piece(equations, piece, stretch.end, ratio)
+        if middle is not None and middle.contains(stretch.end, stretch.end_error):
             return middle
-    return before[0], bend, end
+    return _StretchSigns(start_signs[0], derivative_sign, sign_at_end)
 
 
-def _doubt(piece: CertifiedArc, goal: Floats, off: float, variable: int) -> StationaryPlace:
-    """Return where a variable may stop from a piece's centre to a goal, off by `off`."""
-    reach = min(piece.coordinates(goal)[0] + off + 1e-13, piece.half)
-    fastest = np.max(np.abs(rates(piece, reach)[0, :, variable]))
-    beside = [piece.beside(reach)] * (len(goal) - 1)
-    spread = np.abs(piece.frame[variable]) @ [reach, *beside]
-    off = min(spread, 1.001 * fastest * reach + piece.miss) + 1e-12
-    return StationaryPlace(piece.centre, off)
+def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
+    """Return where a variable may be stationary in a stretch.
 
-
-def _middle(
-    equations: Equations, piece: CertifiedArc, goal: Floats, part: float
-) -> CertifiedArc | None:
-    """Return a piece between a piece's centre and a goal in it, about so far on the way."""
-    reach = piece.coordinates(goal)[0]
-    place = piece.centre + part * wrap(goal - piece.centre)
-    halfway = _ahead(equations, piece, place, max(2.0 * reach, SHORTEST_PART))
-    if halfway is None or not piece.coordinates(halfway.centre)[0] < reach:
-        return None
-    forward = halfway.coordinates(goal)[0] > 0.0
-    return halfway if forward and halfway.tangent @ piece.tangent > 1e-3 else None
-
-
-def _place(
-    equations: Equations,
-    piece: CertifiedArc,
-    goal: Floats,
-    off: float,
-    variable: int,
-    beyond: int,
-) -> StationaryPlace:
-    """Return the only zero of a rate from a piece's centre to a goal in it, near its place.
-
-    `beyond` is the sign of the rate at the goal, which is off by `off`.
+    The error is the smaller of two bounds of the change of the variable: by the extent of
+    the stretch, and by its largest rate.
     """
-    way = wrap(goal - piece.centre)
-    length = np.max(np.abs(way))
+    piece = stretch.piece
+    reach = min(stretch.reach, piece.half_length)
+    bounds = bound_rates(piece, reach)
+    largest_rate = max(abs(bounds.rate_low[variable]), abs(bounds.rate_high[variable]))
+    distances = [piece.distance_within(reach)] * (len(stretch.end) - 1)
+    extent = np.abs(piece.frame[variable]) @ [reach, *distances]
+    change = 1.001 * largest_rate * reach + piece.centre_error
+    return StationaryPoint(piece.centre, min(extent, change) + 1e-12)
 
-    def rate(parts: Floats, _: Indices) -> Floats:
-        """Return the rate, negative at the centre, part of the way; nothing rests on it."""
-        place = corrected(equations, piece.centre + parts[0] * way)
-        turns = circle((piece.centre if place is None else place)[None])
-        made = frame_at(equations.real.derivatives(turns, 1)[1][0], piece.tangent)
-        return beyond * (np.zeros(1) if made is None else made[0][variable, :1])
+
+def _find_middle_piece(
+    equations: ArcEquations, piece: CertifiedArc, end: Floats, ratio: float
+) -> CertifiedArc | None:
+    """Return an arc between the centre of an arc and a configuration in its box.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    piece
+        The arc.
+    end
+        (v,) the configuration (rad).
+    ratio
+        Position of the new centre, as a part of the way from the centre to the end.
+
+    Returns
+    -------
+    None if no such arc is proven.
+    """
+    end_coordinate = piece.coordinates(end)[0]
+    place = piece.centre + ratio * wrap(end - piece.centre)
+    longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
+    middle = find_piece_ahead(equations, piece, place, longest)
+    if middle is None or not piece.coordinates(middle.centre)[0] < end_coordinate:
+        return None
+    end_is_ahead = middle.coordinates(end)[0] > 0.0
+    has_same_sense = middle.tangent @ piece.tangent > MIN_FORWARD_COSINE
+    return middle if end_is_ahead and has_same_sense else None
+
+
+def _enclose_zero(
+    equations: ArcEquations, stretch: _Stretch, variable: int, end_sign: int
+) -> StationaryPoint:
+    """Return an enclosure of the only zero of a rate in a stretch.
+
+    The zero is first approximated. Then arcs on both sides of it are looked for at which
+    the rate has proven signs, at growing distances.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    stretch
+        A stretch in which the rate has exactly one zero.
+    variable
+        Number of the variable.
+    end_sign
+        Sign of the rate at the end of the stretch; at the start it is the opposite.
+    """
+    piece = stretch.piece
+    chord = wrap(stretch.end - piece.centre)
+    length = np.max(np.abs(chord))
+
+    def signed_rate(ratios: Floats, _: Indices) -> Floats:
+        """Return the rate (1,) at a part of the way, negative at the start.
+
+        It is an approximation: no proof depends on it.
+        """
+        place = correct_configuration(equations, piece.centre + ratios[0] * chord)
+        if place is None:
+            place = piece.centre
+        circle_points = cosines_and_sines(place[None])
+        slopes = equations.harmonics.derivatives(circle_points, 1)[1][0]
+        tangent_frame = find_frame(slopes, piece.tangent)
+        if tangent_frame is None:
+            return end_sign * np.zeros(1)
+        return end_sign * tangent_frame.frame[variable, :1]
 
     one = np.ones(1)
-    (part,), _ = find_bracketed_zeros(rate, 0.0 * one, one, -one, one, ROUNDING)
-    start, end, width = piece, goal, NEAREST
-    while width < length and (start is piece or end is goal):
+    (zero_ratio,), _ = find_bracketed_zeros(
+        signed_rate, 0.0 * one, one, -one, one, PRODUCT_ROUNDING
+    )
+    start = piece
+    end = stretch.end
+    end_error = stretch.end_error
+    bracket = FIRST_BRACKET_RAD
+    while bracket < length and (start is piece or end is stretch.end):
         for side in (1, -1):
-            made = _middle(equations, piece, goal, part + 0.5 * side * width / length)
-            if made is None or signs(made, 0.0, variable)[0] != side * beyond:
+            ratio = zero_ratio + 0.5 * side * bracket / length
+            middle = _find_middle_piece(equations, piece, stretch.end, ratio)
+            if middle is None:
+                continue
+            if _rate_signs(middle, 0.0, variable)[0] != side * end_sign:
                 continue
             if side > 0:
-                end, off = made.centre, made.miss
-            elif made.holds(end, off):
-                start = made
-        width *= WIDER
-    reach = start.coordinates(end)[0] + off + 1e-13
-    # the middle of start and end is about as far beside the axis as the zero
-    beside = [2.0 * start.beside(reach) + off] * (len(goal) - 1)
-    spread = np.max(np.abs(start.frame) @ [0.5 * (reach + off), *beside]) + 1e-12
-    return StationaryPlace(start.centre + 0.5 * wrap(end - start.centre), spread)
+                end = middle.centre
+                end_error = middle.centre_error
+            elif middle.contains(end, end_error):
+                start = middle
+        bracket *= BRACKET_GROWTH
+    reach = start.coordinates(end)[0] + end_error + COORDINATE_ROUNDING_RAD
+    # The place is halfway between start and end. It may be as far from the axis as the
+    # zero, on the other side.
+    distances = [2.0 * start.distance_within(reach) + end_error] * (len(end) - 1)
+    half_extent = [0.5 * (reach + end_error), *distances]
+    error = np.max(np.abs(start.frame) @ half_extent) + 1e-12
+    return StationaryPoint(start.centre + 0.5 * wrap(end - start.centre), error)

@@ -1,10 +1,11 @@
-"""Links and R pairs that proofs are about; sliding contacts of circles count as links.
+"""The links and R pairs of a mechanism that proofs compute with.
 
-Two circles that touch have their centres a fixed arc apart, the sum of their radii, or the
-difference where one lies within the other; and where the centres are this arc apart the
-circles touch in one point of the great circle through both. So a sliding contact is a
-link, its coupler, hinged to the two others at the centres, and its arc is a size like
-others. A rolling contact also says how far both wheels turn (`gears`).
+Two circles that touch have their centres at a fixed arc: the sum of their radii, or the
+difference if one lies inside the other. Conversely, if the centres are at this arc, the
+circles touch in one point of the great circle through both centres. A sliding contact of
+circles is therefore equivalent to a binary link, its coupler, which is joined to both
+links of the contact by R pairs at the centres. A rolling contact also relates the rotation
+of both wheels (`spherekit.proof.decimal_mechanism`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,12 +19,28 @@ from spherekit.wording import listing
 
 @dataclass(frozen=True)
 class Structure:
-    """Links and R pairs: those of a mechanism in their order, and then those of couplers.
+    """Links and R pairs of a mechanism, followed by those of its couplers.
 
-    `inputs` are the driven pairs; the angles of `followers` are fixed by the inputs through
-    wheels. `wheels` are the numbers of rolling contacts among the pairs of the mechanism,
-    and `couplers` those of sliding ones, in order: each has the last links in this order,
-    and the last two pairs, with the two links of the contact.
+    Links and pairs are counted from 0 in the order of `links` and `pairs`.
+
+    Attributes
+    ----------
+    name
+        Name of the mechanism.
+    links
+        Names of the links in the order of the mechanism, then those of the couplers.
+    pairs
+        Names of the R pairs in the order of the mechanism, then two for each coupler.
+    ends
+        For each pair the two links that it joins.
+    inputs
+        The driven pairs.
+    couplers
+        Numbers of the sliding contacts among the pairs of the mechanism.
+    wheels
+        Numbers of the rolling contacts among the pairs of the mechanism.
+    followers
+        The pairs whose angles wheels determine by the inputs.
     """
 
     name: str
@@ -36,64 +53,83 @@ class Structure:
     followers: tuple[int, ...] = ()
 
     @property
-    def bodies(self) -> int:
-        """The number of links that are no couplers."""
+    def body_count(self) -> int:
+        """Number of links that are not couplers."""
         return len(self.links) - len(self.couplers)
 
     def names_of(self, pairs: Iterable[int]) -> list[str]:
-        """Return the names of pairs by their numbers."""
+        """Return the names of pairs."""
         return [self.pairs[pair] for pair in pairs]
 
-    def coupler(self, number: int) -> tuple[int, tuple[int, int]]:
-        """Return the link of a coupler and its pairs with both links of the contact."""
-        pair = len(self.pairs) - 2 * (len(self.couplers) - number)
-        return self.bodies + number, (pair, pair + 1)
+    def coupler_parts(self, coupler: int) -> tuple[int, tuple[int, int]]:
+        """Return the link of a coupler and its pairs with both links of the contact.
+
+        `coupler` is the position of the contact in `couplers`.
+        """
+        first_pair = len(self.pairs) - 2 * (len(self.couplers) - coupler)
+        return self.body_count + coupler, (first_pair, first_pair + 1)
 
 
-def structure_of(mechanism: Mechanism) -> Structure:
-    """Return the structure of a mechanism, the wheels of rolling contacts not yet in mesh.
+def extract_structure(mechanism: Mechanism) -> Structure:
+    """Return the links and R pairs of a mechanism, with a coupler for each sliding contact.
+
+    The structure has no followers yet: which angles wheels determine depends on the sizes.
 
     Raises
     ------
     PlanError
-        If a contact is none of two circles.
+        If the profiles of a contact are not two circles.
     """
-    links, pairs, ends = list(mechanism.links), [], []
-    for pair, two in zip(mechanism.pairs, mechanism.ends, strict=True):
+    links = list(mechanism.links)
+    pair_names = []
+    pair_ends = []
+    for pair, ends in zip(mechanism.pairs, mechanism.ends, strict=True):
         if pair.kind.has_axis:
-            pairs.append(pair.name)
-            ends.append(two)
-    couplers, rolling = [], []
-    for number, (pair, two) in enumerate(zip(mechanism.pairs, mechanism.ends, strict=True)):
+            pair_names.append(pair.name)
+            pair_ends.append(ends)
+
+    couplers = []
+    wheels = []
+    for number, (pair, ends) in enumerate(
+        zip(mechanism.pairs, mechanism.ends, strict=True)
+    ):
         if pair.kind.has_axis:
             continue
-        shaped = [
+        links_with_other_profiles = [
             link
             for link, profile in zip(pair.links, pair.profiles or (), strict=True)
             if profile.round_axis is None
         ]
-        if shaped:
+        if links_with_other_profiles:
             raise PlanError(
                 f"{mechanism.name}: pair {pair.name} is a contact whose profile on "
-                f"{listing(shaped)} is no circle; proofs are for R and P pairs and for "
-                "contacts of circles"
+                f"{listing(links_with_other_profiles)} is no circle; proofs are for R and "
+                "P pairs and for contacts of circles"
             )
+        # A rolling contact has one variable, a sliding contact has two.
         if pair.kind.variable_count == 1:
-            rolling.append(number)
+            wheels.append(number)
             continue
         couplers.append(number)
-        links.append(_new(pair.name, links))
-        for link, end in zip(pair.links, two, strict=True):
-            pairs.append(_new(f"{pair.name}_{link}", pairs))
-            ends.append((end, len(links) - 1))
-    driven = map(pairs.index, mechanism.names_of(driven_pairs(mechanism)))
+        links.append(_unused_name(pair.name, links))
+        for link, end in zip(pair.links, ends, strict=True):
+            pair_names.append(_unused_name(f"{pair.name}_{link}", pair_names))
+            pair_ends.append((end, len(links) - 1))
+
+    driven_names = mechanism.names_of(driven_pairs(mechanism))
     return Structure(
-        mechanism.name, links, pairs, tuple(ends), tuple(driven), couplers, rolling
+        name=mechanism.name,
+        links=links,
+        pairs=pair_names,
+        ends=tuple(pair_ends),
+        inputs=tuple(map(pair_names.index, driven_names)),
+        couplers=couplers,
+        wheels=wheels,
     )
 
 
-def _new(name: str, taken: list[str]) -> str:
-    """Return a name that is not taken, by underscores at its end."""
-    while name in taken:
+def _unused_name(name: str, used_names: list[str]) -> str:
+    """Return a name with as many underscores added as make it different from others."""
+    while name in used_names:
         name += "_"
     return name

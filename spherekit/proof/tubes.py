@@ -1,12 +1,16 @@
-"""Pieces of configuration curves: parts of space in which there is one arc and no more.
+"""Certified arcs: parts of space in which the configurations are exactly one arc.
 
-A piece is z = z0 + t s + N y with |s| <= h and |y| <= r, in all variables z, t and N
-orthonormal. Where Y F' N is next to 1 in all of it, Y near the inverse at z0, there is one
-y at most for every s. And there is one: from z0 a way leads to F = 0 as in `root_ball`, and
-on from there with y' = -(F' N)^-1 F' t, which bounds of Y F' bound, so that it does not
-leave the piece. So the configurations in the piece are one arc without an end inside. No
-variable is special, so a dead centre of the input is an ordinary place. Everything is
-float64 with bounds of what it is off by.
+Let z be all variables, z0 a configuration, t the unit tangent of the configuration curve
+at z0, and N an orthonormal basis of the directions across it. A certified arc is the part
+of space z = z0 + t s + N y with |s| <= h and |y_i| <= r. Let Y be near the inverse of F'N
+at z0. If Y F'N differs from the identity by less than 1 in the whole part, there is at most
+one y for every s. There is also at least one: a path leads from z0 to F = 0 as in
+`spherekit.proof.root_ball`, and from there y' = -(F'N)^-1 F't. Bounds of Y F' bound both
+paths, so that they do not leave the part. The configurations in the part are then one arc
+that does not end inside.
+
+No variable is special, so a dead centre of the input is an ordinary point. All numbers are
+float64 with bounds of their errors.
 """
 
 import math
@@ -17,201 +21,393 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.numerics.angles import wrap
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.balls import circle
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.balls import cosines_and_sines
 
-LONGEST = 0.4
-"""Largest half length (rad) of a piece."""
-SHORTEST_PIECE = 1e-7
-"""Pieces that would have to be shorter are not looked for."""
-SHRINK = 0.7
-STEPS = 12
-WIDTHS = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
-"""Radii tried, over the half length."""
-UP = 1.0 + 1e-12
-"""More than any rounding in the sums of bounds, which have positive terms only."""
-ROUNDING = 1e-14
-"""More than the relative rounding of products of matrices of up to 16 rows."""
+LONGEST_ARC_RAD = 0.4
+"""Largest half length (rad) of a certified arc that is tried.
+
+Larger: more failing trials for each arc. Smaller: more arcs for each curve.
+"""
+
+SHORTEST_ARC_RAD = 1e-7
+"""Smallest half length (rad) of a certified arc that is tried.
+
+Larger: curves with sharp bends are lost. Smaller: more failing trials where no arc exists.
+"""
+
+LENGTH_REDUCTION = 0.7
+"""Each half length that is tried over the one before it.
+
+Larger: arcs closer to the longest possible length, with more trials. Smaller: shorter arcs.
+"""
+
+RADIUS_RATIOS = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
+"""Radii of an arc that are tried, over its half length, the largest first.
+
+A large radius holds the arc more easily. A small radius keeps the derivatives constant.
+"""
+
+MAX_CORRECTOR_STEPS = 12
+"""Largest number of Newton steps towards a configuration.
+
+Larger: starts farther from a configuration succeed. Smaller: they fail sooner.
+"""
+
+ROUND_UP = 1.0 + 1e-12
+"""Factor that covers the rounding of sums of bounds, whose terms are all positive.
+
+Larger: weaker bounds. Smaller: below some 1e-14 the sums could be rounded below the bound.
+"""
+
+PRODUCT_ROUNDING = 1e-14
+"""Bound of the relative rounding of products of matrices of up to 16 rows.
+
+Larger: weaker bounds. Smaller: below 16 roundings of float64 it is no longer a bound.
+"""
+
+COORDINATE_ROUNDING_RAD = 1e-13
+"""Bound (rad) of the rounding of the coordinates of a point in a box.
+
+Larger: points near a side count as outside. Smaller: below some 1e-14 it is no longer a
+bound.
+"""
 
 
 @dataclass(frozen=True)
-class Zone:
-    """A part of space about `centre`: coordinates along `frame` (v, v) within `limits`."""
+class OrientedBox:
+    """A box in the space of all variables, not aligned with their axes.
+
+    Attributes
+    ----------
+    centre
+        (v,) the centre (rad).
+    frame
+        (v, v) orthonormal columns: the directions of the sides.
+    limits
+        (v,) half lengths (rad) of the sides.
+    """
 
     centre: Floats
     frame: Floats
     limits: Floats
 
     def coordinates(self, places: Floats) -> Floats:
-        """Return coordinates (..., v) of places (..., v), whole turns away or not."""
+        """Return coordinates (..., v) along the frame of places (..., v), modulo turns."""
         return wrap(places - self.centre) @ self.frame
 
-    def _within(self, places: Floats, reach: Floats | float) -> Bools:
-        return np.all(np.abs(self.coordinates(places)) + reach <= self.limits, axis=-1)
+    def _contain(self, places: Floats, reach: Floats | float) -> Bools:
+        """Return whether places with a reach along each side are inside, (...)."""
+        coordinates = np.abs(self.coordinates(places))
+        return np.all(coordinates + reach <= self.limits, axis=-1)
 
-    def holds(self, place: Floats, off: float) -> bool:
-        """Return whether a place that is off by at most `off` is in it."""
-        return bool(self._within(place, off + 1e-13))
+    def contains(self, place: Floats, error: float) -> bool:
+        """Return whether a place (v,) with an error of at most `error` is surely inside."""
+        return bool(self._contain(place, error + COORDINATE_ROUNDING_RAD))
 
-    def may_hold(self, place: Floats, off: float) -> bool:
-        """Return whether a place that is off by at most `off` may be in it."""
-        return bool(self._within(place, -off - 1e-13))
+    def may_contain(self, place: Floats, error: float) -> bool:
+        """Return whether a place (v,) with an error of at most `error` may be inside."""
+        return bool(self._contain(place, -error - COORDINATE_ROUNDING_RAD))
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return whether boxes (n, v) of radii (n, v) are in it."""
-        return self._within(centres, radii @ np.abs(self.frame) * UP + 1e-13)
+        """Return which axis-aligned boxes are surely inside, (n,).
+
+        `centres` and `radii` (n, v) are the centres and half lengths of the boxes.
+        """
+        reach = radii @ np.abs(self.frame) * ROUND_UP + COORDINATE_ROUNDING_RAD
+        return self._contain(centres, reach)
 
 
-def covered(zones: Iterable[Zone], centres: Floats, radii: Floats) -> Bools:
-    """Return whether boxes (n, v) of radii (n, v) are each in one of several parts."""
-    nowhere = np.zeros(len(centres), dtype=bool)
-    return np.any([nowhere, *(z.covers(centres, radii) for z in zones)], axis=0)
+def boxes_covered(
+    oriented_boxes: Iterable[OrientedBox], centres: Floats, radii: Floats
+) -> Bools:
+    """Return which axis-aligned boxes are surely inside one of several oriented boxes.
+
+    `centres` and `radii` (n, v) are the centres and half lengths of the axis-aligned boxes.
+    """
+    is_covered = np.zeros(len(centres), dtype=bool)
+    for oriented_box in oriented_boxes:
+        is_covered |= oriented_box.covers(centres, radii)
+    return is_covered
 
 
 @dataclass(frozen=True)
-class CertifiedArc(Zone):
-    """A part of space with one arc in it: `frame` (v, v) has the columns t and N.
+class CertifiedArc(OrientedBox):
+    """An oriented box in which the configurations are exactly one arc.
 
-    The arc is within `tight` of the axis, y = 0; at s = 0 within `miss`. `test` is what
-    proved it.
+    The first column of `frame` is the tangent t, the others are the normals N.
+
+    Attributes
+    ----------
+    distance_bound
+        Bound (rad) of the distance of the arc from the axis y = 0.
+    centre_error
+        The same at s = 0: the distance of a configuration from the centre.
+    test
+        The bounds that proved the arc.
     """
 
-    tight: float
-    miss: float
-    test: "Test"
+    distance_bound: float
+    centre_error: float
+    test: "TubeTest"
 
     @property
-    def half(self) -> float:
-        """The half length, h."""
+    def half_length(self) -> float:
+        """The half length h (rad)."""
         return self.limits[0]
 
     @property
     def radius(self) -> float:
-        """The radius, r."""
+        """The radius r (rad)."""
         return self.limits[1]
 
     @property
     def tangent(self) -> Floats:
-        """T (v,)."""
+        """(v,) the unit tangent t."""
         return self.frame[:, 0]
 
-    def beside(self, half: float) -> float:
-        """Return how far the arc is from the axis where |s| <= half, at most."""
-        tight, _, _ = self.test.arc(half, self.radius)
-        # it is in the piece, which says more where the bounds come to nothing
-        return min(float(tight), self.radius)
+    def distance_within(self, half_length: float) -> float:
+        """Return a bound (rad) of the arc's distance from its axis for |s| up to a limit.
+
+        `half_length` (rad) is the limit.
+        """
+        distance = float(self.test.bound_arc(half_length, self.radius).distance)
+        # The arc stays in the box, also where the bound grows beyond all limits.
+        return min(distance, self.radius)
 
 
-def frame_at(slopes: Floats, along: Floats | None) -> tuple[Floats, Floats] | None:
-    """Return the frame at a configuration and Y, from slopes (k, v); None at low rank.
+@dataclass(frozen=True)
+class TangentFrame:
+    """Tangent and normals of a configuration curve, and the inverse across it.
 
-    t is the one of two senses that goes on `along` (v,).
+    Attributes
+    ----------
+    frame
+        (v, v) orthonormal columns: the tangent t, then the normals N.
+    inverse
+        (k, k) Y, near the inverse of F' N.
     """
-    left, sizes, rows = np.linalg.svd(slopes)
-    if not sizes[-1] > 1e-13 * sizes[0]:
+
+    frame: Floats
+    inverse: Floats
+
+
+def find_frame(slopes: Floats, direction: Floats | None) -> TangentFrame | None:
+    """Return tangent and normals at a configuration, None if F' does not have full rank.
+
+    Parameters
+    ----------
+    slopes
+        (k, v) first derivatives F' of the k = v - 1 equations.
+    direction
+        (v,) the tangent is oriented along this direction; without it, in either sense.
+    """
+    left, singular_values, right = np.linalg.svd(slopes)
+    # A smaller relative singular value is rounding: no tangent is defined.
+    if not singular_values[-1] > 1e-13 * singular_values[0]:
         return None
-    t = -rows[-1] if along is not None and rows[-1] @ along < 0 else rows[-1]
-    return np.column_stack([t, rows[:-1].T]), left.T / sizes[:, None]
+    tangent = right[-1]
+    if direction is not None and tangent @ direction < 0:
+        tangent = -tangent
+    frame = np.column_stack([tangent, right[:-1].T])
+    return TangentFrame(frame, left.T / singular_values[:, None])
 
 
-def piece_at(
-    equations: Equations,
+def find_piece(
+    equations: ArcEquations,
     centre: Floats,
-    along: Floats | None,
+    direction: Floats | None,
     longest: float,
 ) -> CertifiedArc | None:
-    """Return a piece around a configuration, as long as can be proven up to `longest`."""
-    derivatives = [x[0] for x in equations.real.derivatives(circle(centre[None]), 2)]
-    made = frame_at(derivatives[1], along)
-    if made is None:
+    """Return a certified arc around a configuration, as long as one is proven.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    centre
+        (v,) a configuration (rad), up to the accuracy of Newton's method.
+    direction
+        (v,) the tangent is oriented along this direction; without it, in either sense.
+    longest
+        Largest half length (rad) that is tried.
+
+    Returns
+    -------
+    None if no arc is proven.
+    """
+    circle_points = cosines_and_sines(centre[None])
+    derivatives = [array[0] for array in equations.harmonics.derivatives(circle_points, 2)]
+    tangent_frame = find_frame(derivatives[1], direction)
+    if tangent_frame is None:
         return None
-    frame, inverse = made
-    test = Test(equations, derivatives, frame, inverse)
-    count = 1 + max(0, math.floor(math.log(SHORTEST_PIECE / longest) / math.log(SHRINK)))
-    halves: Floats = longest * SHRINK ** np.arange(float(count))[:, None]
-    radii: Floats = halves * WIDTHS
-    tight, rows, _ = test.arc(halves, radii)
-    proven = np.argwhere((tight * UP < radii) & (rows < 1.0))
+    test = TubeTest(equations, derivatives, tangent_frame)
+    # All half lengths (rows) are tried with all radii (columns) at once.
+    shrink_steps = math.log(SHORTEST_ARC_RAD / longest) / math.log(LENGTH_REDUCTION)
+    count = 1 + max(0, math.floor(shrink_steps))
+    half_lengths: Floats = longest * LENGTH_REDUCTION ** np.arange(float(count))[:, None]
+    radii: Floats = half_lengths * RADIUS_RATIOS
+    bounds = test.bound_arc(half_lengths, radii)
+    stays_inside = bounds.distance * ROUND_UP < radii
+    is_regular = bounds.contraction < 1.0
+    proven = np.argwhere(stays_inside & is_regular)
     if not len(proven):
         return None
-    at = tuple(proven[0])
-    half, radius = halves[at[0], 0], radii[at]
-    # lengths, not components: other pieces see them from other sides
-    scale = math.sqrt(len(inverse)) * UP
-    miss = float(test.arc(0.0, radius)[0])
-    limits = np.array([half, *[radius] * len(inverse)])
-    return CertifiedArc(centre, frame, limits, tight[at] * scale, miss * scale, test)
+    best = tuple(proven[0])
+    half_length = half_lengths[best[0], 0]
+    radius = radii[best]
+    # The bounds are of components along the normals. Other boxes have other normals and
+    # need the Euclidean distance.
+    to_distance = math.sqrt(len(tangent_frame.inverse)) * ROUND_UP
+    centre_error = float(test.bound_arc(0.0, radius).distance)
+    limits = np.array([half_length, *[radius] * len(tangent_frame.inverse)])
+    return CertifiedArc(
+        centre=centre,
+        frame=tangent_frame.frame,
+        limits=limits,
+        distance_bound=bounds.distance[best] * to_distance,
+        centre_error=centre_error * to_distance,
+        test=test,
+    )
 
 
-class Test:
-    """Bounds of Y F and its derivatives next to a centre, in coordinates along a frame.
+@dataclass(frozen=True)
+class ArcBounds:
+    """Bounds for one arc, or arrays of them for many half lengths and radii.
 
-    The derivatives at the centre, values (k,), slopes (k, v) and curvatures (k, v, v), are
-    off by at most `error` (k,) times products of `degrees` (k, v) of the coordinates,
-    rounding included; those of order three are at most `constant` (k,) times such products.
-    `inverse` is Y, `bent` (k, v, v) is Y F''.
+    Attributes
+    ----------
+    distance
+        Largest |y_i| (rad) of the arc.
+    contraction
+        Largest row sum of |Y F'N - 1|. Below 1 the arc is unique.
+    slope
+        Largest |y_i'|, the slope of the arc against the axis.
+    """
+
+    distance: Floats
+    contraction: Floats
+    slope: Floats
+
+
+class TubeTest:
+    """Bounds of Y F and its derivatives near a centre, in coordinates along a frame.
+
+    Parameters
+    ----------
+    equations
+        The equations F of the mechanism.
+    derivatives
+        F (k,), F' (k, v) and F'' (k, v, v) at the centre, by the variables.
+    tangent_frame
+        Tangent, normals and Y at the centre.
+
+    Attributes
+    ----------
+    third_bound
+        (k,) bounds C of the third derivatives: at most C times products of `degrees`.
+    error
+        (k,) error bounds of the derivatives at the centre, rounding included: at most
+        `error` times products of `degrees`.
+    degrees
+        (k, v) bounds of the degrees along the frame.
+    inverse_size
+        (k, k) magnitudes of the entries of Y.
+    second_derivatives
+        (k, v, v) Y F'' along the frame.
     """
 
     def __init__(
         self,
-        equations: Equations,
+        equations: ArcEquations,
         derivatives: list[Floats],
-        frame: Floats,
-        inverse: Floats,
+        tangent_frame: TangentFrame,
     ) -> None:
         values, slopes, curvatures = derivatives
-        self.constant, self.inverse, self.size = equations.bound, inverse, np.abs(inverse)
-        self.error = equations.real.error + 4.0 * ROUNDING * self.constant
-        self.degrees = equations.degrees @ np.abs(frame) * UP
-        self.bent = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
-        self._ahead, self._bent = np.eye(1, len(frame))[0], np.abs(self.bent)
-        self._miss = np.max(np.abs(inverse @ values) + self.size @ self.error)
-        self._slopes = np.abs(
+        frame = tangent_frame.frame
+        inverse = tangent_frame.inverse
+        self.third_bound = equations.derivative_bound
+        self.inverse_size = np.abs(inverse)
+        self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
+        self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
+        self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
+        self._tangent_coordinates = np.eye(1, len(frame))[0]
+        self._second_magnitudes = np.abs(self.second_derivatives)
+        # |Y F| at the centre, and |Y F' - (0, 1)| there.
+        self._residual = np.max(np.abs(inverse @ values) + self.inverse_size @ self.error)
+        self._slope_error = np.abs(
             inverse @ (slopes @ frame) - np.eye(len(inverse), len(frame), 1)
         )
 
-    def change(self, reach: Floats) -> Floats:
-        """Return bounds (..., k, v) of Y F' less (0, 1) within a reach (..., v)."""
-        sums = reach @ self.degrees.T
-        beyond = 0.5 * self.constant * sums**2 + self.error * (1.0 + sums)
-        bent = (reach[..., None, None, :] @ self._bent)[..., 0, :]
-        return (self._slopes + bent + self.size @ (beyond[..., None] * self.degrees)) * UP
+    def bound_slope_change(self, reach: Floats) -> Floats:
+        """Return bounds of |Y F' - (0, 1)| at all points within a reach of the centre.
 
-    def arc(
-        self, half: Floats | float, radius: Floats | float
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return how far off the axis F is 0 where |s| <= half, if |y| <= radius there.
+        Parameters
+        ----------
+        reach
+            (..., v) largest coordinates (rad) along the frame.
 
-        That is if the sums of the rows of 1 - Y F' N, which come next, are below 1. The
-        last is a bound of y'.
+        Returns
+        -------
+        (..., k, v).
         """
-        outer, ahead = np.multiply.outer, self._ahead
-        reach = outer(outer((1.0, 0.0), half), ahead) + outer(radius, 1.0 - ahead)
-        change = self.change(reach)
-        rows = change[0, ..., 1:].sum(axis=-1).max(axis=-1) * UP
-        spare = np.maximum(1.0 - rows, 1e-300)
-        across, middle = change[..., 0].max(axis=-1) / spare * UP
-        # a bound of y' is convex in s
-        mean = 0.5 * across + 0.5 * middle
-        return (self._miss / spare + half * mean) * UP, rows, across
+        sums = reach @ self.degrees.T
+        # Third-order remainder, and the errors of F' and F''.
+        remainder = 0.5 * self.third_bound * sums**2 + self.error * (1.0 + sums)
+        bending = (reach[..., None, None, :] @ self._second_magnitudes)[..., 0, :]
+        from_remainder = self.inverse_size @ (remainder[..., None] * self.degrees)
+        return (self._slope_error + bending + from_remainder) * ROUND_UP
+
+    def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
+        """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
+
+        Parameters
+        ----------
+        half_length, radius
+            In rad, numbers or arrays that broadcast against each other.
+        """
+        outer = np.multiply.outer
+        along_tangent = self._tangent_coordinates
+        # Reach with |s| up to the half length [0], and at s = 0 [1].
+        reach = outer(outer((1.0, 0.0), half_length), along_tangent) + outer(
+            radius, 1.0 - along_tangent
+        )
+        change = self.bound_slope_change(reach)
+        contraction = change[0, ..., 1:].sum(axis=-1).max(axis=-1) * ROUND_UP
+        # Where the contraction exceeds 1 the bounds become huge, and not negative.
+        margin = np.maximum(1.0 - contraction, 1e-300)
+        slope, slope_at_centre = change[..., 0].max(axis=-1) / margin * ROUND_UP
+        # The bound of y' is convex in s: its mean is at most that of both ends.
+        mean_slope = 0.5 * slope + 0.5 * slope_at_centre
+        distance = (self._residual / margin + half_length * mean_slope) * ROUND_UP
+        return ArcBounds(distance, contraction, slope)
 
 
-def corrected(
-    equations: Equations, place: Floats, moved: int | None = None
+def correct_configuration(
+    equations: ArcEquations, place: Floats, free_count: int | None = None
 ) -> Floats | None:
-    """Return the configuration next to a place by Newton's method, None without one.
+    """Return the configuration near a place, by Newton's method; None if it fails.
 
-    Only the first `moved` variables are, by default all.
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    place
+        (v,) start (rad).
+    free_count
+        Only the first `free_count` variables are changed. By default all are, by steps of
+        least length.
     """
     place = place.copy()
-    for _ in range(STEPS):
-        turns = np.stack([np.cos(place), np.sin(place)], axis=-1)
-        (values,), (slopes,) = equations.real.derivatives(turns[None], 1)
-        change, *_ = np.linalg.lstsq(slopes[:, :moved], -values, rcond=1e-13)
-        place[:moved] += change
-        size = np.max(np.abs(change))
-        if not size < 1.0:
+    for _ in range(MAX_CORRECTOR_STEPS):
+        circle_points = np.stack([np.cos(place), np.sin(place)], axis=-1)
+        (values,), (slopes,) = equations.harmonics.derivatives(circle_points[None], 1)
+        change, *_ = np.linalg.lstsq(slopes[:, :free_count], -values, rcond=1e-13)
+        place[:free_count] += change
+        step_size = np.max(np.abs(change))
+        # A step of more than 1 rad has left the neighbourhood of the start.
+        if not step_size < 1.0:
             return None
-        if size < 1e-11:
+        if step_size < 1e-11:
             break
     return place if np.max(np.abs(values)) < 1e-10 else None

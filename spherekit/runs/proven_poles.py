@@ -14,13 +14,13 @@ from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 from spherekit.progress import ProgressReporter
-from spherekit.proof.arc_equations import Equations
-from spherekit.proof.ball_frames import exact
-from spherekit.proof.balls import Ball, bits, middle, upper
-from spherekit.proof.construction import construct
-from spherekit.proof.decimal_mechanism import Written
-from spherekit.proof.enclosed_poles import enclosed_poles
-from spherekit.proof.root_ball import root_near
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_ball
+from spherekit.proof.balls import Ball, centre_float, upper_magnitude, working_precision
+from spherekit.proof.construction import find_construction
+from spherekit.proof.decimal_mechanism import read_decimals
+from spherekit.proof.enclosed_poles import enclose_poles
+from spherekit.proof.root_ball import find_root
 from spherekit.status import Status
 from spherekit.storage.atomic_write import check_made_by_spherekit
 from spherekit.tables.table import (
@@ -149,34 +149,38 @@ def prove_poles(
         If the mechanism is none that proofs are for.
     """
     motion, poles = dict(motion), dict(poles)
-    written = Written.of(mechanism)
-    made = construct(written.structure)
+    written = read_decimals(mechanism)
+    made = find_construction(written.structure)
     columns = [written.motion_columns()[pair] for pair in made.pairs]
     working = ProgressReporter("proving poles")
     proven: dict[tuple[int, int, str, frozenset[str]], tuple[Array, Ball]] = {}
-    with bits(PRECISION):
-        equations = Equations(written, made)
+    with working_precision(PRECISION):
+        equations = ArcEquations(written, made)
         good = np.flatnonzero(motion["status"] == Status.OK)
         values = np.stack([factor * motion[name] for name, factor in columns], 1)
         for done, row in enumerate(good):
             working.tell(lambda: f"{done} of {len(good)} configurations")  # noqa: B023
             near = values[row]
-            count = made.unknowns + made.inputs
-            unknown = near[: made.unknowns]
-            places = written.given([exact(float(x)) for x in near[made.unknowns : count]])
+            count = made.unknown_count + made.input_count
+            unknown = near[: made.unknown_count]
+            places = written.known_angles(
+                [exact_ball(float(x)) for x in near[made.unknown_count : count]]
+            )
             if len(unknown):
-                root = root_near(equations, places, [*map(complex, unknown)])
+                root = find_root(equations, places, [*map(complex, unknown)])
                 places = [*root.balls(), *places] if root and root.real else []
-            gap = [middle(ball) for ball in places] - near[: len(places)]
+            gap = [centre_float(ball) for ball in places] - near[: len(places)]
             gap[count:] = wrap(gap[count:])
             if not places or max_abs(gap) > NEAR:
                 continue
             place = motion["sample"][row], motion["assembly_mode"][row]
-            for (moved, *two), direction, coefficient in enclosed_poles(equations, places):
-                if direction is not None:
-                    moving = written.structure.pairs[moved]
-                    ends = frozenset(mechanism.links[k] for k in two)
-                    proven[*place, moving, ends] = direction, coefficient
+            for pole in enclose_poles(equations, places):
+                if pole.direction is not None:
+                    moving = written.structure.pairs[pole.input_pair]
+                    ends = frozenset(
+                        mechanism.links[k] for k in (pole.link, pole.relative_to)
+                    )
+                    proven[*place, moving, ends] = pole.direction, pole.coefficient
         parts = list[Facts]()
         for number in range(len(poles["sample"])):
             given = {name: column[number] for name, column in poles.items()}
@@ -221,21 +225,22 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
             "--prove reads the angles of all pairs, and --only-needed leaves pairs out; "
             "give one of the two"
         )
-    construct(Written.of(mechanism).structure)
+    find_construction(read_decimals(mechanism).structure)
 
 
 def _proven(given: Facts, direction: Array, coefficient: Ball) -> Facts:
     """Return what is proven of a row of poles."""
     u = np.array([given[f"u{axis}"] for axis in "xyz"])
-    axis = np.array([middle(ball) for ball in direction])
+    axis = np.array([centre_float(ball) for ball in direction])
     off = max(
-        upper(ball - exact(float(near))) for ball, near in zip(direction, axis, strict=True)
+        upper_magnitude(ball - exact_ball(float(near)))
+        for ball, near in zip(direction, axis, strict=True)
     )
     axis = axis if axis @ u > 0 else -axis
     apart = np.linalg.norm(u - axis)
     around = np.sqrt(3.0) * off + 4.0 * 2.0**-53 * (apart + 1e-3)
-    size = middle(coefficient)
-    spare = upper(coefficient - exact(size))
+    size = centre_float(coefficient)
+    spare = upper_magnitude(coefficient - exact_ball(size))
     gap = abs(abs(given["velocity_coefficient"]) - size)
     slack = 2.0**-52 * size
     made: Facts = {f"proven_u{k}": x for k, x in zip("xyz", axis, strict=True)} | {

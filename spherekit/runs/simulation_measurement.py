@@ -21,8 +21,8 @@ from spherekit.errors import AnalysisError, EngineError, SpherekitError
 from spherekit.files.study import Study
 from spherekit.positions.timing import Timing
 from spherekit.progress import ProgressReporter
-from spherekit.proof.ball_frames import exactly
-from spherekit.proof.balls import FEWEST, floats, pi
+from spherekit.proof.ball_frames import exact_balls
+from spherekit.proof.balls import MIN_DIGITS, centre_floats, pi_ball
 from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis
 from spherekit.runs.declaration_checks import declared
@@ -309,7 +309,7 @@ def measure_simulation_settings(
         reference = _compute_exact_tables(run_plan, study, tightest.sampling)
         reference_tables = reference.tables
         reference_fields = reference.pole_fields
-        words = f"a simulation in {FEWEST} digits{reference.lacking}"
+        words = f"a simulation in {MIN_DIGITS} digits{reference.lacking}"
         reference_deviations: list[Deviation] = []
     except EngineError as reason:
         reference_fields = ()
@@ -465,19 +465,19 @@ def _compute_exact_tables(
     states, *derivatives = exact.at(sampling.t)
     (driven,) = simulation.driven
     # The variables of the motion are in other revolutions than those of the simulation.
-    revolutions = np.round((floats(states) - motion.values) / TURN)
+    revolutions = np.round((centre_floats(states) - motion.values) / TURN)
     with exact.arithmetic.within():
-        values = floats(states - exactly(revolutions) * (2 * pi()))
+        values = centre_floats(states - exact_balls(revolutions) * (2 * pi_ball()))
     inputs = states[:, [driven]]
-    values[:, driven] = floats(inputs)[:, 0]
-    input_rates = [floats(derivative[:, [driven]]) for derivative in derivatives]
+    values[:, driven] = centre_floats(inputs)[:, 0]
+    input_rates = [centre_floats(derivative[:, [driven]]) for derivative in derivatives]
     if exact.kind == "sticking":
         # Dry friction jumps here, so nothing that depends on it is compared.
         sticks = sampling.t >= min(float(exact.end), simulation.end.t)
         for rate in input_rates:
             rate[sticks] = np.nan
     timing = Timing(np.minimum(sampling.t, float(exact.end)), *input_rates)
-    motion = replace(motion, values=values, inputs=floats(inputs), timing=timing)
+    motion = replace(motion, values=values, inputs=centre_floats(inputs), timing=timing)
     (analysis,) = run_plan.analyses
     return compute_reference_tables(make_analysis_plan(sampling, analysis), motion, inputs)
 

@@ -19,7 +19,7 @@ from spherekit.errors import AnalysisError
 from spherekit.files.study import DEFAULT_TOLERANCE, Study
 from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.proof.balls import FEWEST as REFERENCE_DIGITS
+from spherekit.proof.balls import MIN_DIGITS as REFERENCE_DIGITS
 from spherekit.runs import batch_runner
 from spherekit.runs.contract import AbstractAnalysis, Sweep
 from spherekit.runs.evaluation_options import ENGINES, ORDINARY, Setting

@@ -23,8 +23,8 @@ from spherekit.numerics.angles import wrap
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
-from spherekit.proof.balls import DIGITS, Digits, floats
-from spherekit.proof.decimal_mechanism import Written
+from spherekit.proof.balls import DEFAULT_DIGITS, Digits, centre_floats
+from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.proof.reference_rows import (
     ExactRows,
     exact_direction,
@@ -141,7 +141,7 @@ def compute_reference(
     if any(np.any(pole_field.is_decimal) for pole_field in pole_fields):
         arithmetic = arithmetic or Digits()
         with arithmetic.within():
-            frames = Written.of(motion.mechanism).r_frames()
+            frames = read_decimals(motion.mechanism).revolute_frames()
     exact = exact_rows_by_input(
         motion, every_row, input_pairs, arithmetic, inputs=inputs, frames=frames
     )
@@ -227,14 +227,14 @@ class Verifier:
             not explain. If the reference cannot be computed, ``problem`` says why.
         """
         start_time = time.perf_counter()
-        verification: Facts = {"digits": DIGITS, "rows": 0, "not_verified": []}
+        verification: Facts = {"digits": DEFAULT_DIGITS, "rows": 0, "not_verified": []}
         selected = self._selected
         if selected is None:
             return verification
         motion = selected.motion
         try:
             reference = compute_reference(
-                motion, self._requests, selected.pole_fields, Digits(DIGITS)
+                motion, self._requests, selected.pole_fields, Digits(DEFAULT_DIGITS)
             )
         except SpherekitError as error:
             return verification | {"problem": str(error)}
@@ -462,7 +462,7 @@ def _pole_errors(
     # Float64 has not enough digits for the difference of directions.
     with exact.arithmetic.within():
         direction = pole_field.direction[pole]
-        direction_error = floats(exact_direction(exact, pole, direction) - direction)
+        direction_error = centre_floats(exact_direction(exact, pole, direction) - direction)
     rate_error = (
         pole_field.velocity_coefficient[pole] - reference_field.velocity_coefficient[pole]
     )

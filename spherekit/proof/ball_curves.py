@@ -1,0 +1,284 @@
+"""Profiles of contact pairs as curves on the unit sphere, in balls and power series.
+
+Angles, radii and coefficients of a profile count as exact float64 numbers, and directions
+are made unit vectors. A profile through points is the quintic spline that
+`spherekit.geometry.profile_curve` lays through them: its float64 knots and coefficients
+define it. Curves return points and tangents only. Derivatives come from power series, so
+that no formula of a curvature is needed.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache
+from itertools import pairwise, zip_longest
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+
+from spherekit.arrays import Array, Floats
+from spherekit.errors import EngineError
+from spherekit.geometry.parametric_curve import SplinePath
+from spherekit.geometry.profile_curve import spline_through
+from spherekit.mechanism.elements import Profile
+from spherekit.proof.ball_frames import (
+    azimuth_frame,
+    exact_ball,
+    exact_balls,
+    unit_vector,
+)
+from spherekit.proof.balls import (
+    Ball,
+    centre_floats,
+    pi_ball,
+    power_series,
+    precision_bits,
+    series_coefficient,
+    series_length_limit,
+    sine_cosine,
+)
+
+MAX_PANELS = 10_000
+"""Largest number of panels by which a profile is expressed by its arc length.
+
+Larger: profiles with sharper bends succeed, slowly. Smaller: they are refused.
+"""
+
+MAX_CACHED_CURVES = 32
+"""Number of curves that are remembered, by profile and precision."""
+
+PANEL_REDUCTION = 0.7
+"""Width of each panel that is tried, over that of the one before it."""
+
+CONVERGENCE_MARGIN = 0.9
+"""Used part of the estimated distance at which a series has all digits.
+
+Larger: fewer panels, and some may lack digits. Smaller: more panels.
+"""
+
+Curve = Callable[[Array], Array]
+"""Returns the frames (n, 3, 3) of a curve at arc lengths (n,) rad.
+
+The columns are the unit tangent t, the normal n = p x t, and the point p.
+"""
+
+Path = Callable[[Array], tuple[Array, Array]]
+"""Returns points (n, 3) and their derivatives (n, 3) by a parameter (n,).
+
+The points are unit vectors. The parameter is not the arc length.
+"""
+
+
+def evaluate_rotation(terms: Array, angles: Array) -> Array:
+    """Return (n, 3, 3) terms[0] + cos(angle) terms[1] + sin(angle) terms[2].
+
+    `terms` is (3, 3, 3), and `angles` (n,) rad are balls or power series.
+    """
+    sine, cosine = (array[:, None, None] for array in sine_cosine(angles))
+    return terms[0] + terms[1] * cosine + terms[2] * sine
+
+
+def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
+    """Return the curve of a profile in balls of the present precision.
+
+    Parameters
+    ----------
+    profile
+        The profile in the axes of its link.
+    backwards
+        Whether the curve is run in the opposite sense: an open one from its end, a closed
+        one from its start.
+    """
+    curve, length = _make_curve(profile, precision_bits())
+    if not backwards:
+        return curve
+
+    def reversed_curve(s: Array) -> Array:
+        # Tangent and normal change their signs, the point does not.
+        return curve(length - s) * [-1, -1, 1]
+
+    return reversed_curve
+
+
+@lru_cache(maxsize=MAX_CACHED_CURVES)
+def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
+    """Return the curve of a profile, and its length (rad) if it is open, else 0.
+
+    The precision is an argument only because it belongs to the key of the cache.
+    """
+    if profile.kind == "points":
+        path, _table = spline_through(np.array(profile.points), profile.closed)
+        return _by_arc_length(_make_spline(path), exact_balls(path.knots), profile.closed)
+    axes = azimuth_frame(unit_vector(exact_balls(profile.centre or ())))
+    if profile.kind not in ("circle", "great_circle"):
+        wave = _make_wave(axes, exact_balls(profile.cosines), exact_balls(profile.sines))
+        return _by_arc_length(wave, exact_balls([0.0, 2.0]) * pi_ball(), True)
+    # A circle: its frame is a linear function of 1, cosine and sine of the azimuth, which
+    # is # the arc length over the sine of the radius. A great circle has a radius of 90
+    # degrees.
+    x, y, z = axes
+    sine, cosine = exact_balls([1.0, 0.0])
+    if profile.kind == "circle":
+        sine, cosine = exact_ball(profile.radius or 0.0).sin_cos()
+    constant = [0 * z, sine * z, cosine * z]
+    cosine_term = [y, -cosine * x, sine * x]
+    sine_term = [-x, -cosine * y, sine * y]
+    terms = np.array([constant, cosine_term, sine_term]).swapaxes(1, 2)
+    return lambda s: evaluate_rotation(terms, s / sine), exact_ball(0.0)
+
+
+def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]:
+    """Return the curve of a path as a function of its arc length.
+
+    The curve is divided into panels. In each one the path's parameter is a power series of
+    the arc length: the reversed series of the arc length as a function of the parameter.
+    Panels are so short that the series has all digits.
+
+    Parameters
+    ----------
+    path
+        The path, analytic between neighbouring knots.
+    knots
+        Values of its parameter, in order.
+    closed
+        Whether the path is closed.
+
+    Returns
+    -------
+    The curve, and its length (rad) if it is open, else 0.
+
+    Raises
+    ------
+    EngineError
+        If too many panels are needed.
+    """
+    bits = precision_bits()
+    term_count = 8 + bits // 3
+    panel_starts: list[Ball] = [exact_ball(0.0)]
+    panel_series: list[list[Ball]] = []
+    with series_length_limit(term_count):
+        for low, high in pairwise(knots):
+            while centre_floats(high - low) > 0.0:
+                if len(panel_series) > MAX_PANELS:
+                    raise EngineError(
+                        "the arc length of a profile does not converge; give its "
+                        "points more evenly"
+                    )
+                # The parameter low + x as a series in x, and the arc length as its
+                # integral.
+                parameter = power_series(*np.array([[low, 1, *[0] * (term_count - 2)]]).T)
+                speed = vector_lengths(path(parameter)[1])
+                arc_series = speed.item().integral()
+                arc_of_parameter, parameter_of_arc = (
+                    [series[power].mid() for power in range(term_count)]
+                    for series in (arc_series, arc_series.reversion())
+                )
+                width = min(
+                    1.0, _convergence_distance(arc_of_parameter, bits) / float(high - low)
+                )
+                # Shorten the panel until the reversed series has all digits as well.
+                while True:
+                    end = low + (high - low) * width if width < 1.0 else high
+                    arc = polyval(end - low, arc_of_parameter).mid()
+                    largest_arc = _convergence_distance(parameter_of_arc, bits)
+                    if width == 0.0 or float(arc) < largest_arc:
+                        break
+                    width *= PANEL_REDUCTION
+                panel_starts.append(panel_starts[-1] + arc)
+                panel_series.append([low, *parameter_of_arc[1:]])
+                low = end.mid()
+    starts = np.array(panel_starts)
+    length = panel_starts[-1]
+    series_table: Array = np.array(panel_series)
+    float_starts = centre_floats(starts)
+
+    def curve(s: Array) -> Array:
+        s_floats = centre_floats(series_coefficient(s, 0))
+        if closed:
+            s = s - exact_balls(np.floor(s_floats / float_starts[-1])) * length
+            s_floats = centre_floats(series_coefficient(s, 0))
+        panel = np.searchsorted(float_starts[1:-1], s_floats, side="right")
+        parameter = polyval(s - starts[panel], series_table[panel].T, tensor=False)
+        point, rate = path(parameter)
+        tangent = rate / vector_lengths(rate)[:, None]
+        return np.stack([tangent, np.cross(point, tangent), point], axis=-1)
+
+    return curve, exact_ball(0.0) if closed else length
+
+
+def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
+    """Return how far from its centre a series has all digits.
+
+    The distance is estimated from the last four of its coefficients: at it, none of their
+    terms exceeds 2 ** -bits.
+    """
+    count = len(coefficients)
+    with np.errstate(divide="ignore"):
+        logs = np.log(np.abs(centre_floats(np.array(coefficients[-4:]))))
+    log_distances = -(bits * np.log(2.0) + logs) / np.arange(count - 4, count)
+    return np.exp(np.min(log_distances)) * CONVERGENCE_MARGIN
+
+
+def _make_wave(axes: Array, cosines: Array, sines: Array) -> Path:
+    """Return the path of a profile whose colatitude is a Fourier sum of its azimuth.
+
+    Parameters
+    ----------
+    axes
+        (3, 3) rows: the directions of azimuth 0 and 90 degrees, and the centre.
+    cosines, sines
+        Coefficients (rad) of the waves 0, 1, 2, ... of the colatitude.
+    """
+    x, y, z = axes
+
+    def path(azimuth: Array) -> tuple[Array, Array]:
+        colatitude = 0 * azimuth
+        slope = 0 * azimuth
+        for wave, (a, b) in enumerate(zip_longest(cosines, sines, fillvalue=0)):
+            sine, cosine = sine_cosine(wave * azimuth)
+            colatitude = colatitude + (a * cosine + b * sine)
+            slope = slope + wave * (b * cosine - a * sine)
+        sine, cosine = (part[:, None] for part in sine_cosine(colatitude))
+        azimuth_sine, azimuth_cosine = (part[:, None] for part in sine_cosine(azimuth))
+        outward = azimuth_cosine * x + azimuth_sine * y
+        along = azimuth_cosine * y - azimuth_sine * x
+        rate = slope[:, None] * (cosine * outward - sine * z) + sine * along
+        return cosine * z + sine * outward, rate
+
+    return path
+
+
+def _make_spline(spline_path: SplinePath) -> Path:
+    """Return the radial projection of a quintic spline in space onto the sphere.
+
+    The spline is evaluated by de Boor's algorithm, as are its derivatives.
+    """
+    degree = spline_path.spline.k
+    control_points = exact_balls(spline_path.spline.c)
+    spline_knots: Floats = spline_path.spline.t
+
+    def path(parameter: Array) -> tuple[Array, Array]:
+        inner_knots = spline_knots[degree + 1 : len(control_points)]
+        parameter_floats = centre_floats(series_coefficient(parameter, 0))
+        first = np.searchsorted(inner_knots, parameter_floats, side="right")
+        # The degree + 1 control points and 2 degree knots that matter for each row.
+        points = control_points[first + np.arange(degree + 1)[:, None]]
+        knots = exact_balls(
+            spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]
+        )
+        for level in range(degree):
+            low = knots[level:degree]
+            high = knots[degree : 2 * degree - level]
+            slope = np.diff(points, axis=0) / (high - low)
+            points = points[:-1] + (parameter[:, None] - low) * slope
+        (x,) = points
+        (last_slope,) = degree * slope
+        size = vector_lengths(x)[:, None]
+        point = x / size
+        radial_rate = np.sum(point * last_slope, axis=1, keepdims=True)
+        return point, (last_slope - radial_rate * point) / size
+
+    return path
+
+
+def vector_lengths(vectors: Array) -> Array:
+    """Return the lengths (n,) of vectors (n, 3) of balls or power series."""
+    return np.sqrt(np.sum(vectors * vectors, axis=1))

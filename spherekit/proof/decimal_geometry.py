@@ -1,0 +1,308 @@
+"""The geometry of a mechanism as balls around the decimal numbers of its file.
+
+An angle that the file writes as 45.1 degrees is the ball of 45.1 pi / 180, and not the
+float64 number next to it. A tolerance widens every such ball.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Array
+from spherekit.files.toml_document import Document, LiteralNumber
+from spherekit.mechanism.bevel_gears import find_gear_carrier
+from spherekit.mechanism.elements import PoseGeometry
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.mechanism.pair_frames import link_axes
+from spherekit.proof.ball_frames import (
+    Frame,
+    Frames,
+    Vector,
+    azimuth_frame,
+    exact_ball,
+    frames_from_pose,
+    frames_from_sizes,
+    unit_vector,
+)
+from spherekit.proof.balls import Ball, flint_library, pi_ball, polar_angle, widen
+
+AXIS_KEYS = {"through_xyz", "through_lonlat", "xyz", "lonlat"}
+"""Keys of a pair in a file that state where its axis is."""
+
+PHASE_ERROR_RAD = 1e-13
+"""Error bound (rad) of a start of a contact that the file reader computes from a phase."""
+
+
+@dataclass(frozen=True)
+class CircleContact:
+    """Two circles that touch, each in the axes of its link.
+
+    Attributes
+    ----------
+    frames
+        For both circles (3, 3): the directions of azimuth 0 and 90 degrees about the
+        centre, and the centre. The centre of a great circle is its pole.
+    radii
+        Angular radii (rad) of both circles.
+    sines
+        Numbers in the ratio of the sines of the radii. They are numbers of teeth if the
+        file gives these.
+    sense
+        1 if one circle lies inside the other, -1 if they lie beside each other. The arc
+        length runs around the second centre in this sense.
+    """
+
+    frames: Sequence[Frame]
+    radii: Sequence[Ball]
+    sines: Sequence[Ball]
+    sense: int
+
+    @property
+    def centre_arc(self) -> Ball:
+        """Signed arc (rad) from the first centre through the contact to the second."""
+        return self.radii[0] - self.sense * self.radii[1]
+
+    def contact_directions(
+        self, first_centre: Vector, second_centre: Vector
+    ) -> tuple[Vector, Vector]:
+        """Return the unit tangents at both centres that point to the contact.
+
+        Both centres and both tangents are (3,) in any common axes. The tangents are in the
+        plane of the great circle through the centres.
+        """
+        sine, cosine = self.centre_arc.sin_cos()
+        first = (second_centre - cosine * first_centre) / sine
+        second = self.sense * (cosine * second_centre - first_centre) / sine
+        return first, second
+
+
+@dataclass(frozen=True)
+class DecimalGeometry:
+    """The sizes of a mechanism as the decimal numbers of its file.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism that the file describes.
+    document
+        The parsed file, whose numbers remember how they were written.
+    tolerance
+        Bound (rad) of the error of every arc, angle, zero and direction of the file.
+    """
+
+    mechanism: Mechanism
+    document: Document
+    tolerance: float
+
+    @property
+    def in_degrees(self) -> bool:
+        """Whether angles of the file are in degrees and not in radians."""
+        return bool(self.document.data["angle_unit"] == "deg")
+
+    def pair_table(self, pair: str) -> Mapping[str, Any]:
+        """Return the table of a pair in the file."""
+        table: Mapping[str, Any] = self.document.data["pairs"][pair]
+        return table
+
+    def angle_ball(self, number: float, has_tolerance: bool = True) -> Ball:
+        """Return an angle of the file in rad, widened by the tolerance on request."""
+        unit = pi_ball() / 180 if self.in_degrees else exact_ball(1.0)
+        return widen(_number_ball(number) * unit, self.tolerance if has_tolerance else 0.0)
+
+    def input_angle(self, text: str) -> Ball:
+        """Return an input (rad) from a decimal number in the unit of the file."""
+        return self.angle_ball(LiteralNumber(text), has_tolerance=False)
+
+    def input_range_text(self, pair: str) -> tuple[str, str]:
+        """Return the lower and the upper end of an input's range as the file writes them.
+
+        Without a range in the file it is one turn from 0 on.
+        """
+        table = self.document.data.get("inputs", {}).get(pair, {})
+        turn = 360 if self.in_degrees else 2 * math.pi
+        ends = decimal_text(table.get("from", 0)), decimal_text(table.get("to", turn))
+        low, high = sorted(ends, key=float)
+        return low, high
+
+    def revolute_frames(self) -> Frames:
+        """Return the frames of the R pairs in their links, by name."""
+        geometry = self.mechanism.geometry
+        if isinstance(geometry, PoseGeometry):
+            axes = {
+                name: self._axis_direction(self.pair_table(name)) for name in geometry.axes
+            }
+            return frames_from_pose(geometry, axes, self.pair_angles("value"))
+        sizes = {
+            link: [
+                [self.angle_ball(number) for number in table.get(key, [])]
+                for key in ("arcs", "angles")
+            ]
+            for link, table in self.document.data["links"].items()
+            if link in geometry.links
+        }
+        zeros = self.pair_angles("zero")
+        return frames_from_sizes(self.mechanism, geometry, sizes, zeros)
+
+    def pair_angles(self, key: str) -> dict[str, Ball]:
+        """Return the angles (rad) that pairs of the file have under a key, by pair."""
+        return {
+            name: self.angle_ball(table[key])
+            for name, table in self.document.data["pairs"].items()
+            if key in table
+        }
+
+    def circle_contact(self, contact: int) -> CircleContact:
+        """Return the circles of a contact pair.
+
+        Parameters
+        ----------
+        contact
+            Number of the contact among the pairs of the mechanism. Its profiles are
+            circles.
+        """
+        mechanism = self.mechanism
+        frames = self.revolute_frames()
+        pair = mechanism.pairs[contact]
+        table = self.pair_table(pair.name)
+        sense = -1 if pair.contact == "external" else 1
+
+        def pair_axis(name: str, link: str) -> Vector:
+            """Return the axis of an R pair in one of its links."""
+            return frames[name][mechanism.pair(name).links.index(link)][2]
+
+        if "axes" in table:
+            # Bevel gears: the file names the shaft of each gear and gives teeth or half
+            # angles. The angle between the shafts is measured in the carrier.
+            centres = tuple(map(pair_axis, table["axes"], pair.links))
+            joined_links = {name: mechanism.pair(name).links for name in frames}
+            gear_carrier = find_gear_carrier(
+                joined_links, link_axes(mechanism), pair.links, table["axes"]
+            )
+            first_shaft, second_shaft = (
+                shaft.sense * pair_axis(shaft.pair, gear_carrier.link)
+                for shaft in gear_carrier.shafts
+            )
+            radii = self._cone_half_angles(table, first_shaft, second_shaft, sense)
+        else:
+            circles = (self._profile_circle(table, link, pair_axis) for link in pair.links)
+            centres, radii = zip(*circles, strict=True)
+
+        if "teeth" in table:
+            sines = [exact_ball(teeth) for teeth in table["teeth"]]
+        else:
+            sines = [radius.sin() for radius in radii]
+        return CircleContact([*map(azimuth_frame, centres)], radii, sines, sense)
+
+    def contact_starts(self, contact: int) -> Array:
+        """Return the arc lengths (2,) rad along both circles at which a contact starts."""
+        pair = self.mechanism.pairs[contact]
+        table = self.pair_table(pair.name)
+        if "phase" in table:
+            # The file has no start: its reader computed one in float64 from the phase.
+            return np.array([widen(length, PHASE_ERROR_RAD) for length in pair.start])
+        starts = table.get("start", (0.0, 0.0))
+        return np.array([self.angle_ball(start, False) for start in starts])
+
+    def _axis_direction(self, table: Mapping[str, Any]) -> Vector:
+        """Return the unit axis (3,) of a pair in ground axes, from its table in the file.
+
+        A key "through_..." states two directions on a great circle (P pairs). The axis is
+        perpendicular to both.
+        """
+        (key,) = AXIS_KEYS & table.keys()
+        if key.startswith("through"):
+            first, second = (self._direction(row, key) for row in table[key])
+            return unit_vector(np.cross(first, second))
+        return self._direction(table[key], key)
+
+    def _direction(self, row: Any, key: str) -> Vector:
+        """Return a unit vector (3,) from a row of the file.
+
+        Depending on the end of `key` the row has three coordinates ("xyz") or longitude and
+        latitude ("lonlat").
+        """
+        if key.endswith("xyz"):
+            direction = unit_vector(np.array([_number_ball(number) for number in row]))
+            return direction + widen(0.0, self.tolerance)
+        longitude, latitude = (self.angle_ball(number) for number in row)
+        sine, cosine = longitude.sin_cos()
+        height, equatorial = latitude.sin_cos()
+        return np.array([cosine * equatorial, sine * equatorial, height])
+
+    def _cone_half_angles(
+        self,
+        table: Mapping[str, Any],
+        first_shaft: Vector,
+        second_shaft: Vector,
+        sense: int,
+    ) -> tuple[Ball, Ball]:
+        """Return the half angles (rad) of the pitch cones of two bevel gears.
+
+        The first one follows from the numbers of teeth or is stated in the file. The second
+        one is such that the cones touch.
+
+        Parameters
+        ----------
+        table
+            Table of the contact in the file.
+        first_shaft, second_shaft
+            (3,) unit axes of the gears in the axes of their carrier.
+        sense
+            1 for internal, -1 for external contact.
+        """
+        normal = np.cross(first_shaft, second_shaft)
+        shaft_angle = polar_angle(first_shaft @ second_shaft, (normal @ normal).sqrt())
+        if "teeth" in table:
+            sine, cosine = shaft_angle.sin_cos()
+            first_teeth, second_teeth = table["teeth"]
+            ratio = exact_ball(second_teeth) / first_teeth
+            first = polar_angle(ratio - sense * cosine, sine)
+        else:
+            first = self.angle_ball(table["half_angles"][0])
+        return first, shaft_angle + sense * first
+
+    def _profile_circle(
+        self,
+        table: Mapping[str, Any],
+        link: str,
+        pair_axis: Callable[[str, str], Vector],
+    ) -> tuple[Vector, Ball]:
+        """Return the centre (3,) in link axes and the radius (rad) of the circle of a link.
+
+        Parameters
+        ----------
+        table
+            Table of the contact in the file.
+        link
+            Name of the link.
+        pair_axis
+            Returns the axis of a pair (first argument) in a link (second argument).
+        """
+        circle = table.get("follower", {})
+        if circle.get("link") != link:
+            circle = table["profiles"][link]
+        if "axis" in circle:
+            centre = pair_axis(circle["axis"], link)
+        else:
+            key = next(key for key in circle if key.startswith(("centre", "pole")))
+            centre = self._direction(circle[key], key)
+        radius = circle.get("roller", circle.get("radius"))
+        # A circle without a radius is a great circle about its pole.
+        return centre, pi_ball() / 2 if radius is None else self.angle_ball(radius)
+
+
+def decimal_text(number: float) -> str:
+    """Return a number of a file as it is written there."""
+    return number.text if isinstance(number, LiteralNumber) else str(number)
+
+
+def _number_ball(number: float) -> Ball:
+    """Return the ball of a number of a file, of its decimal text if it has one."""
+    if isinstance(number, LiteralNumber):
+        ball = flint_library().arb(number.text.replace("_", ""))
+        assert ball.is_finite()
+        return ball
+    return exact_ball(number)

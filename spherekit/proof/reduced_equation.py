@@ -1,0 +1,335 @@
+"""One equation in two coordinates for the configurations near a loss of rank.
+
+F are the k equations of a mechanism in v = k + 1 variables z. Where F' loses one rank, let
+l be the direction (k,) that F' misses, and u and v two coordinates along the kernel of F'.
+The system
+
+    F(z) = g l,   with u and v of z given,
+
+has a regular derivative by (z, g). It defines z and g as functions of u and v, and the
+configurations nearby are the zeros of the *reduced equation* g(u, v) = 0 (Lyapunov and
+Schmidt). Derivatives of z and g follow from linear equations with one bordered matrix.
+Everything is computed in balls.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spherekit.arrays import Array, Floats
+from spherekit.proof.arc_equations import ArcEquations
+from spherekit.proof.ball_frames import exact_balls
+from spherekit.proof.balls import (
+    Ball,
+    centre_floats,
+    cosines_and_sines,
+    exact_centres,
+    precision_bits,
+    solve_balls,
+    widen,
+)
+
+MIN_SECOND_SINGULAR_RATIO = 1e-6
+"""Smallest relative second-smallest singular value of F' where one rank is lost.
+
+Larger: crossings of badly scaled loops are refused. Smaller: places that lose two ranks are
+tried in vain.
+"""
+
+MIN_CURVATURE_RATIO = 1e-6
+"""Smallest ratio of the two principal curvatures of g at a saddle.
+
+Larger: crossings at small angles are refused. Smaller: rectangles become so flat that the
+test fails anyway.
+"""
+
+MAX_CENTRE_DISTANCE_RAD = 0.02
+"""Largest change (rad) of a variable from the given place to the critical point of g.
+
+Larger: crossings farther away are found, perhaps of other curves. Smaller: crossings beside
+the place where a curve was lost are missed.
+"""
+
+MAX_CRITICAL_POINT_STEPS = 12
+"""Largest number of Newton steps to the critical point of g.
+
+Larger: places farther away succeed. Smaller: they fail sooner.
+"""
+
+MAX_CRITICAL_STEP_RAD = 0.5
+"""Largest Newton step (rad) to the critical point of g; a longer one has diverged."""
+
+
+@dataclass(frozen=True)
+class BorderedDerivatives:
+    """Derivatives of (z, g), z being all variables, over a set of points.
+
+    Attributes
+    ----------
+    first
+        (v + 1, 3) columns: how (z, g) changes while a residual of F is removed, by u, and
+        by v. The last row belongs to g.
+    second
+        (v + 1, 3, 3) second derivatives in the same directions, or None.
+    """
+
+    first: Array
+    second: Array | None = None
+
+    @property
+    def correction(self) -> Array:
+        """(v + 1,) change of (z, g) that removes the residual."""
+        return self.first[:, 0]
+
+    @property
+    def variable_rates(self) -> Array:
+        """(v, 2) derivatives of the variables by u and v."""
+        return self.first[:-1, 1:]
+
+    @property
+    def gradient(self) -> Array:
+        """(2,) derivatives of g by u and v."""
+        return self.first[-1, 1:]
+
+    @property
+    def seconds(self) -> Array:
+        """(v + 1, 3, 3) second derivatives, which must have been computed."""
+        assert self.second is not None
+        return self.second
+
+    @property
+    def hessian(self) -> Array:
+        """(2, 2) second derivatives of g by u and v."""
+        return self.seconds[-1, 1:, 1:]
+
+
+@dataclass(frozen=True)
+class ReducedEquation:
+    """The reduced equation g(u, v) = 0 about a centre.
+
+    Attributes
+    ----------
+    equations
+        The equations F of the mechanism.
+    centre
+        (v,) the point (rad) with u = v = 0.
+    frame
+        (v, v) orthonormal columns: the directions of u, of v, and of the other coordinates.
+    missed
+        (k,) the unit vector l that F' misses.
+    units
+        (2,) lengths of u and v, the larger one 1. In these units the two curves of a
+        crossing are the diagonals of a square.
+    other_curvatures
+        (v - 2, 2, 2) magnitudes of the second derivatives of the other coordinates by u
+        and v.
+    """
+
+    equations: ArcEquations
+    centre: Floats
+    frame: Floats
+    missed: Floats
+    units: Floats
+    other_curvatures: Floats
+
+    def split_residual(self, place: Array) -> tuple[Ball, Array]:
+        """Split F at a place into a multiple of l and a remainder.
+
+        Parameters
+        ----------
+        place
+            (v,) balls (rad).
+
+        Returns
+        -------
+        level
+            A ball without radius near the component of F along l. It is close to g.
+        residual
+            (k,) F less `level` times l.
+        """
+        (values,) = self.equations.evaluate(place, 0)
+        missed = exact_balls(self.missed)
+        level = exact_centres(missed @ values)
+        return level, values - level * missed
+
+    def differentiate(
+        self, places: Array, residual: Array, order: int = 2
+    ) -> BorderedDerivatives:
+        """Return derivatives of (z, g) over balls of all variables.
+
+        Parameters
+        ----------
+        places
+            (v,) balls (rad).
+        residual
+            (k,) balls: the residual of F that the first direction removes.
+        order
+            1, or 2 for second derivatives as well.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If the bordered matrix may be singular for some point of the balls.
+        """
+        _, slopes, *curvatures = self.equations.evaluate(places, order)
+        k, v = slopes.shape
+        zero = np.zeros((2, 1))
+        missed = exact_balls(self.missed)
+        kernel = exact_balls(self.frame[:, :2].T)
+        bordered = np.block([[slopes, -missed[:, None]], [kernel, zero]])
+        right = np.block([[-residual[:, None], np.zeros((k, 2))], [zero, np.eye(2)]])
+        first = solve_balls(bordered, right)
+        if order < 2:
+            return BorderedDerivatives(first)
+        (curvature,) = curvatures
+        # Differentiate F(z) = g l twice: the same matrix, and F''(z', z') on the right.
+        right = np.zeros((v + 1, 9), object)
+        right[:k] = -(first[:v].T @ curvature @ first[:v]).reshape(k, 9)
+        second = solve_balls(bordered, right).reshape(-1, 3, 3)
+        return BorderedDerivatives(first, second)
+
+    def find_critical_point(self, place: Array) -> Array:
+        """Return the point with F = g l at which both slopes of g are 0.
+
+        It is found by Newton's method. No proof depends on its accuracy.
+
+        Parameters
+        ----------
+        place
+            (v,) start, balls (rad).
+
+        Returns
+        -------
+        (v,) balls without radius.
+
+        Raises
+        ------
+        ZeroDivisionError
+            If the iteration diverges.
+        """
+        for _ in range(MAX_CRITICAL_POINT_STEPS):
+            derivatives = self.differentiate(place, self.split_residual(place)[1])
+            # Slope of g after the residual is removed.
+            slope = exact_centres(derivatives.gradient + derivatives.seconds[-1, 0, 1:])
+            uv_step = solve_balls(exact_centres(derivatives.hessian), -slope[:, None])[:, 0]
+            change = exact_centres(
+                derivatives.correction[:-1] + derivatives.variable_rates @ uv_step
+            )
+            step_size = np.max(np.abs(centre_floats(change)))
+            if not step_size < MAX_CRITICAL_STEP_RAD:
+                raise ZeroDivisionError
+            place = exact_centres(place + change)
+            # The last eight bits are rounding.
+            if step_size < 2.0 ** (8 - precision_bits()):
+                break
+        return place
+
+    def enclose_box(self, limits: Floats) -> Array:
+        """Return balls (v,) of all variables over a box about the centre.
+
+        `limits` (v,) are its half lengths (rad) along the frame. The balls are slightly
+        larger, which covers rounding.
+        """
+        reach = np.abs(self.frame) @ limits * (1.0 + 1e-9) + 1e-12
+        return exact_balls(self.centre) + zero_balls(reach)
+
+    def evaluate_at(
+        self, place: Array, level: Ball, correction: Array
+    ) -> tuple[Ball, Array]:
+        """Return g and its two slopes at the u and v of a place.
+
+        Parameters
+        ----------
+        place
+            (v,) balls (rad) near F = g l.
+        level
+            An approximation of g at the place.
+        correction
+            (v + 1,) balls that contain the difference of the exact (z, g) from `place` and
+            `level`.
+
+        Returns
+        -------
+        The value of g, and its derivatives (2,) by u and v.
+        """
+        no_residual = 0 * exact_balls(self.missed)
+        derivatives = self.differentiate(place + correction[:-1], no_residual, 1)
+        return level + correction[-1], derivatives.gradient
+
+
+def reduce_at_saddle(equations: ArcEquations, place: Floats) -> ReducedEquation:
+    """Return the reduced equation about the critical point of g near a place.
+
+    The coordinates u and v are along the principal curvatures of g: g is convex in u and
+    concave in v.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    place
+        (v,) a place (rad) where F' nearly loses a rank.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If there is no critical point nearby, or if g has no saddle there.
+    """
+    critical_point = _reduce_about(equations, place).find_critical_point(exact_balls(place))
+    centre = centre_floats(critical_point)
+    reduced_equation = _reduce_about(equations, centre)
+    _, residual = reduced_equation.split_residual(exact_balls(centre))
+    derivatives = reduced_equation.differentiate(exact_balls(centre), residual)
+    hessian = centre_floats(derivatives.hessian)
+    (low, high), vectors = np.linalg.eigh(hessian)
+    has_saddle = low < 0.0 < high and min(-low, high) > MIN_CURVATURE_RATIO * max(
+        -low, high
+    )
+    is_near = np.max(np.abs(centre - place)) < MAX_CENTRE_DISTANCE_RAD
+    if not (has_saddle and is_near):
+        raise ZeroDivisionError
+    frame = reduced_equation.frame.copy()
+    # u along the positive curvature, v along the negative one.
+    principal = vectors[:, ::-1]
+    frame[:, :2] @= principal
+    units = np.array([high, -low]) ** -0.5
+    variable_curvatures = centre_floats(derivatives.seconds[:-1, 1:, 1:])
+    principal_curvatures = principal.T @ variable_curvatures @ principal
+    return replace(
+        reduced_equation,
+        frame=frame,
+        units=units / np.max(units),
+        other_curvatures=np.abs(np.tensordot(frame[:, 2:].T, principal_curvatures, 1)),
+    )
+
+
+def _reduce_about(equations: ArcEquations, place: Floats) -> ReducedEquation:
+    """Return the reduced equation for the rank that F' is closest to losing at a place.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If F' nearly loses more than one rank.
+    """
+    circle_points = cosines_and_sines(place[None])
+    _, slopes = equations.harmonics.derivatives(circle_points, 1)
+    left, singular_values, right = np.linalg.svd(slopes[0])
+    smallest = MIN_SECOND_SINGULAR_RATIO * singular_values[0]
+    if not np.all(singular_values[:-1] > smallest):
+        raise ZeroDivisionError
+    # The last two right singular vectors span the kernel. They become the first two.
+    frame = np.roll(right, 2, axis=0).T
+    return ReducedEquation(
+        equations=equations,
+        centre=place,
+        frame=frame,
+        missed=left[:, -1],
+        units=np.ones(2),
+        other_curvatures=np.ones(0),
+    )
+
+
+def zero_balls(radii: Sequence[float] | Floats) -> Array:
+    """Return balls about 0 with these radii."""
+    return np.array([widen(0.0, radius) for radius in radii])

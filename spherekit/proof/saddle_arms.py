@@ -1,0 +1,223 @@
+"""The four arms of a saddle: their directions, and the signs of rates along them.
+
+At a saddle the reduced equation g(u, v) = 0 is level + Q(u, v) / 2 = 0 up to small errors,
+with the quadratic form Q of g''. Its zeros are four arms, one in each quadrant of u and v.
+The tangent of a curve g = 0 is along (-g_v, g_u). The rates of the variables along the
+curve are the derivatives of the variables by u and v, applied to this tangent.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Array, Bools, Floats, Indices
+from spherekit.proof.ball_frames import exact_balls
+from spherekit.proof.balls import Ball, lower_magnitude, upper_magnitude, widen
+
+Quadrant = tuple[int, int]
+"""The signs of u and v."""
+
+
+@dataclass(frozen=True)
+class SaddleForm:
+    """The local form of a saddle in coordinates u and v of equal scale.
+
+    Attributes
+    ----------
+    variable_rates
+        (v, 2) balls: derivatives of the variables by u and v, over the whole rectangle.
+    hessian
+        (2, 2) balls: second derivatives of g by u and v, over the whole rectangle.
+    size
+        Largest |u| or |v| of the rectangle.
+    """
+
+    variable_rates: Array
+    hessian: Array
+    size: float
+
+
+@dataclass(frozen=True)
+class ArmErrors:
+    """How far the arms deviate from the zeros of the quadratic form.
+
+    Attributes
+    ----------
+    form
+        Largest |Q(u, v)| on an arm, over the square of the larger of |u| and |v|.
+    slope
+        Error of the slopes of g, over the larger of |u| and |v|.
+    centre
+        Largest distance of the centre of the coordinates from the saddle.
+    """
+
+    form: float
+    slope: float
+    centre: float
+
+
+@dataclass(frozen=True)
+class ArmRates:
+    """Signs of the rates on the four arms, and how far the arms reach.
+
+    Attributes
+    ----------
+    outward_signs
+        For each quadrant (v,) the sign of the rate of each variable on the arm, in the
+        direction away from the saddle; 0 if it is not proven.
+    reach
+        For each quadrant (v,) the largest change (rad) of each variable on the arm from
+        the centre.
+    """
+
+    outward_signs: Mapping[Quadrant, Indices]
+    reach: Mapping[Quadrant, Floats]
+
+
+@dataclass(frozen=True)
+class DirectionRates:
+    """Slopes of g and signs of rates for a direction (1, slope) from the saddle.
+
+    Attributes
+    ----------
+    gradient
+        Slopes of g by u and by v, two balls.
+    signs
+        (v,) signs of the rates along (-g_v, g_u), 0 if not proven.
+    """
+
+    gradient: list[Ball]
+    signs: Indices
+
+
+def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[float, float]]:
+    """Return bounds of v / u on the arms, by the sign of v / u.
+
+    Parameters
+    ----------
+    hessian
+        (2, 2) balls, the matrix of Q.
+    form_error
+        Largest |Q(u, v)| on the arms, over the square of the larger of |u| and |v|.
+
+    Returns
+    -------
+    For the signs 1 and -1 the bounds, that of smaller magnitude first.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If the form may not have two real directions with Q = 0.
+    """
+    # Q = a u^2 + 2 b u v - d v^2; the error widens a and d.
+    a = widen(hessian[0, 0], form_error)
+    d = widen(-hessian[1, 1], form_error)
+    b = hessian[0, 1]
+    root = (b * b + a * d).sqrt()
+    magnitudes = {sign: (root + sign * b) / d for sign in (1, -1)}
+    if not (a > 0 and d > 0 and magnitudes[1] > 0 and magnitudes[-1] > 0):
+        raise ZeroDivisionError
+    return {
+        sign: (sign * lower_magnitude(ball), sign * upper_magnitude(ball))
+        for sign, ball in magnitudes.items()
+    }
+
+
+def _evaluate_direction(
+    form: SaddleForm, slope: float, slope_error: float
+) -> DirectionRates:
+    """Return the slopes of g and the signs of all rates in a direction (1, slope).
+
+    At the point (u, v) the slopes of g are g'' (u, v), up to an error of `slope_error`
+    times the larger of |u| and |v|.
+    """
+    error = slope_error * max(1.0, abs(slope))
+    direction = exact_balls([1.0, slope])
+    gradient = [widen(entry, error) for entry in form.hessian @ direction]
+    g_u, g_v = gradient
+    rates = form.variable_rates @ [-g_v, g_u]
+    return DirectionRates(gradient, (rates > 0).astype(int) - (rates < 0))
+
+
+def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
+    """Return the signs of all rates on the four arms, and how far the variables go.
+
+    A rate is linear in the direction (u, v). In the cone between two directions it has the
+    sign that it has in both.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If the directions of the arms are not bounded.
+    """
+    outward_signs = {}
+    reach = {}
+    for sign, slope_bounds in _bound_arm_slopes(form.hessian, errors.form).items():
+        first, last = (
+            _evaluate_direction(form, slope, errors.slope) for slope in slope_bounds
+        )
+        # With u > 0 and g_u > 0 the tangent (-g_v, g_u) points towards larger v.
+        is_oriented = first.gradient[0] > 0 and last.gradient[0] > 0
+        common_signs = np.where(first.signs == last.signs, first.signs, 0)
+        # The farthest points of the rectangle in the cone are at its two sides, and at its
+        # corner if the corner is in the cone.
+        corner_slope = np.clip(sign, min(slope_bounds), max(slope_bounds))
+        farthest_points = [
+            np.array([1.0, slope]) / max(1.0, abs(slope))
+            for slope in [*slope_bounds, corner_slope]
+        ]
+        changes = form.variable_rates @ exact_balls(farthest_points).T
+        largest_changes = np.array([max(map(upper_magnitude, row)) for row in changes])
+        for v_sign in (1, -1):
+            quadrant = sign * v_sign, v_sign
+            outward_signs[quadrant] = v_sign * is_oriented * common_signs
+            reach[quadrant] = largest_changes * form.size + errors.centre
+    return ArmRates(outward_signs, reach)
+
+
+def find_monotonic_variables(
+    form: SaddleForm, level: Ball, slope_at_saddle: float
+) -> Bools:
+    """Return which variables have no stationary point between two joined arms.
+
+    Two arms are joined by an arc that passes the saddle at a distance. The other two arms
+    are joined by its mirror image.
+
+    Parameters
+    ----------
+    form
+        The form of the saddle.
+    level
+        The level of the saddle, which is not 0.
+    slope_at_saddle
+        Bound of the slopes of g at the point that counts as the saddle.
+
+    Returns
+    -------
+    (v,) whether the rate of a variable has one proven sign all along both arcs.
+
+    Raises
+    ------
+    ZeroDivisionError
+        If the directions of the arcs are not bounded.
+    """
+    # On the arcs |Q| is twice the level, which excludes points closer to the saddle.
+    least_distance = np.sqrt(
+        lower_magnitude(level) / sum(map(upper_magnitude, form.hessian.flat))
+    )
+    slope_bounds = _bound_arm_slopes(form.hessian, 4.004 * slope_at_saddle / least_distance)
+    slope_error = 1.001 * slope_at_saddle / least_distance
+    # A positive level joins arms of equal v: the arc crosses the v axis, and its directions
+    # are steeper than the smaller bounds. A negative level joins arms of equal u.
+    if level > 0:
+        sense, component, bound = -1, 1, 0
+    else:
+        sense, component, bound = 1, 0, 1
+    first, last = (
+        _evaluate_direction(form, slope_bounds[sign][bound], slope_error)
+        for sign in (1, -1)
+    )
+    is_oriented = sense * first.gradient[component] > 0 and last.gradient[component] > 0
+    has_equal_signs = (first.signs == sense * last.signs) & (first.signs != 0)
+    return np.asarray(is_oriented & has_equal_signs)
