@@ -5,8 +5,8 @@ from typing import Literal
 
 from spherekit.argument_validation import checked_class
 from spherekit.errors import AnalysisError
-from spherekit.velocities.pole_evaluation import RowEngine
 from spherekit.velocities.pole_request import ROUTES, Route
+from spherekit.velocities.row_velocities import RowEngine
 
 Integrator = Literal["auto", "numpy", "compiled"]
 

@@ -422,6 +422,8 @@ class DesignExpressions:
         """
         first, second, *others = self._output_jacobian(name)
         third = others[0] if others else self._output_direction(name)
+        # With two inputs there is no determinant unless the output points.
+        assert third is not None
         return dot(cross(first, second), third)
 
     def inertia(self, first: int, second: int) -> Expr:
