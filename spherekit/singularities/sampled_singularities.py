@@ -383,8 +383,8 @@ class SampledSingularities:
                     axes[:, joining_group.pairs[position]]
                     for position in joining_group.dyad_positions
                 ]
-                angle = _dyad_angle(*dyad_axes)
-            angles.append(np.minimum(angle, np.pi - angle))
+                angle = _transmission_angle(*dyad_axes)
+            angles.append(angle)
         return angles
 
     def least_dyad_angle(self, values: Floats, output: int) -> Floats:
@@ -415,8 +415,7 @@ class SampledSingularities:
             dyad_axes = [
                 axes[:, group.pairs[position]] for position in group.dyad_positions
             ]
-            angle = _dyad_angle(*dyad_axes)
-            least = np.minimum(least, np.minimum(angle, np.pi - angle))
+            least = np.minimum(least, _transmission_angle(*dyad_axes))
         return least
 
     @cached_property
@@ -536,9 +535,17 @@ class SampledSingularities:
         return np.fmin.reduce(np.abs(neighbours - inputs))
 
 
-def _dyad_angle(first_axis: Floats, middle_axis: Floats, last_axis: Floats) -> Floats:
-    """Return the angle (n,) in [0, pi] between the arcs of a dyad, at its middle axis.
+def _transmission_angle(
+    first_axis: Floats, middle_axis: Floats, last_axis: Floats
+) -> Floats:
+    """Return the angle (n,) in [0, pi/2] between the planes of the arcs of a dyad.
 
-    Axes are unit vectors (n, 3) of its three pairs.
+    `DesignExpressions.transmission_angle` is the same formula as an expression.
+
+    Parameters
+    ----------
+    first_axis, middle_axis, last_axis
+        (n, 3) unit vectors of the axes of its three pairs.
     """
-    return arc(cross(first_axis, middle_axis), cross(middle_axis, last_axis))
+    angle = arc(cross(first_axis, middle_axis), cross(middle_axis, last_axis))
+    return np.minimum(angle, np.pi - angle)

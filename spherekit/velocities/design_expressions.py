@@ -704,8 +704,8 @@ class DesignExpressions:
         """Return the transmission angle (rad, in [0, pi/2]) of a dyad.
 
         It is the angle between the planes of the two arcs that meet in the middle axis of
-        the dyad. `spherekit.singularities.single_freedom` computes the same quantity from
-        arrays.
+        the dyad. `SampledSingularities.transmission_angles` computes the same quantity from
+        arrays with the same formula, and `spherekit.exchange.latex_positions` prints it.
 
         Parameters
         ----------
