@@ -1,4 +1,8 @@
-"""Vectors in arrays whose last axis has the components, and small functions of arrays."""
+"""Products of vectors in arrays, and small functions of arrays.
+
+Vectors have their components along the last axis, or along the last axis but one in the
+functions for columns.
+"""
 
 from typing import Any
 
@@ -30,6 +34,21 @@ def dot(a: Array, b: Array) -> Array:
     array of many.
     """
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
+def cross_columns(a: Floats, b: Floats) -> Floats:
+    """Return the cross products (..., 3, n) of vectors (..., 3, n)."""
+    return np.cross(a, b, axis=-2)
+
+
+def dot_columns(a: Floats, b: Floats) -> Floats:
+    """Return the scalar products (..., n) of vectors (..., 3, n)."""
+    return np.einsum("...in,...in->...n", a, b)
+
+
+def norm_columns(a: Floats) -> Floats:
+    """Return the lengths (..., n) of vectors (..., 3, n)."""
+    return np.sqrt(dot_columns(a, a))
 
 
 def unit_rows(vectors: Floats) -> Floats:

@@ -18,6 +18,7 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.errors import CountError
 from spherekit.geometry.triangle import frame_from, frame_toward, perpendicular
+from spherekit.geometry.vectors import cross_columns, dot_columns
 from spherekit.mechanism.joint import revolutes
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
@@ -28,8 +29,6 @@ from spherekit.planning.assembly_plan import Assembly, split_into_groups
 from spherekit.planning.mobility import merge_locked_links
 from spherekit.positions.loop_closure import newton
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.velocities.direction_signs import dot
-from spherekit.velocities.pole_request import cross
 
 TURN_SAMPLES = 120
 """Number of turns between which roots of the residual are bracketed.
@@ -176,8 +175,8 @@ class DyadsWithClosingLink:
         """
         x_image, y_image = (rotations @ self.frame[:2].T).T
         x_axis, y_axis = _axes_around(directions)
-        sine = dot(y_axis, x_image) - dot(x_axis, y_image)
-        return np.arctan2(sine, dot(x_axis, x_image) + dot(y_axis, y_image))
+        sine = dot_columns(y_axis, x_image) - dot_columns(x_axis, y_image)
+        return np.arctan2(sine, dot_columns(x_axis, x_image) + dot_columns(y_axis, y_image))
 
     def link_orientations(self, mode: WorkingMode, count: int) -> Floats:
         """Return the orientations (n, count, 3, 3) of the first links.
@@ -217,14 +216,14 @@ class DyadsWithClosingLink:
     def residual(self, mode: WorkingMode) -> Floats:
         """Return the residual f (n,); NaN where a dyad does not reach."""
         p, q = self._end_axes(mode)
-        return dot(p, q) - self.arc_cosine
+        return dot_columns(p, q) - self.arc_cosine
 
     def residual_rate(self, mode: WorkingMode) -> RateFraction:
         """Return the rate of f per unit angular velocity of the output."""
         p, q = self._end_axes(mode)
         # f' = (p x q) . (w_p - w_q) with the angular velocities of both neighbours. The
         # normal p x q is at right angles to the axes of both pairs.
-        normal = cross(p, q)
+        normal = cross_columns(p, q)
         first_link, second_link = self.neighbours
         first_pair, second_pair = self.pairs
         first_rate = mode.angular_velocity_along(normal, first_link, first_pair)
@@ -234,7 +233,7 @@ class DyadsWithClosingLink:
     def slope(self, mode: WorkingMode, directions: Floats) -> Floats:
         """Return the derivative (n,) of f by the turn about directions (3, n)."""
         rate = self.residual_rate(mode)
-        return dot(rate.numerator, directions) / rate.denominator
+        return dot_columns(rate.numerator, directions) / rate.denominator
 
     def solve_turn(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
         """Return turns (n,) that close the closing link, by Newton's method.
@@ -453,4 +452,4 @@ def _axes_around(directions: Floats) -> tuple[Floats, Floats]:
     The turn 0 has the first axis of the output's frame along x.
     """
     x_axis = perpendicular(directions.T).T
-    return x_axis, cross(directions, x_axis)
+    return x_axis, cross_columns(directions, x_axis)

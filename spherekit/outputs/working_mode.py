@@ -16,12 +16,11 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.geometry.dyad_axis import middle_axis, triple_square
+from spherekit.geometry.vectors import cross_columns, dot_columns, norm_columns
 from spherekit.outputs.dyad_chain import DyadChain, Signs
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.status import Status
 from spherekit.tolerances import REACH_SLACK, SINGULAR_DYAD_SINE
-from spherekit.velocities.direction_signs import dot, norm
-from spherekit.velocities.pole_request import cross
 
 
 @dataclass(frozen=True)
@@ -221,7 +220,7 @@ class WorkingMode:
         """(n,) derivative of the residual of the closing link by the turn of the output."""
         assert self.closing_link is not None
         rate = self.closing_link.residual_rate
-        return dot(rate.numerator, self.closing_link.directions) / rate.denominator
+        return dot_columns(rate.numerator, self.closing_link.directions) / rate.denominator
 
     @property
     def status(self) -> SmallIntegers:
@@ -291,7 +290,7 @@ class WorkingMode:
         p = self.axis(outer_pair, link)
         q = self.axis(dyad.middle_pair, link)
         p_weight, q_weight, cross_weight = chain.vector_weights(link, x, y, z)
-        return p_weight * p + q_weight * q + cross_weight * cross(p, q)
+        return p_weight * p + q_weight * q + cross_weight * cross_columns(p, q)
 
     def _outer_axes(self, dyad_number: int) -> tuple[Floats, Floats]:
         """Return the axes (3, n) of the near and of the far pair of a dyad."""
@@ -320,8 +319,8 @@ class WorkingMode:
         a, c = self._outer_axes(dyad_number)
         total = a + c
         difference = a - c
-        sum_square = dot(total, total)
-        difference_square = dot(difference, difference)
+        sum_square = dot_columns(total, total)
+        difference_square = dot_columns(difference, difference)
         triple_product_square = triple_square(
             *dyad.half_arcs, sum_square, difference_square
         )
@@ -337,7 +336,7 @@ class WorkingMode:
             common_part += difference * difference_weight
         # (a - c) x (a + c) is 2 a x c. It keeps its relative accuracy if a and c nearly
         # coincide.
-        signed_part = cross(difference, total)
+        signed_part = cross_columns(difference, total)
         signed_part *= 0.5 * cross_weight
         return DyadTriangle(
             common_part, signed_part, triple_product, sum_square, difference_square
@@ -355,9 +354,11 @@ class WorkingMode:
         second_vector, second_components = self._vector_off_axis(pair, second_link)
         # Cosine and sine of the angle between the vectors, times their distances from the
         # axis. The components along the axis drop out.
-        cosine = dot(first_vector, second_vector)
+        cosine = dot_columns(first_vector, second_vector)
         cosine = cosine - first_components[2] * second_components[2]
-        sine = dot(self.axis(pair, second_link), cross(first_vector, second_vector))
+        sine = dot_columns(
+            self.axis(pair, second_link), cross_columns(first_vector, second_vector)
+        )
         # The same at the variable 0, from the components in the frames of the pair.
         zero_cosine = (
             second_components[0] * first_components[0]
@@ -417,13 +418,13 @@ class WorkingMode:
         a, c = self._outer_axes(dyad_number)
         b, triple_product = self.signed_middle_axis(dyad_number)
         if pair == dyad.near_pair:
-            normal = cross(b, c)
+            normal = cross_columns(b, c)
             link = dyad.near_link
         elif pair == dyad.middle_pair:
-            normal = cross(c, a)
+            normal = cross_columns(c, a)
             link = dyad.far_link
         else:
-            normal = cross(b, a)
+            normal = cross_columns(b, a)
             link = dyad.far_link
         # The normal is at right angles to the axis of an outer pair unless the rate of this
         # pair is asked for.
@@ -461,7 +462,7 @@ class WorkingMode:
         if normal_pair is not None and chain.is_coaxial(pair, normal_pair, link):
             return self.angular_velocity_along(vector, support, pair)
         pair_rate = self.pair_rate(pair)
-        share = dot(vector, self.axis(pair, link))
+        share = dot_columns(vector, self.axis(pair, link))
         subtracted_share = -share if chain.ends[pair][1] == link else share
         subtracted_rate = RateFraction(
             pair_rate.numerator * subtracted_share, pair_rate.denominator
@@ -479,8 +480,8 @@ class WorkingMode:
         if self.closing_link is not None:
             directions = self.closing_link.directions
             residual_rate = self.closing_link.residual_rate
-            rate_by_turn = dot(rate.numerator, directions)
-            residual_by_turn = dot(residual_rate.numerator, directions)
+            rate_by_turn = dot_columns(rate.numerator, directions)
+            residual_by_turn = dot_columns(residual_rate.numerator, directions)
             rate = RateFraction(
                 rate.numerator * residual_by_turn - residual_rate.numerator * rate_by_turn,
                 rate.denominator * residual_by_turn,
@@ -490,7 +491,7 @@ class WorkingMode:
     @_shared_between_modes
     def _numerator_length(self, pair: int) -> Floats:
         """Return the length (n,) of the numerator of the rate of an input."""
-        return norm(self.input_rate(pair).numerator)
+        return norm_columns(self.input_rate(pair).numerator)
 
     def output_normal(self, pair: int) -> Floats:
         """Return the unit vector (3, n) along which the output turns with an input.
@@ -540,7 +541,7 @@ class WorkingMode:
 
         NaN where an axis cannot be placed; it may be known where the mode does not close.
         """
-        cosine = dot(self._earliest_axis(one), self._earliest_axis(other))
+        cosine = dot_columns(self._earliest_axis(one), self._earliest_axis(other))
         return np.broadcast_to(cosine, len(self.status))
 
     def _earliest_axis(self, pair: int) -> Floats:

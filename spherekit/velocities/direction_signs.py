@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array, Bools, Floats, Indices
-from spherekit.geometry.vectors import all_finite
+from spherekit.geometry.vectors import all_finite, dot_columns, norm_columns
 from spherekit.numerics.hermite import cubic_hermite
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
@@ -33,16 +33,6 @@ HERMITE_SUBSTEPS = 8
 
 Larger: two zeros of v that are closer together are both noticed. Smaller: fewer products.
 """
-
-
-def dot(a: Floats, b: Floats) -> Floats:
-    """Return a . b (..., n) for arrays (..., 3, n)."""
-    return np.einsum("...in,...in->...n", a, b)
-
-
-def norm(a: Floats) -> Floats:
-    """Return |a| (..., n) for arrays (..., 3, n)."""
-    return np.sqrt(dot(a, a))
 
 
 VelocityPath = Floats
@@ -131,7 +121,7 @@ def apply_continuous_signs(
 
     # The relative velocity of links that rest throughout is rounding. Their direction is
     # continued itself.
-    is_at_rest = (norm(v) <= v_error) & (norm(dv) <= dv_error)
+    is_at_rest = (norm_columns(v) <= v_error) & (norm_columns(dv) <= dv_error)
     along_v = np.where((coefficients * sense < 0.0) & ~is_at_rest, -1.0, 1.0)
     continued_v = np.where(is_at_rest[:, None], directions, sense * v)
     continued_dv = np.where(is_at_rest[:, None], 0.0, sense * dv)
@@ -370,7 +360,7 @@ def _find_reversals(path: VelocityPath) -> Floats:
     v = path[2:5]
     dv = np.nan_to_num(path[5:])
     reversals = np.ones(len(coordinate) - 1)
-    gaps = np.flatnonzero(dot(v[:, 1:], v[:, :-1]) < 0.0)
+    gaps = np.flatnonzero(dot_columns(v[:, 1:], v[:, :-1]) < 0.0)
     if not len(gaps):
         return reversals
     # With a length of zero, the derivatives at both ends have no effect.

@@ -26,9 +26,9 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Floats
+from spherekit.geometry.vectors import norm_columns
 from spherekit.planning.pole_plan import Pole
 from spherekit.tolerances import USABLE_DIRECTION
-from spherekit.velocities.direction_signs import norm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class GeometryRounding:
     @cached_property
     def _speed(self) -> Floats:
         """(n,) bound of the difference of the angular velocities of any two links."""
-        return 2.0 * np.max(norm(self.w), axis=0) + self.profile_speed
+        return 2.0 * np.max(norm_columns(self.w), axis=0) + self.profile_speed
 
     @cached_property
     def _bend(self) -> Floats:
@@ -83,12 +83,12 @@ class GeometryRounding:
         d is a unit tilt that is fixed in a link, so it turns with this link.
         """
         squares = 0.5 * self._speed**2
-        return 2.0 * np.max(norm(self.dw), axis=0) + squares + self.profile_bend
+        return 2.0 * np.max(norm_columns(self.dw), axis=0) + squares + self.profile_bend
 
     @cached_property
     def _turn(self) -> Floats:
         """(links, n) angles of the links per unit opening, summed over all directions."""
-        return np.sum(norm(self.link_rotations), axis=0)
+        return np.sum(norm_columns(self.link_rotations), axis=0)
 
     @property
     def _first_misfit(self) -> Floats:
@@ -109,7 +109,7 @@ class GeometryRounding:
     @cached_property
     def dw_error(self) -> Floats:
         """(links, n) bounds of the errors of the derivatives `dw`."""
-        dv_size = 2.0 * self.w_spread + self._turn * norm(self.w)
+        dv_size = 2.0 * self.w_spread + self._turn * norm_columns(self.w)
         tilt_error = self._first_misfit * dv_size + self._second_misfit * self._turn
         return self.gap * self.dw_spread + tilt_error + self.axis_error * self._bend
 
@@ -121,7 +121,7 @@ class GeometryRounding:
         or to 1 if that is larger.
         """
         relative_errors = (
-            np.max(error, axis=0) / np.max(norm(rate_bound), axis=0, initial=1.0)
+            np.max(error, axis=0) / np.max(norm_columns(rate_bound), axis=0, initial=1.0)
             for error, rate_bound in ((self.w_error, self.w), (self.dw_error, self.dw))
         )
         return np.maximum(*relative_errors)
@@ -165,8 +165,10 @@ class GeometryRounding:
         infinite if v and dv may both be zero within their errors.
         """
         i, j = pole
-        speed, dv_size = norm(v), norm(dv)
-        turn = np.sum(norm(self.link_rotations[:, j] - self.link_rotations[:, i]), axis=0)
+        speed, dv_size = norm_columns(v), norm_columns(dv)
+        turn = np.sum(
+            norm_columns(self.link_rotations[:, j] - self.link_rotations[:, i]), axis=0
+        )
         v_tilt_error = self._first_misfit * turn + 2.0 * self.axis_error * self._speed
         # The direction.
         direction = self.gap * spreads["direction"] + self.axis_error
@@ -190,11 +192,11 @@ class GeometryRounding:
         # The acceleration coefficient dv . u.
         dw_spread = self.dw_spread[i] + self.dw_spread[j]
         spread_along = spread_factor * spreads["acceleration_coefficient"]
-        turning = turn * norm(self.w[j]) + self._turn[i] * speed
+        turning = turn * norm_columns(self.w[j]) + self._turn[i] * speed
         dv_tilt_error = self._first_misfit * (2.0 * v_spread + turning)
         dv_tilt_error += self._second_misfit * turn + 2.0 * self.axis_error * self._bend
         dv_second_order = second_order * np.max(self.dw_error, axis=0)
-        dv_across = np.fmin(speed * norm(direction_dq), dv_size)
+        dv_across = np.fmin(speed * norm_columns(direction_dq), dv_size)
         acceleration_bound = self.gap * np.fmin(spread_along, dw_spread) + dv_tilt_error
         acceleration_bound += axis * dv_across + axis**2 * dv_size + dv_second_order
 

@@ -18,17 +18,12 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.errors import SolveError
-from spherekit.geometry.vectors import nans
+from spherekit.geometry.vectors import dot_columns, nans, norm_columns
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
 from spherekit.tolerances import EPS, NO_MOTION, USABLE_DIRECTION
-from spherekit.velocities.direction_signs import (
-    SignContinuation,
-    apply_continuous_signs,
-    dot,
-    norm,
-)
+from spherekit.velocities.direction_signs import SignContinuation, apply_continuous_signs
 from spherekit.velocities.elimination_order import EliminationOrder
 from spherekit.velocities.input_columns import InputColumns
 from spherekit.velocities.pole_field import (
@@ -200,8 +195,8 @@ def _add_pole(
         acceleration_error=errors[2],
         direction_dq_error=errors[3],
     )
-    v_size = norm(row_velocities.relative_velocity(pole))
-    dv_size = norm(row_velocities.relative_velocity_derivative(pole))
+    v_size = norm_columns(row_velocities.relative_velocity(pole))
+    dv_size = norm_columns(row_velocities.relative_velocity_derivative(pole))
     has_failed = row_velocities.motion.failed
     is_on_planned_route = bool(row_velocities.planned_w)
     is_open = ~(columns.direction_error < USABLE_DIRECTION)
@@ -218,7 +213,7 @@ def _add_pole(
     columns.direction[:, has_no_direction] = np.nan
     # The derivative of a direction is left out if its error may be too large.
     has_direction_dq = columns.direction_dq_error < (
-        MAX_DIRECTION_DQ_ERROR * np.maximum(1.0, norm(columns.direction_dq))
+        MAX_DIRECTION_DQ_ERROR * np.maximum(1.0, norm_columns(columns.direction_dq))
     )
     columns.direction_dq[:, has_no_direction | ~has_direction_dq] = np.nan
 
@@ -227,7 +222,7 @@ def _add_pole(
     pole_status[has_no_direction & is_ok] = Status.ILL_CONDITIONED
     # Without a direction, links whose relative velocity vanishes have no pole, and their
     # velocity coefficient is 0.
-    w_size = norm(row_velocities.quantity("w", pole[1]))
+    w_size = norm_columns(row_velocities.quantity("w", pole[1]))
     is_without_motion = v_size < NO_MOTION * np.maximum(1.0, w_size)
     has_no_pole = has_no_direction & is_ok & is_without_motion
     pole_status[has_no_pole] = Status.NO_POLE
@@ -287,7 +282,7 @@ def _take_planned_direction(
     body_pole = plan.pole(*pole)
     assert body_pole is not None
     planned_direction = planned_poles.directions[body_pole]
-    is_opposite = ~is_open & (dot(columns.direction, planned_direction) < 0.0)
+    is_opposite = ~is_open & (dot_columns(columns.direction, planned_direction) < 0.0)
     planned_direction = planned_direction * np.where(is_opposite, -1.0, 1.0)
     # The bounds of the plan assume axes that are known up to rounding. Here axes have the
     # error of the configuration.
@@ -302,14 +297,14 @@ def _take_planned_direction(
     columns.direction_error[rows] = planned_error[rows]
     v = row_velocities.relative_velocity(pole)
     dv = row_velocities.relative_velocity_derivative(pole)
-    columns.velocity_coefficient[rows] = dot(v, columns.direction)[rows]
-    columns.acceleration_coefficient[rows] = dot(dv, columns.direction)[rows]
+    columns.velocity_coefficient[rows] = dot_columns(v, columns.direction)[rows]
+    columns.acceleration_coefficient[rows] = dot_columns(dv, columns.direction)[rows]
     # An error of the direction changes each coefficient by at most this part of |v|, |dv|.
     relative_change = np.where(
         columns.direction_error < USABLE_DIRECTION, columns.direction_error, 1.0
     )
-    columns.velocity_error[rows] += (relative_change * norm(v))[rows]
-    columns.acceleration_error[rows] += (relative_change * norm(dv))[rows]
+    columns.velocity_error[rows] += (relative_change * norm_columns(v))[rows]
+    columns.acceleration_error[rows] += (relative_change * norm_columns(dv))[rows]
     if body_pole not in axis_pairs(plan):
         columns.direction_dq[:, rows & is_open] = np.nan
 

@@ -5,18 +5,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-import numpy as np
-
-from spherekit.arrays import Floats
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Plan, Pole, pole_of
 from spherekit.planning.pole_planner import plan, prune_plan
-
-
-def cross(a: Floats, b: Floats) -> Floats:
-    """Return a x b for arrays (..., 3, n)."""
-    return np.cross(a, b, axis=-2)
-
 
 Route = Literal["best", "first", "conditioned", "equations"]
 """How poles and coefficients are computed; see `ROUTES`."""

@@ -18,7 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.geometry.vectors import nans, unit_rows
+from spherekit.geometry.vectors import (
+    cross_columns,
+    dot_columns,
+    nans,
+    norm_columns,
+    unit_rows,
+)
 from spherekit.planning.pole_plan import (
     BlockPoles,
     LinePole,
@@ -31,8 +37,7 @@ from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.loop_tree import LoopTree
 from spherekit.positions.motion import Motion
 from spherekit.tolerances import EPS
-from spherekit.velocities.direction_signs import dot, norm
-from spherekit.velocities.pole_request import Route, cross
+from spherekit.velocities.pole_request import Route
 
 MAX_DIRECTION_ERROR_RAD = 1.0
 """Upper limit of the error bounds of directions. A direction with this bound is unknown."""
@@ -93,7 +98,7 @@ class PlannedPoles:
                     circles = self._choose_great_circles(step)
                     normals = circles.first_normal, circles.second_normal
                     self._circle_normals[step.pole] = normals
-                    self.directions[step.pole] = _unit_vectors(cross(*normals))
+                    self.directions[step.pole] = _unit_vectors(cross_columns(*normals))
                     self.errors[step.pole] = circles.error
                 else:
                     self._solve_block(step)
@@ -112,7 +117,9 @@ class PlannedPoles:
         n = len(self.motion)
         rows = np.arange(n)
         known_poles = [(pole_of(i, k), pole_of(j, k)) for k in step.via]
-        normals = [cross(self.directions[a], self.directions[b]) for a, b in known_poles]
+        normals = [
+            cross_columns(self.directions[a], self.directions[b]) for a, b in known_poles
+        ]
         normals += [self._pair_axis(pair) for pair in step.contacts]
         normal_errors = [self.errors[a] + self.errors[b] for a, b in known_poles]
         normal_errors += [np.zeros(n)] * len(step.contacts)
@@ -120,13 +127,13 @@ class PlannedPoles:
         count = 2 if self.route == "first" else len(normals)
         # (circles, 3, n) and (circles, n)
         circles = np.stack(normals[:count])
-        length = norm(circles)
+        length = norm_columns(circles)
         errors = (np.stack(normal_errors[:count]) + EPS) / np.maximum(length, EPS)
         # If there are only two circles, they keep their order. The sense of the pole is
         # then that of the plan.
         first = np.argmin(errors, axis=0) * (len(errors) > 2)
         first_normal = circles[first, :, rows].T
-        sine = norm(cross(first_normal, circles))
+        sine = norm_columns(cross_columns(first_normal, circles))
         sine /= np.maximum(length * length[first, rows], EPS * EPS)
         intersection_errors = (errors + errors[first, rows]) / np.maximum(sine, EPS)
         intersection_errors[first, rows] = np.inf
@@ -159,7 +166,7 @@ class PlannedPoles:
         for pole in step.poles:
             i, j = (body_index[link] for link in pole)
             v = (w[:, j] - w[:, i]).T
-            error = EPS * error_growth / np.maximum(norm(v), EPS)
+            error = EPS * error_growth / np.maximum(norm_columns(v), EPS)
             self.directions[pole] = _unit_vectors(v)
             self.errors[pole] = np.minimum(error, MAX_DIRECTION_ERROR_RAD)
 
@@ -193,9 +200,11 @@ class PlannedPoles:
             for body in set(bodies) - {a, b}:
                 pole_a = pole_of(a, body)
                 pole_b = pole_of(b, body)
-                normal = cross(self.directions[pole_a], self.directions[pole_b])
-                square = dot(normal, normal)
-                along = dot(cross(input_axis, self.directions[pole_b]), normal)
+                normal = cross_columns(self.directions[pole_a], self.directions[pole_b])
+                square = dot_columns(normal, normal)
+                along = dot_columns(
+                    cross_columns(input_axis, self.directions[pole_b]), normal
+                )
                 w[body] = self.directions[pole_a] * (along / square)
                 axis_error = (self.errors[pole_a] + self.errors[pole_b]) / np.sqrt(square)
                 error = np.maximum(error, axis_error)
@@ -232,12 +241,12 @@ class PlannedPoles:
                 normals = circles.first_normal, circles.second_normal
                 self._circle_normals[body_pole] = normals
             both = np.stack(self._circle_normals[body_pole])
-            return (both / norm(both)[:, None]).transpose(2, 0, 1)
+            return (both / norm_columns(both)[:, None]).transpose(2, 0, 1)
 
 
 def _unit_vectors(vectors: Floats) -> Floats:
     """Return vectors (3, n) divided by their lengths; NaN for zero vectors."""
-    return vectors / norm(vectors)
+    return vectors / norm_columns(vectors)
 
 
 @dataclass(frozen=True)

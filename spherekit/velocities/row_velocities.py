@@ -16,14 +16,13 @@ from typing import Any, Literal
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.geometry.vectors import nans
+from spherekit.geometry.vectors import nans, norm_columns
 from spherekit.mechanism.pair_frames import SAME_AXIS_SINE
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
 from spherekit.tolerances import EPS, NO_MOTION, SINGULAR_RATIO, USABLE_DIRECTION
 from spherekit.velocities.decimal_rates import DecimalRates
-from spherekit.velocities.direction_signs import norm
 from spherekit.velocities.elimination_order import (
     MAX_AMPLIFICATION,
     EliminationOrder,
@@ -231,7 +230,7 @@ class RowVelocities:
             link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
         }
         for pole, errors in self.pole_errors.items():
-            errors[1] += norm(self.relative_velocity(pole) - previous_v[pole])
+            errors[1] += norm_columns(self.relative_velocity(pole) - previous_v[pole])
 
     def _bound(self, name: str) -> Floats:
         """Return a quantity (n,) of `RowKernel.row_bounds` by its name."""
@@ -248,8 +247,8 @@ class RowVelocities:
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
         for pole in self._signed_poles:
             direction_error, v_error, dv_error, _ = self.pole_errors[pole]
-            v_size = norm(self.relative_velocity(pole))
-            dv_size = norm(self.relative_velocity_derivative(pole))
+            v_size = norm_columns(self.relative_velocity(pole))
+            dv_size = norm_columns(self.relative_velocity_derivative(pole))
             # The second term compares the error of the derivative of the direction with the
             # largest one that is returned.
             uncertainty = (
@@ -451,8 +450,8 @@ class RowVelocities:
             )
             if not is_common_axis:
                 continue
-            v_size = norm(self.relative_velocity(links))
-            dv_size = norm(self.relative_velocity_derivative(links))
+            v_size = norm_columns(self.relative_velocity(links))
+            dv_size = norm_columns(self.relative_velocity_derivative(links))
             v_error = SAME_AXIS_SINE * self._bound("rate_size")
             direction_error = v_error / v_size
             dv_error = (
