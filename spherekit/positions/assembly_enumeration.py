@@ -228,10 +228,10 @@ def _place_group_modes(
     group_loops = group_closure(state, group)
     configurations, method = find_group_configurations(group, group_loops, start_values)
     if configurations:
-        at = group_loops.solve(np.array(configurations))
-        for row, values in enumerate(at.values):
+        linearisation = group_loops.solve(np.array(configurations))
+        for row, values in enumerate(linearisation.values):
             next_state = state.copy()
-            next_state.merge(group, at.rotations[row : row + 1])
+            next_state.merge(group, linearisation.rotations[row : row + 1])
             next_state.values[:, variables] = values
             states_by_mode.append((0, next_state))
     return states_by_mode, method
@@ -252,14 +252,16 @@ def signs_at(solver: PositionSolver, values: Floats) -> tuple[int, ...]:
     return tuple(signs)
 
 
-def group_matrices(solver: PositionSolver, at: Linearisation, position: int) -> Floats:
+def group_matrices(
+    solver: PositionSolver, linearisation: Linearisation, position: int
+) -> Floats:
     """Return the matrices of a group whose determinants distinguish its modes.
 
     Parameters
     ----------
     solver
         The mechanism.
-    at
+    linearisation
         Its closure at n configurations.
     position
         Position of the group in solving order.
@@ -271,9 +273,9 @@ def group_matrices(solver: PositionSolver, at: Linearisation, position: int) -> 
     """
     group = solver.assembly.groups[position]
     if group.is_dyad:
-        return at.axes[:, list(group.pairs)]
+        return linearisation.axes[:, list(group.pairs)]
     variables = [v for pair in group.pairs for v in solver.mechanism.variables_of(pair)]
-    return group_tree(group, solver.joints).jacobian(at.vectors[:, variables])
+    return group_tree(group, solver.joints).jacobian(linearisation.vectors[:, variables])
 
 
 def group_signs(
@@ -298,10 +300,10 @@ def group_signs(
     (n, groups) signs. 0 if the matrix is worse conditioned than `least`. Matrices that are
     not square have the sign 0; if `least` is 0 they have the sign 1.
     """
-    at = solver.closure.at(values)
+    linearisation = solver.closure.at(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
     for position in range(signs.shape[1]):
-        matrices = group_matrices(solver, at, position)
+        matrices = group_matrices(solver, linearisation, position)
         _, rows, columns = matrices.shape
         signs[:, position] = np.nan_to_num(determinant_sign(matrices))
         if least:
@@ -372,14 +374,18 @@ def random_starts(
             values, is_near_closed = descend_to_closure(
                 closure, starts, fixed, lower_limits, upper_limits
             )
-            at = closure.solve(
+            linearisation = closure.solve(
                 values[is_near_closed], driven + rolled, max_steps=POLISHING_STEPS
             )
-            reciprocal_condition = group_reciprocal_condition(at.jacobian[:, :, ~is_input])
-            is_good = (at.closure_residual < CLOSURE_TOLERANCE) & np.all(
-                at.states.inside, axis=1
+            reciprocal_condition = group_reciprocal_condition(
+                linearisation.jacobian[:, :, ~is_input]
+            )
+            is_good = (linearisation.closure_residual < CLOSURE_TOLERANCE) & np.all(
+                linearisation.states.inside, axis=1
             )
             is_good &= reciprocal_condition > START_RECIPROCAL_CONDITION
-            is_good &= ~has_penetration(closure.joints, at.states)
-        at.values[:, passive_angles] = wrap(at.values[:, passive_angles])
-        yield len(starts), at.values[is_good], rows[is_near_closed][is_good]
+            is_good &= ~has_penetration(closure.joints, linearisation.states)
+        linearisation.values[:, passive_angles] = wrap(
+            linearisation.values[:, passive_angles]
+        )
+        yield len(starts), linearisation.values[is_good], rows[is_near_closed][is_good]

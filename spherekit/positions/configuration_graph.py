@@ -134,10 +134,10 @@ class ConfigurationGraph:
         (missing,) = np.nonzero(nodes < 0)
         if not len(missing):
             return nodes
-        at = self.solver.closure.at(values[missing])
-        square = np.delete(at.jacobian, self._driven, axis=2)
+        linearisation = self.solver.closure.at(values[missing])
+        square = np.delete(linearisation.jacobian, self._driven, axis=2)
         signs = determinant_sign(square)
-        is_regular = ~is_nearly_singular(at, self._driven, SINGULAR_RATIO)
+        is_regular = ~is_nearly_singular(linearisation, self._driven, SINGULAR_RATIO)
         representative = self._find_equal(
             sample[missing], values[missing], np.where(is_regular, signs, 0.0)
         )

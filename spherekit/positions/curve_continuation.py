@@ -105,7 +105,7 @@ class _ArcNodes(CurvePoints):
 
     @staticmethod
     def of(
-        at: Linearisation,
+        linearisation: Linearisation,
         points: CurvePoints,
         limits: CurveLimits,
         chosen: slice = slice(None),
@@ -114,7 +114,7 @@ class _ArcNodes(CurvePoints):
 
         Parameters
         ----------
-        at
+        linearisation
             The closure at all points.
         points
             The points.
@@ -124,12 +124,12 @@ class _ArcNodes(CurvePoints):
             Which of the points become nodes.
         """
         points = points.rows(chosen)
-        equations = bordered(at.jacobian[chosen], points.tangents)
+        equations = bordered(linearisation.jacobian[chosen], points.tangents)
         inverse = left_inverse(equations)
         margins, gradients = limits.margins(
             points.values,
-            at.states.curvatures[chosen],
-            at.states.curvature_rates[chosen],
+            linearisation.states.curvatures[chosen],
+            linearisation.states.curvature_rates[chosen],
         )
         return _ArcNodes(
             **vars(points),
@@ -324,8 +324,8 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
     row = values[None]
     border = _find_motion(closure, values)[None]
     row, _ = correct(closure, row, border, np.vecdot(border, row))
-    points, at = curve_points(closure, row, border)
-    node = _ArcNodes.of(at, points, limits)
+    points, linearisation = curve_points(closure, row, border)
+    node = _ArcNodes.of(linearisation, points, limits)
     if not node.reciprocal_condition[0] > CROSSING_RECIPROCAL_CONDITION:
         raise SolveError(SINGULAR_START)
     for number, margin in enumerate(node.margins[0]):
@@ -412,14 +412,16 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         is_good &= self.step_tests.accepts_correction(step_sizes, np.repeat(distances, 2))
         # Points that failed are replaced by the node, at which everything is finite.
         values[~is_good] = np.repeat(nodes.values, 2, axis=0)[~is_good]
-        points, at = curve_points(closure, values, borders)
+        points, linearisation = curve_points(closure, values, borders)
         is_good &= points.residual < CLOSURE_TOLERANCE
-        change = bordered(at.jacobian, borders) - np.repeat(nodes.equations, 2, axis=0)
+        change = bordered(linearisation.jacobian, borders) - np.repeat(
+            nodes.equations, 2, axis=0
+        )
         inverse = np.repeat(nodes.inverse, 2, axis=0)
         relative_change = np.linalg.norm(inverse @ change, axis=(1, 2))
         cosine = np.vecdot(points.tangents, borders)
         is_good &= self.step_tests.accepts_change(relative_change, cosine)
-        new_nodes = _ArcNodes.of(at, points, self.limits, slice(1, None, 2))
+        new_nodes = _ArcNodes.of(linearisation, points, self.limits, slice(1, None, 2))
         rounding = POINT_ROUNDING_FACTOR * EPS / nodes.reciprocal_condition
         is_verified = self.verify_steps(
             nodes, new_nodes, values[::2], distances, is_good, rounding
@@ -449,11 +451,15 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
 
             def compute_steps(values: Floats, _: Indices) -> Floats:
                 """Return Newton's steps (1, variables) to the limit on the curve."""
-                at = closure.at(values)
+                linearisation = closure.at(values)
                 margins, gradients = self.limits.margins(
-                    values, at.states.curvatures, at.states.curvature_rates
+                    values,
+                    linearisation.states.curvatures,
+                    linearisation.states.curvature_rates,
                 )
-                return bordered_step(at, gradients[:, number], -margins[:, number])
+                return bordered_step(
+                    linearisation, gradients[:, number], -margins[:, number]
+                )
 
             landing, _ = newton(compute_steps, node.values, LANDING_STEPS, LANDING_STEP_RAD)
             distance = np.sum(node.tangents * (landing - node.values), axis=1)

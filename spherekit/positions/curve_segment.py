@@ -169,14 +169,16 @@ def curve_points(
     linearisation
         The closure at the configurations.
     """
-    at = closure.at(values)
-    inverse = left_inverse(bordered(at.jacobian, borders))
+    linearisation = closure.at(values)
+    inverse = left_inverse(bordered(linearisation.jacobian, borders))
     # The last column solves J t = 0, border . t = 1.
     tangents = unit_rows(inverse[:, :, -1])
     # J dt/ds + bias = 0. Then the part along the tangent is removed, since |t| = 1.
-    bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], at.bias(tangents))
+    bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], linearisation.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
-    return CurvePoints(values, tangents, bends, at.closure_residual), at
+    return CurvePoints(
+        values, tangents, bends, linearisation.closure_residual
+    ), linearisation
 
 
 def correct(
@@ -213,18 +215,18 @@ def correct(
     return newton(compute_steps, values, MAX_CORRECTION_STEPS, LAST_CORRECTION_RAD)
 
 
-def bordered_step(at: Linearisation, borders: Floats, misses: Floats) -> Floats:
+def bordered_step(linearisation: Linearisation, borders: Floats, misses: Floats) -> Floats:
     """Return Newton's steps (n, variables) for the closure and a linear equation.
 
     Parameters
     ----------
-    at
+    linearisation
         The closure at the current configurations.
     borders
         (n, variables) coefficients of the linear equation.
     misses
         (n,) by how much border . values has to grow.
     """
-    inverse = left_inverse(bordered(at.jacobian, borders))
-    steps = np.einsum("nij,nj->ni", inverse[:, :, :-1], -at.residual)
+    inverse = left_inverse(bordered(linearisation.jacobian, borders))
+    steps = np.einsum("nij,nj->ni", inverse[:, :, :-1], -linearisation.residual)
     return steps + inverse[:, :, -1] * misses[:, None]

@@ -141,23 +141,25 @@ def place_at_folds(
     closure = closure.take(rows)
     stepped = values[rows]
     for _ in range(MAX_STEPS):
-        at = closure.at(stepped)
-        fold = _FoldModel(at, free)
+        linearisation = closure.at(stepped)
+        fold = _FoldModel(linearisation, free)
         step = fold.step_to_nearest_root()
         is_small = max_abs(step, axis=1) < LARGEST_STEP_RAD
         stepped[:, free] += np.where(is_small[:, None], step, 0.0)
-    at = closure.at(stepped)
-    fold = _FoldModel(at, free)
+    linearisation = closure.at(stepped)
+    fold = _FoldModel(linearisation, free)
     values[rows] = stepped
 
-    gap = at.closure_residual + rounding_of_loops(at)
-    newton_error = bound_by_newton(fold.sensitivity, gap, curvature_bound(at))
+    gap = linearisation.closure_residual + rounding_of_loops(linearisation)
+    newton_error = bound_by_newton(fold.sensitivity, gap, curvature_bound(linearisation))
     input_rounding = INPUT_ROUNDING * np.maximum(1.0, max_abs(stepped[:, driven], axis=1))
-    input_gap = input_rounding * np.max(np.abs(at.jacobian[:, :, driven]), axis=(1, 2))
+    input_gap = input_rounding * np.max(
+        np.abs(linearisation.jacobian[:, :, driven]), axis=(1, 2)
+    )
     fold_error = fold.bound_errors(closure, gap + input_gap)
     # A fold whose residual has the sign of its curvature, beyond all rounding, has no root.
     lowest = fold.lowest_residual * np.sign(fold.curvature)
-    rounding = np.sqrt(equations) * (rounding_of_loops(at) + input_gap)
+    rounding = np.sqrt(equations) * (rounding_of_loops(linearisation) + input_gap)
     is_open = np.isfinite(fold_error) & (lowest > rounding)
     has_bound = np.isfinite(newton_error)
     placement.error[rows] = np.where(has_bound, newton_error, fold_error)

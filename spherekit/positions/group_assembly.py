@@ -260,10 +260,10 @@ def place_group(state: AssemblyState, group: Group, start: Floats) -> Linearisat
     -------
     The closure of the group at the last values. The caller checks whether it is closed.
     """
-    at = group_closure(state, group).solve(start)
-    state.merge(group, at.rotations)
-    state.values[:, group_variables(state, group)] = at.values
-    return at
+    linearisation = group_closure(state, group).solve(start)
+    state.merge(group, linearisation.rotations)
+    state.values[:, group_variables(state, group)] = linearisation.values
+    return linearisation
 
 
 def find_train_paths(

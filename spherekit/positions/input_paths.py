@@ -88,30 +88,32 @@ class InputPathNodes(ArrayRows):
     sign: Floats
 
 
-def nodes_at(at: Linearisation, driven: Sequence[int], direction: Floats) -> InputPathNodes:
+def nodes_at(
+    linearisation: Linearisation, driven: Sequence[int], direction: Floats
+) -> InputPathNodes:
     """Return the nodes at closed configurations.
 
     Parameters
     ----------
-    at
+    linearisation
         The closure at the configurations.
     driven
         Numbers of the variables of the inputs.
     direction
         (n, inputs) directions in which the inputs move.
     """
-    passive = np.delete(np.arange(at.values.shape[1]), driven)
-    passive_jacobian = at.jacobian[:, :, passive]
+    passive = np.delete(np.arange(linearisation.values.shape[1]), driven)
+    passive_jacobian = linearisation.jacobian[:, :, passive]
     inverse = left_inverse(passive_jacobian)
-    slope = np.zeros_like(at.values)
+    slope = np.zeros_like(linearisation.values)
     bend = slope.copy()
     slope[:, driven] = direction
     # The inputs open the loops at this rate, and the passive variables close them.
-    opening_rate = np.einsum("nij,nj->ni", at.jacobian, slope)
+    opening_rate = np.einsum("nij,nj->ni", linearisation.jacobian, slope)
     slope[:, passive] = -np.einsum("nij,nj->ni", inverse, opening_rate)
-    bend[:, passive] = -np.einsum("nij,nj->ni", inverse, at.bias(slope))
+    bend[:, passive] = -np.einsum("nij,nj->ni", inverse, linearisation.bias(slope))
     sign = determinant_sign(passive_jacobian)
-    return InputPathNodes(direction, at.values, slope, bend, sign)
+    return InputPathNodes(direction, linearisation.values, slope, bend, sign)
 
 
 def determinant_sign(matrices: Floats) -> Floats:
@@ -126,12 +128,14 @@ def determinant_sign(matrices: Floats) -> Floats:
         return np.linalg.slogdet(matrices)[0]
 
 
-def is_nearly_singular(at: Linearisation, driven: Sequence[int], ratio: float) -> Bools:
+def is_nearly_singular(
+    linearisation: Linearisation, driven: Sequence[int], ratio: float
+) -> Bools:
     """Return (n,) whether the closure Jacobian with locked inputs is nearly singular.
 
     Parameters
     ----------
-    at
+    linearisation
         The closure at n configurations.
     driven
         Numbers of the variables of the inputs.
@@ -139,7 +143,7 @@ def is_nearly_singular(at: Linearisation, driven: Sequence[int], ratio: float) -
         The Jacobian is nearly singular if its smallest singular value, relative to the
         largest, is not larger.
     """
-    passive_jacobian = np.delete(at.jacobian, driven, axis=2)
+    passive_jacobian = np.delete(linearisation.jacobian, driven, axis=2)
     return ~(condition_numbers(passive_jacobian) < 1.0 / ratio)
 
 
@@ -195,16 +199,16 @@ def _try_steps(
     )
     is_finite = all_finite(prediction, 1)  # A slope is infinite at a dead centre.
     prediction[~is_finite] = nodes.values[~is_finite]
-    at, step_sizes = closure.solve_with_step_sizes(
+    linearisation, step_sizes = closure.solve_with_step_sizes(
         prediction, driven, max_steps=MAX_CORRECTION_ITERATIONS
     )
-    is_verified = is_finite & (at.closure_residual < CLOSURE_TOLERANCE)
+    is_verified = is_finite & (linearisation.closure_residual < CLOSURE_TOLERANCE)
     predicted_move = max_abs(prediction - nodes.values, axis=1)
     predicted_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
     is_verified &= INPUT_STEP_TESTS.accepts_correction(step_sizes, predicted_move)
-    new_nodes = nodes_at(at, driven, nodes.direction)
+    new_nodes = nodes_at(linearisation, driven, nodes.direction)
     is_verified &= (new_nodes.sign == nodes.sign) & all_finite(new_nodes.slope, 1)
-    is_verified &= np.all(at.states.inside, axis=1)
+    is_verified &= np.all(linearisation.states.inside, axis=1)
     cosine = np.vecdot(unit_rows(nodes.slope), unit_rows(new_nodes.slope))
     is_verified = is_verified & (cosine > INPUT_STEP_TESTS.turn)
     return _InputSteps(new_nodes, is_verified, is_last)
@@ -240,8 +244,8 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     OFF_PROFILE or CURVATURE near a limit of a contact, OUT_OF_REACH near a dead centre,
     otherwise MODE_LOST.
     """
-    at = closure.at(values)
-    states = at.states
+    linearisation = closure.at(values)
+    states = linearisation.states
     limits = CurveLimits.of_mechanism(closure, {})
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
     # Equal curvatures come last in the limits, and are examined first.
@@ -251,7 +255,7 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
             NEARLY_EQUAL_CURVATURE if is_contact_limit else NEARLY_OFF_PROFILE_RAD
         ):
             return status
-    is_singular = is_nearly_singular(at, driven, NEARLY_SINGULAR_RATIO)
+    is_singular = is_nearly_singular(linearisation, driven, NEARLY_SINGULAR_RATIO)
     return Status.OUT_OF_REACH if is_singular else Status.MODE_LOST
 
 

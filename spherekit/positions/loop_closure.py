@@ -199,10 +199,11 @@ class Closure:
             all_values = values[rows]
             all_values[:, passive] = passive_values
             steps = np.zeros_like(passive_values)
-            at = self.take(rows).at(all_values)
-            is_open = at.closure_residual > ROUNDED_RESIDUAL_RAD
+            linearisation = self.take(rows).at(all_values)
+            is_open = linearisation.closure_residual > ROUNDED_RESIDUAL_RAD
             steps[is_open] = solve_least_norm(
-                at.jacobian[is_open][:, :, passive], -at.residual[is_open]
+                linearisation.jacobian[is_open][:, :, passive],
+                -linearisation.residual[is_open],
             )
             return steps
 

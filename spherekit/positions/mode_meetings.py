@@ -315,8 +315,8 @@ def _evaluate_modes(
         [solver.evaluate(mode, np.array([[q]])).values for mode in assembly_modes]
     )
     with np.errstate(all="ignore"):
-        at = solver.closure.at(values)
-        return nodes_at(at, [solver.input_variable], np.ones((len(values), 1)))
+        linearisation = solver.closure.at(values)
+        return nodes_at(linearisation, [solver.input_variable], np.ones((len(values), 1)))
 
 
 def _find_coincident_modes(values: Floats) -> Bools:

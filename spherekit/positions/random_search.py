@@ -197,8 +197,8 @@ def descend_to_closure(
         """Return the residuals of some starts, and their derivatives by the variables."""
         all_values = values[rows]
         all_values[:, free] = free_values
-        at = closure.take(rows).at(all_values)
-        return at.residual.copy(), at.jacobian[:, :, free]
+        linearisation = closure.take(rows).at(all_values)
+        return linearisation.residual.copy(), linearisation.jacobian[:, :, free]
 
     values[:, free], squares = minimize_squares(
         evaluate_residuals, values[:, free], free_low, free_high, NEWTON_START_RAD
@@ -256,14 +256,14 @@ class DistinctConfigurations:
         out.
         """
         indices = np.full(len(values), -1, dtype=np.intp)
-        at = self.closure.at(values)
-        rotations = at.rotations
-        exists = np.all(at.states.inside, axis=1)
-        exists &= ~has_penetration(self.closure.joints, at.states)
-        singular_values = np.linalg.svd(at.jacobian, compute_uv=False)
+        linearisation = self.closure.at(values)
+        rotations = linearisation.rotations
+        exists = np.all(linearisation.states.inside, axis=1)
+        exists &= ~has_penetration(self.closure.joints, linearisation.states)
+        singular_values = np.linalg.svd(linearisation.jacobian, compute_uv=False)
         smallest = singular_values[:, -1]
         is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
-        error = np.maximum(at.closure_residual, EPS) / np.maximum(smallest, EPS)
+        error = np.maximum(linearisation.closure_residual, EPS) / np.maximum(smallest, EPS)
         tolerance = np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
         order = np.argsort(rolled_sum, kind="stable")
@@ -359,8 +359,8 @@ def _close_by_newton(closure: Closure, values: Floats) -> Floats:
     """
     if not len(values):
         return values
-    at = closure.solve(values, max_steps=POLISHING_STEPS)
-    return at.values[at.closure_residual < CLOSURE_TOLERANCE]
+    linearisation = closure.solve(values, max_steps=POLISHING_STEPS)
+    return linearisation.values[linearisation.closure_residual < CLOSURE_TOLERANCE]
 
 
 def starting_range(closure: Closure) -> tuple[Floats, Floats]:

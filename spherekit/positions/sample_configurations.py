@@ -150,10 +150,12 @@ def _polish(solver: PositionSolver, values: Floats) -> Floats:
     (k, variables) corrected configurations (rad). A configuration is unchanged if its step
     exceeds `LARGEST_POLISHING_STEP_RAD`.
     """
-    at = solver.closure.at(values)
+    linearisation = solver.closure.at(values)
     passive = np.delete(np.arange(values.shape[1]), solver.driven)
     step = np.zeros_like(values)
-    step[:, passive] = solve_least_norm(at.jacobian[:, :, passive], -at.residual)
+    step[:, passive] = solve_least_norm(
+        linearisation.jacobian[:, :, passive], -linearisation.residual
+    )
     # Next to a singular configuration a step can be of any size.
     is_small = max_abs(step, axis=1) < LARGEST_POLISHING_STEP_RAD
     return np.where(is_small[:, None], values + step, values)
@@ -371,20 +373,24 @@ def _solve_batch(
     sample, number = np.nonzero(is_real & is_clear[:, None])
     placed = geometry.place_bodies(order, np.where(is_real[..., None], tree_angles, 0.0))
     start_values = geometry.measure_pair_angles_at(placed[sample, number], sample)
-    at = closure.take(sample).solve(start_values, max_steps=POLISHING_STEPS)
-    correction = max_abs(wrap(at.values - start_values), axis=1)
-    is_sound = (at.closure_residual < CLOSURE_TOLERANCE) & (correction < MAX_CORRECTION_RAD)
-    is_sound &= condition_numbers(at.jacobian) < MAX_CONDITION_NUMBER
+    linearisation = closure.take(sample).solve(start_values, max_steps=POLISHING_STEPS)
+    correction = max_abs(wrap(linearisation.values - start_values), axis=1)
+    is_sound = (linearisation.closure_residual < CLOSURE_TOLERANCE) & (
+        correction < MAX_CORRECTION_RAD
+    )
+    is_sound &= condition_numbers(linearisation.jacobian) < MAX_CONDITION_NUMBER
     is_clear[sample[~is_sound]] = False
     # Two real solutions must not converge to the same configuration. Points on the unit
     # circle are compared, which do not depend on whole turns.
     directions = np.full((*is_real.shape, len(group.pairs)), np.nan, dtype=complex)
-    directions[sample, number] = np.exp(1j * at.values)
+    directions[sample, number] = np.exp(1j * linearisation.values)
     distances = max_abs(directions[:, :, None] - directions[:, None], axis=3)
     distances[:, *np.diag_indices(is_real.shape[1])] = np.inf
     is_clear &= ~np.any(distances < MIN_SEPARATION_RAD, axis=(1, 2))
     is_kept = is_clear[sample]
-    return SampleConfigurations(sample[is_kept], at.values[is_kept], is_clear, "")
+    return SampleConfigurations(
+        sample[is_kept], linearisation.values[is_kept], is_clear, ""
+    )
 
 
 def _solve_real_roots(
