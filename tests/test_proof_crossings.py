@@ -1,6 +1,7 @@
 """Crossings of configuration curves, and gaps that are as narrow as one likes."""
 
 import itertools
+import json
 from decimal import Decimal
 
 import numpy as np
@@ -127,6 +128,15 @@ def test_a_tolerance_leaves_open_whether_curves_cross():
     assert curves.completeness.guarantee is Guarantee.TO_BOX
     assert [saddle.level_sign for saddle in curves.saddles] == [None]
     assert {count for _, _, count in curves.intervals} == {2}
+
+
+def test_certificates_of_undecided_crossings_are_written(tmp_path):
+    path = tmp_path / "fold.toml"
+    path.write_text(FOUR_BAR.format(*FOLDS), encoding="utf-8")
+    out = tmp_path / "certificate.json"
+    assert main(["certify", str(path), "--tolerance", "1e-12", "-o", str(out)]) == 3
+    certificate = json.loads(out.read_text(encoding="utf-8"))
+    assert certificate["singularities"]["undecided_parts"] > 0
 
 
 def test_the_command_says_where_curves_cross(tmp_path, capsys):

@@ -8,7 +8,7 @@ import pytest
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.proof.decimal_mechanism import read_decimals
-from spherekit.proof.input_map import CONTAINS, REGULAR, certify_input_map
+from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED, certify_input_map
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +46,12 @@ def test_regular_boxes_have_the_modes_that_the_closed_form_has(five_bar):
     assert sizes[0] > 0.95 and sizes[1] > 0.03 and sizes[2] < 0.01
     rows, places = inside(five_bar, REGULAR, np.random.default_rng(3), 4000)
     assert np.all(modes_of_five_bar(places) == five_bar.modes[rows])
+
+
+def test_a_map_is_complete_to_its_largest_undecided_box(five_bar):
+    sides = 2.0 * five_bar.radii[five_bar.kind == UNDECIDED]
+    assert five_bar.completeness.box == pytest.approx(np.max(sides))
+    assert 0.01 < five_bar.completeness.box <= 0.0501
 
 
 def test_boxes_that_contain_a_singular_configuration_have_both_numbers(five_bar):

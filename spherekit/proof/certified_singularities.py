@@ -183,7 +183,7 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         len(points.undecided) for _, by_chain in examined for points in by_chain
     )
     undecided += sum(
-        doubt > 0.0
+        bool(doubt > 0.0)
         for variable, _ in examined
         for doubt in curves.bound_saddle_doubts(variable)
     )

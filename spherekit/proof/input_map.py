@@ -131,7 +131,8 @@ class InputMap:
         )
         if undecided == 0.0:
             return Completeness(Guarantee.CERTIFIED, words)
-        return Completeness(Guarantee.TO_BOX, words, DEFAULT_CELL_RAD)
+        largest_side = 2.0 * np.max(self.radii[self.kind == UNDECIDED])
+        return Completeness(Guarantee.TO_BOX, words, float(largest_side))
 
 
 def certify_input_map(
