@@ -27,8 +27,8 @@ COMPUTED = (
 )
 """Classes of the front whose objects functions of ours make."""
 INSIDE = {
-    "Bearings": "carried",
-    "ContactFriction": "carried",
+    "Bearings": "supported_loads",
+    "ContactFriction": "supported_loads",
     "Digits": "within",
     "Mechanism": "angle_between names_of variables_of",
     "Motion": "joined put rows",

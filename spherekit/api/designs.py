@@ -1,4 +1,4 @@
-"""A synthesis from a file."""
+"""Synthesis of sizes from a synthesis file."""
 
 from dataclasses import replace
 from itertools import product
@@ -23,19 +23,22 @@ from spherekit.geometry.rotation import from_quaternion
 from spherekit.geometry.tilt_torsion import from_tilt_torsion, pointing
 from spherekit.mechanism.sizes import to_radians
 
-SAMPLES = 181
-DESIGNS = 16384
+DEFAULT_SAMPLES_OF_DESIGN = 181
+"""Number of samples along the input at which each design is evaluated."""
+
+DEFAULT_DESIGNS = 16384
+"""Number of designs of the first, coarse search."""
 
 
 @checked(DesignError)
 def synthesize(
     path: AnyPath,
     *,
-    designs: int = DESIGNS,
+    designs: int = DEFAULT_DESIGNS,
     starts: int = 12,
     seed: int = 0,
 ) -> Synthesis:
-    """Return the designs that a synthesis file asks for, the first objective's best first.
+    """Return the designs that meet a synthesis file, the best of the first objective first.
 
     Parameters
     ----------
@@ -43,10 +46,11 @@ def synthesize(
         A synthesis file: a mechanism, the sizes that vary, figures, precision points, an
         objective and conditions.
     designs, seed
-        How many designs of a scrambled Sobol sequence are looked at first.
+        Number and seed of the designs of a scrambled Sobol sequence that are evaluated
+        first.
     starts
-        From how many of the best rows one objective is followed down. With several
-        from five times as many points of the front of each mode.
+        Number of the best designs from which one objective is minimised. With several
+        objectives, descents start at five times as many points of the front of each mode.
 
     Raises
     ------
@@ -73,8 +77,23 @@ def synthesize(
     return synthesize_dimensions(specification_of(path, designs, seed), starts)
 
 
-def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Specification:
-    """Return what a synthesis file asks for."""
+def specification_of(
+    path: AnyPath, designs: int = DEFAULT_DESIGNS, seed: int = 0
+) -> Specification:
+    """Return the specification that a synthesis file states.
+
+    Parameters
+    ----------
+    path
+        The synthesis file.
+    designs, seed
+        Number and seed of the designs that are evaluated first.
+
+    Raises
+    ------
+    FileError
+        With one line for each fault in the file.
+    """
     document = parse(read_text(Path(path)), str(path))
     check(document, "synthesis")
     data = document.data
@@ -83,72 +102,104 @@ def specification_of(path: AnyPath, designs: int = DESIGNS, seed: int = 0) -> Sp
     ]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
     subject = named_in(data["mechanism"], Path(path).parent)
-    missed, points = _missed(document, to_radians(1.0, angle_unit_of(subject)))
+    unit = to_radians(1.0, angle_unit_of(subject))
+    deviations, point_count = _precision_point_deviations(document, unit)
     sweep = sweep_of(
         subject,
         DesignSpace.from_variations(variations, designs, "sobol", seed),
-        [*figures, *missed.values()],
-        samples=data.get("samples", SAMPLES),
+        [*figures, *deviations.values()],
+        samples=data.get("samples", DEFAULT_SAMPLES_OF_DESIGN),
     )
     sweep = replace(sweep, where=tuple(data.get("where", ())))
-    wanted = data["minimise"]
-    objectives = (wanted,) if isinstance(wanted, str) else tuple(wanted)
-    return Specification(sweep, objectives, tuple(missed), points)
+    minimise = data["minimise"]
+    objectives = (minimise,) if isinstance(minimise, str) else tuple(minimise)
+    return Specification(sweep, objectives, tuple(deviations), point_count)
 
 
-def _missed(document: Document, unit: float) -> tuple[dict[str, str], int]:
-    """Return the figures that say by how much precision points are missed.
+def _precision_point_deviations(
+    document: Document, unit: float
+) -> tuple[dict[str, str], int]:
+    """Return figures of merit for the deviations from the precision points of a file.
 
-    And how many points there are.
+    Parameters
+    ----------
+    document
+        The synthesis file. Its tables ``match`` list quantities, inputs and values.
+    unit
+        The angle unit of the mechanism in rad.
+
+    Returns
+    -------
+    Texts of figures of merit by name, ``missed_1`` and so on, and the number of precision
+    points. A point has as many deviations as its value has components.
     """
     match = document.data.get("match", [])
-    made, points = dict[str, str](), 0
-    for number, table in enumerate(match if isinstance(match, list) else [match]):
-        path = ("match", number, "values") if match is not table else ("match", "values")
-        inputs, values = table["at"], table["values"]
+    is_list = isinstance(match, list)
+    figures: dict[str, str] = {}
+    point_count = 0
+    for index, table in enumerate(match if is_list else [match]):
+        path: KeyPath = ("match", index, "values") if is_list else ("match", "values")
+        inputs = table["at"]
+        values = table["values"]
         if len(inputs) != len(values):
             raise document.fault(
                 path,
                 f"has {len(values)} values for {len(inputs)} inputs; give one for each",
             )
-        points += len(inputs)
-        for place, value in zip(inputs, values, strict=True):
-            at = ", ".join(repr(float(x)) for x in np.atleast_1d(place))
-            for miss in _misses(document, path, table["quantity"], value, unit):
-                name = f"missed_{len(made) + 1}"
-                made[name] = f"{name}=at({miss}, {at})"
-    return made, points
+        point_count += len(inputs)
+        for input_values, value in zip(inputs, values, strict=True):
+            numbers = [repr(float(number)) for number in np.atleast_1d(input_values)]
+            at = ", ".join(numbers)
+            for deviation in _deviations(document, path, table["quantity"], value, unit):
+                name = f"missed_{len(figures) + 1}"
+                figures[name] = f"{name}=at({deviation}, {at})"
+    return figures, point_count
 
 
-def _misses(
+def _deviations(
     document: Document, path: KeyPath, quantity: str, value: Any, unit: float
 ) -> list[str]:
-    """Return by how much a quantity misses a value, part by part."""
+    """Return expressions for the deviation of a quantity from a value, in the file's unit.
+
+    Parameters
+    ----------
+    document, path
+        The file and the path of the value, for messages.
+    quantity
+        Name of the quantity: a number, a direction or an orientation.
+    value
+        A number, a direction (3 components or azimuth and tilt), or an orientation (4
+        components of a quaternion, or azimuth, tilt and torsion).
+    unit
+        The angle unit of the file in rad.
+    """
     if isinstance(value, int | float):
         if not quantity.startswith(("theta_", "transmission_angle_")):
             return [f"{quantity} - ({value!r})"]
-        off = f"{quantity} - ({value * unit!r})"
-        return [f"{1.0 / unit!r}*atan2(sin({off}), cos({off}))"]
-    turned = quantity.startswith("orientation_")
+        # An angle is compared modulo whole turns.
+        difference = f"{quantity} - ({value * unit!r})"
+        return [f"{1.0 / unit!r}*atan2(sin({difference}), cos({difference}))"]
+    is_orientation = quantity.startswith("orientation_")
     numbers = np.array(value, dtype=float)
-    of_any_length = len(numbers) == (4 if turned else 3)
-    if len(numbers) - turned not in (2, 3) or (of_any_length and not np.any(numbers)):
-        poses = "azimuth, tilt and torsion, or qx, qy, qz, qw" if turned else ""
-        raise document.fault(
-            path,
-            f"{value} is no value of {quantity}: give "
-            f"{poses or 'x, y, z, or azimuth and tilt'}",
-        )
-    if of_any_length:
+    angle_count = 3 if is_orientation else 2
+    has_components = len(numbers) == angle_count + 1
+    is_zero = has_components and not np.any(numbers)
+    if len(numbers) not in (angle_count, angle_count + 1) or is_zero:
+        allowed = "x, y, z, or azimuth and tilt"
+        if is_orientation:
+            allowed = "azimuth, tilt and torsion, or qx, qy, qz, qw"
+        raise document.fault(path, f"{value} is no value of {quantity}: give {allowed}")
+    if has_components:
         numbers = numbers / np.linalg.norm(numbers)
-        wanted = from_quaternion(numbers) if turned else numbers
+        target = from_quaternion(numbers) if is_orientation else numbers
     else:
-        made = from_tilt_torsion if turned else pointing
-        wanted = made(numbers[None] * unit)[0]
-    # Twice the sine of half the angle is the chord of a direction; a rotation has it twice.
-    share = 1.0 / (unit * np.sqrt(wanted.ndim))
-    parts = ("".join(axes) for axes in product("xyz", repeat=wanted.ndim))
+        from_angles = from_tilt_torsion if is_orientation else pointing
+        target = from_angles(numbers[None] * unit)[0]
+    # For a small angle, the difference of two unit vectors has its length. The Frobenius
+    # norm of the difference of two rotation matrices is sqrt(2) times that length.
+    factor = 1.0 / (unit * np.sqrt(target.ndim))
+    components = ["".join(axes) for axes in product("xyz", repeat=target.ndim)]
     return [
-        f"{float(share)!r}*({quantity}_{part} - ({float(x)!r}))"
-        for part, x in zip(parts, wanted.ravel(), strict=True)
+        f"{float(factor)!r}*({quantity}_{component} - ({float(number)!r}))"
+        for component, number in zip(components, target.ravel(), strict=True)
     ]

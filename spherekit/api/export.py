@@ -1,4 +1,4 @@
-"""Mechanisms for other programs: sources, functions, tables, MuJoCo models, files."""
+"""Exports a mechanism: source code, stored functions, tables, MuJoCo models, files."""
 
 from collections.abc import Mapping, Sequence
 from itertools import chain
@@ -55,7 +55,7 @@ SOURCES: Mapping[Kind, Names] = {
     "julia": (".jl",),
     "casadi": (".py",),
 }
-"""Languages of formulas, and endings of their files."""
+"""Endings of the files of each language of source code."""
 
 SUFFIXES: Mapping[Kind, Names] = {
     **SOURCES,
@@ -65,9 +65,9 @@ SUFFIXES: Mapping[Kind, Names] = {
     "file": (".toml",),
     "coupling": (".csv", ".npz", ".h"),
 }
-"""Endings of files; without a kind the first that has the ending is meant."""
+"""Endings of the files of each kind. An ending of several kinds means the first."""
 
-OWN: Mapping[str, tuple[Kind, ...]] = {
+KINDS_OF_ARGUMENT: Mapping[str, tuple[Kind, ...]] = {
     "poles": ("model", "coupling"),
     "tolerance": ("model", "coupling"),
     "pairs": ("coupling",),
@@ -78,11 +78,21 @@ OWN: Mapping[str, tuple[Kind, ...]] = {
     "assembly_mode": (*SOURCES, "model", "mjcf", "coupling"),
     "crossings": (*SOURCES,),
 }
-"""What each argument belongs to, of those that not every kind has."""
+"""The kinds that each argument applies to, for arguments that not all kinds have."""
 
 
 class Exported(NamedTuple):
-    """A file that was written: what it holds, and `notes` on what it leaves out."""
+    """A file that was written.
+
+    Attributes
+    ----------
+    path
+        Its path.
+    holds
+        Its content in words.
+    notes
+        Sentences on what it leaves out.
+    """
 
     path: Path
     holds: str
@@ -159,8 +169,8 @@ def export(
     >>> model = sk.load_reduced(made.path)
     """
     target = Path(path)
-    kind = _kind(target, to)
-    options = {
+    kind = _export_kind(target, to)
+    arguments = {
         "poles": poles,
         "tolerance": tolerance,
         "pairs": pairs,
@@ -170,37 +180,51 @@ def export(
         "vary": vary,
         "crossings": crossings,
     }
-    given: Facts = {name: x for name, x in options.items() if x is not None}
-    stated = [*given, *(["assembly_mode"] if assembly_mode is not None else [])]
-    for name in stated:
-        if kind not in OWN[name]:
+    options: Facts = {name: x for name, x in arguments.items() if x is not None}
+    stated_names = list(options)
+    if assembly_mode is not None:
+        stated_names.append("assembly_mode")
+    for name in stated_names:
+        if kind not in KINDS_OF_ARGUMENT[name]:
             raise OutputError(
-                f"export: {name} does nothing but for {listing(OWN[name])}; this is {kind}"
+                f"export: {name} does nothing but for "
+                f"{listing(KINDS_OF_ARGUMENT[name])}; this is {kind}"
             )
     if kind in SOURCES:
-        return _source(mechanism, target, kind, input_pair, assembly_mode, given)
-    made = driven_at(mechanism_of(mechanism), input_pair)
+        return _export_source(mechanism, target, kind, input_pair, assembly_mode, options)
+    driven = driven_at(mechanism_of(mechanism), input_pair)
     if kind == "latex":
-        write_text(target, latex(made, quantities, vary or ()))
+        write_text(target, latex(driven, quantities, vary or ()))
         return Exported(target, "formulas as LaTeX, of any assembly mode")
     if isinstance(assembly_mode, str):
-        assembly_mode = (
-            PositionAnalysis(made, assembly_mode=assembly_mode).assembly_modes[0].number
-        )
-    mode = assembly_mode or 0
+        analysis = PositionAnalysis(driven, assembly_mode=assembly_mode)
+        assembly_mode = analysis.assembly_modes[0].number
     if kind == "model":
-        return _functions(made, target, mode, given)
+        return _export_functions(driven, target, assembly_mode or 0, options)
     if kind == "mjcf":
-        return _mujoco(made, target, mode, at)
+        return _export_mujoco_model(driven, target, assembly_mode or 0, at)
     if kind == "coupling":
-        table = coupling_table(made, assembly_mode=assembly_mode, **given)
-        return _coupling(table, target)
-    dump(made, target)
+        table = coupling_table(driven, assembly_mode=assembly_mode, **options)
+        return _export_coupling_table(table, target)
+    dump(driven, target)
     return Exported(target, "a mechanism file")
 
 
-def _kind(target: Path, to: Kind | None) -> Kind:
-    """Return what is to be written to a file."""
+def _export_kind(target: Path, to: Kind | None) -> Kind:
+    """Return the kind of export that fits the ending of a file.
+
+    Parameters
+    ----------
+    target
+        The file.
+    to
+        The kind that the user states, if any.
+
+    Raises
+    ------
+    OutputError
+        If the kind is unknown, or has other endings.
+    """
     if to is not None and to not in SUFFIXES:
         raise OutputError(f'export: to is "{to}"; allowed: {listing(SUFFIXES)}')
     for kind, suffixes in SUFFIXES.items():
@@ -213,28 +237,32 @@ def _kind(target: Path, to: Kind | None) -> Kind:
     )
 
 
-def _source(
+def _export_source(
     mechanism: AnyMechanism,
     target: Path,
     kind: Kind,
     input_pair: str | Sequence[str] | None,
     assembly_mode: int | str | None,
-    given: Facts,
+    options: Facts,
 ) -> Exported:
-    if given.get("crossings") == "pass":
-        check_sizes_keep_crossings(mechanism, given.get("vary", ()))
-    made = formulas(mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **given)
-    check_arguments([made])
-    write_text(target, source(made, kind))
-    how = "by steps of Newton's method" if made.step else "in closed form"
-    holds = (
-        f"{counted(len(made.results), 'result')} of "
-        f"{listing(x.name for x in (*made.motion, *made.sizes))}, {how}: "
-        f"{made.operations} operations"
+    """Write the formulas of a mechanism as source code, see `export`."""
+    if options.get("crossings") == "pass":
+        check_sizes_keep_crossings(mechanism, options.get("vary", ()))
+    formula_set = formulas(
+        mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **options
     )
-    notes = [f"left out: assembly mode {why}" for why in made.mode_table.left_out]
-    if made.mode_table.smooth is not None:
-        notes.append(_describe_crossings(made.mode_table.smooth))
+    check_arguments([formula_set])
+    write_text(target, source(formula_set, kind))
+    method = "by steps of Newton's method" if formula_set.step else "in closed form"
+    arguments = listing(x.name for x in (*formula_set.motion, *formula_set.sizes))
+    holds = (
+        f"{counted(len(formula_set.results), 'result')} of {arguments}, {method}: "
+        f"{formula_set.operations} operations"
+    )
+    mode_table = formula_set.mode_table
+    notes = [f"left out: assembly mode {reason}" for reason in mode_table.left_out]
+    if mode_table.smooth is not None:
+        notes.append(_describe_crossings(mode_table.smooth))
     return Exported(target, holds, tuple(notes))
 
 
@@ -248,33 +276,52 @@ def _describe_crossings(smooth: SmoothModes) -> str:
     return f"modes follow their smooth curves through crossings at {inputs} deg{unknown}"
 
 
-def _coupling(table: CouplingTable, target: Path) -> Exported:
+def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
+    """Write a coupling table in the format of the file's ending."""
     if target.suffix == ".npz":
         write_npz(table, target)
     elif target.suffix == ".csv":
         write_csv(table, target)
     else:
         write_text(target, header(table))
-    sure = np.sum(table.sure)
-    reached = np.sum(np.isfinite(table.error))
-    doubtful = (
-        f"{reached - sure} of {reached} cells with a mode in all corners are not sure to "
-        f"{table.tolerance:g} rad and are not read; more samples make more sure"
-    )
-    held = (
+    verified_count = np.sum(table.sure)
+    cell_count = np.sum(np.isfinite(table.error))
+    notes: Names = ()
+    if verified_count < cell_count:
+        note = (
+            f"{cell_count - verified_count} of {cell_count} cells with a mode in all "
+            f"corners are not sure to {table.tolerance:g} rad and are not read; more "
+            "samples make more sure"
+        )
+        notes = (note,)
+    holds = (
         f"a coupling table of {counted(len(table.variables), 'variable')} on "
         f"{'x'.join(map(str, table.count))} nodes in assembly modes "
         f"{listing(table.modes)}; errors measured: {table.angle_error:.2g} rad of angles, "
         f"{table.coefficient_error:.2g} of coefficients"
     )
-    return Exported(target, held, (doubtful,) if sure < reached else ())
+    return Exported(target, holds, notes)
 
 
-def _functions(
-    mechanism: Mechanism, target: Path, assembly_mode: int, given: Facts
+def _export_functions(
+    mechanism: Mechanism, target: Path, assembly_mode: int, options: Facts
 ) -> Exported:
+    """Write a reduced model, as an archive or as source code.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    target
+        ``*.npz`` for an archive, or a file of source code.
+    assembly_mode
+        Number of the assembly mode.
+    options
+        Poles and tolerance, see `export`.
+    """
     is_source = target.suffix != ".npz"
-    if is_source and len(mechanism.inputs) > 1:
+    has_several_inputs = len(mechanism.inputs) > 1
+    if is_source and has_several_inputs:
         raise OutputError(
             f"{target}: a stored model of several inputs has no source; export the "
             "formulas (--to c), or the archive *.npz"
@@ -284,16 +331,16 @@ def _functions(
         notes.append(f"outputs left out: {listing(x.name for x in mechanism.outputs)}")
     if not mechanism.masses:
         notes.append("no inertia: the mechanism has no masses")
-    tabulated: Any = reduced_grid_model if len(mechanism.inputs) > 1 else reduced_model
-    model = tabulated(mechanism, assembly_mode=assembly_mode, **given)
+    make_model: Any = reduced_grid_model if has_several_inputs else reduced_model
+    model = make_model(mechanism, assembly_mode=assembly_mode, **options)
     if model.heading.covered < 1.0:
         notes.append(
             f"known in {model.heading.covered:.3g} of the box of the inputs' ranges; "
             "elsewhere the assembly mode does not exist or is near a singularity"
         )
     if is_source:
-        text = source(reduced_formulas(mechanism, model), _kind(target, None))
-        write_text(target, text)
+        kind = _export_kind(target, None)
+        write_text(target, source(reduced_formulas(mechanism, model), kind))
     else:
         model.save(target)
     holds = (
@@ -303,17 +350,19 @@ def _functions(
     return Exported(target, holds, tuple(notes))
 
 
-def _mujoco(
+def _export_mujoco_model(
     mechanism: Mechanism,
     target: Path,
     assembly_mode: int,
     at: float | Sequence[float] | None,
 ) -> Exported:
-    made, values = posed(mechanism, assembly_mode, at)
-    inputs = {name: values[made.angles[name]] for name in made.input_pairs}
-    where = listing(
-        f"{name} = {q:.6g} rad ({np.degrees(q):.6g} deg)" for name, q in inputs.items()
+    """Write a MuJoCo model in the pose at given inputs (rad), see `export`."""
+    posed_mechanism, values = posed(mechanism, assembly_mode, at)
+    inputs = listing(
+        f"{name} = {values[posed_mechanism.angles[name]]:.6g} rad "
+        f"({np.degrees(values[posed_mechanism.angles[name]]):.6g} deg)"
+        for name in posed_mechanism.input_pairs
     )
-    model = MujocoModel(made, values)
+    model = MujocoModel(posed_mechanism, values)
     write_text(target, model.text)
-    return Exported(target, f"a MuJoCo model at {where}", model.notes)
+    return Exported(target, f"a MuJoCo model at {inputs}", model.notes)

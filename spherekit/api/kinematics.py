@@ -88,22 +88,23 @@ TABLE = Table(
 
 @dataclass(frozen=True)
 class Kinematics:
-    """A mechanism at given inputs, in rows: mode after mode, in each the inputs.
+    """Configurations of a mechanism at given inputs, with poles and coefficients.
 
-    Poles are named by two links, ``"3/1"``; coefficients are those of the link that comes
-    later in the mechanism against the other, per unit rate of the input `moving` while
-    the others are locked. `moving` may be left out where there is one input. The sense of
-    a pole axis, and with it the sign of its coefficient, goes on along the rows of a
-    assembly mode; in the first it is the side that the mechanism's axes are on. Angles are
-    in rad, vectors in ground axes; rows that failed hold NaN and say why in `status`.
-    The methods that end in `error_bound` say how far off numbers may be, as the columns of
-    these names do in the table `poles`.
+    Rows are ordered by assembly mode, and within a mode by input.
 
-    With several inputs and groups that are no dyads, successive rows of one mode are joined
-    by verified steps. After an input at which a mode has no configuration, its number may
-    stand for another one. The numbers are those of a run whose samples are the same inputs,
-    unless a mode has such a gap. They can differ from those at other inputs. `search`
-    says how the modes were found, and whether there may be others.
+    Poles are named by two links, ``"3/1"``. Coefficients are per unit rate of the input
+    `moving`, while the other inputs are locked; with one input `moving` may be left out.
+    The sense of a pole axis, and with it the sign of its coefficient, is continuous along
+    the rows of an assembly mode. In the first row it is the side on which the mechanism's
+    axes are. Angles are in rad, vectors in ground axes. Rows that failed hold NaN, and
+    `status` has the reason. Methods that end in `error_bound` return bounds of the errors,
+    as the columns of these names do in the table `poles`.
+
+    With several inputs and groups that are no dyads, successive rows of one mode are
+    connected by verified steps. After an input at which a mode has no configuration, its
+    number may denote another mode. The numbers are those of a run whose samples are the
+    same inputs, unless a mode has such a gap. They can differ from those at other inputs.
+    `search` says how the modes were found, and whether there may be others.
     """
 
     mechanism: Mechanism
@@ -141,7 +142,7 @@ class Kinematics:
 
     @property
     def q(self) -> Floats:
-        """(n,) rad, the input; `SolveError` where there are several: see `inputs`."""
+        """(n,) rad, the only input; `SolveError` if there are several, see `inputs`."""
         return self._batch.q
 
     @property
@@ -166,7 +167,7 @@ class Kinematics:
 
     @property
     def residual(self) -> Floats:
-        """(n,) rad, by how much loops fail to close."""
+        """(n,) rad, the closure residual of the loops."""
         return self._batch.residual
 
     @checked(SolveError)
@@ -179,8 +180,11 @@ class Kinematics:
             If there is none of this name, or the pair has two.
         """
         names = self.mechanism.variable_names
-        number = names.index(name) if name in names else self._variable(name)
-        return self._motion.values[:, number]
+        if name in names:
+            variable = names.index(name)
+        else:
+            variable = self._variable_of_pair(name)
+        return self._motion.values[:, variable]
 
     @checked(SolveError)
     def variable_coefficient(self, pair: str, moving: str | None = None) -> Floats:
@@ -191,7 +195,7 @@ class Kinematics:
         SolveError
             If there is no such pair or input, or the pair has two variables.
         """
-        self._variable(pair)
+        self._variable_of_pair(pair)  # raises an error if there is not one
         return self._batch.pair_rate(pair, self._moving(moving))
 
     @checked(SolveError)
@@ -255,16 +259,18 @@ class Kinematics:
         self, pole: str, moving: str | None = None
     ) -> Floats:
         """Return (n,) a bound of the error of `velocity_coefficient`."""
-        links, moved = self._pole(pole), self._moving(moving)
-        return self._batch.velocity_coefficient_error_bound(*links, moved)
+        links = self._pole(pole)
+        return self._batch.velocity_coefficient_error_bound(*links, self._moving(moving))
 
     @checked(SolveError)
     def acceleration_coefficient_error_bound(
         self, pole: str, moving: str | None = None
     ) -> Floats:
         """Return (n,) a bound of the error of `acceleration_coefficient`, 1/rad."""
-        links, moved = self._pole(pole), self._moving(moving)
-        return self._batch.acceleration_coefficient_error_bound(*links, moved)
+        links = self._pole(pole)
+        return self._batch.acceleration_coefficient_error_bound(
+            *links, self._moving(moving)
+        )
 
     @checked(SolveError)
     def direction_dq_error_bound(self, pole: str, moving: str | None = None) -> Floats:
@@ -272,43 +278,51 @@ class Kinematics:
 
         It bounds the length of the error vector.
         """
-        links, moved = self._pole(pole), self._moving(moving)
-        return self._batch.direction_dq_error_bound(*links, moved)
+        links = self._pole(pole)
+        return self._batch.direction_dq_error_bound(*links, self._moving(moving))
 
     @checked(SolveError)
     def frame(self, degrees: bool = False) -> Any:
-        """Return a pandas frame with a row for each row here, input that moves, and pole.
+        """Return a pandas frame with a row for each row, moving input and pole.
 
-        With `degrees` inputs are in degrees; coefficients stay as they are.
+        With `degrees`, inputs are in degrees. Coefficients are per rad in both cases.
         """
         batch = self._batch
-        inputs = input_columns(self.mechanism, self.inputs)
         poles = [self._pole(pole) for pole in self.poles]
-        wanted = [(*pole, k) for k in range(len(self.input_pairs)) for pole in poles]
-        data: Facts = batch.pole_columns(wanted)
-        of = batch.of_poles(wanted)
-        bounds = [c.name for c in TABLE.columns if c.name.endswith("error_bound")]
-        data |= {name: of(name, None) for name in bounds}
-        data |= {key: batch.interleaved([x] * len(wanted)) for key, x in inputs.items()}
+        # Link numbers of the pole, and number of the moving input.
+        requested = [
+            (*pole, moving) for moving in range(len(self.input_pairs)) for pole in poles
+        ]
+        data: Facts = batch.pole_columns(requested)
+        read_column = batch.of_poles(requested)
+        for column in TABLE.columns:
+            if column.name.endswith("error_bound"):
+                data[column.name] = read_column(column.name, None)
+        for name, values in input_columns(self.mechanism, self.inputs).items():
+            data[name] = batch.interleaved([values] * len(requested))
         table = TABLE.of(self.mechanism)
-        return to_frame(table, {c.name: data[c.name] for c in table.columns}, degrees)
+        columns = {column.name: data[column.name] for column in table.columns}
+        return to_frame(table, columns, degrees)
 
     def _link(self, name: str) -> str:
+        """Return the name of a link, or raise an error with the nearest name."""
         return self.mechanism.links[self.mechanism.link(name)]
 
-    def _variable(self, pair: str) -> int:
+    def _variable_of_pair(self, pair: str) -> int:
+        """Return the number of the only variable of a pair, or raise an error."""
         number = self.mechanism.pair_number[self.mechanism.pair(pair).name]
         variables = self.mechanism.variables_of(number)
         if len(variables) > 1:
-            names = listing(self.mechanism.variable_names[k] for k in variables)
+            names = listing(self.mechanism.variable_names[number] for number in variables)
             raise SolveError(
                 f"{self.mechanism.name}: pair {pair} has two variables: ask for {names}"
             )
         return variables[0]
 
     def _pole(self, text: str) -> Pole:
+        """Return the link numbers of an evaluated pole, or raise an error."""
         pole = parse_pole(self.mechanism, text)
-        name = _name(self.mechanism, pole)
+        name = _pole_text(self.mechanism, pole)
         if name not in self.poles:
             raise SolveError(
                 f"{self.mechanism.name}: pole {name} was not asked for; evaluated are "
@@ -324,10 +338,11 @@ class Kinematics:
         link relative to the earlier one.
         """
         first, second = ordered_pole(self.mechanism, text)
-        # A difference, as the opposite of 0 would be printed with a sign.
+        # -0.0 would be printed with a sign.
         return values if first > second else 0.0 - values
 
     def _moving(self, name: str | None) -> int:
+        """Return the number of the moving input; the only one needs no name."""
         inputs = self.input_pairs
         if name in inputs:
             return inputs.index(name)
@@ -388,70 +403,87 @@ def evaluate(
 
     With a plotting library: ``plt.plot(turn.q, turn.velocity_coefficient("4/1"))``.
     """
-    at = _ready(
+    evaluate_inputs = _prepare_evaluation(
         MechanismKey(mechanism_of(mechanism)),
         None if poles is None else tuple(poles),
         input_pair if input_pair is None or isinstance(input_pair, str) else (*input_pair,),
         assembly_mode,
         crossings,
     )
-    return at(np.asarray(inputs, dtype=float))
+    return evaluate_inputs(np.asarray(inputs, dtype=float))
 
 
 @lru_cache(maxsize=32)
-def _ready(
-    of: MechanismKey,
+def _prepare_evaluation(
+    mechanism_key: MechanismKey,
     poles: Sequence[str] | None,
     input_pair: str | Sequence[str] | None,
     assembly_mode: int | str | None,
     crossings: Crossings,
 ) -> Callable[[Floats], Kinematics]:
-    """Return what gives a mechanism at inputs."""
-    mechanism = driven_at(of.mechanism, input_pair)
-    wanted = (
-        all_poles(len(mechanism.links))
-        if poles is None
-        else tuple(dict.fromkeys(parse_pole(mechanism, text) for text in poles))
-    )
-    names = tuple(_name(mechanism, pole) for pole in wanted)
+    """Return a function that evaluates a mechanism at inputs; parameters as `evaluate`.
+
+    Modes are searched and expressions are made once. Further calls with the same arguments
+    return the same function.
+    """
+    mechanism = driven_at(mechanism_key.mechanism, input_pair)
+    if poles is None:
+        poles_to_evaluate = all_poles(len(mechanism.links))
+    else:
+        parsed_poles = [parse_pole(mechanism, text) for text in poles]
+        poles_to_evaluate = tuple(dict.fromkeys(parsed_poles))
+    pole_names = tuple(_pole_text(mechanism, pole) for pole in poles_to_evaluate)
     pairs = frozenset(mechanism.pair_number)
+    links = frozenset(mechanism.links)
     needs = Needs(
-        directions=frozenset(wanted),
-        rates=frozenset(wanted),
+        directions=frozenset(poles_to_evaluate),
+        rates=frozenset(poles_to_evaluate),
         derivatives=True,
-        turns=frozenset(wanted),
+        turns=frozenset(poles_to_evaluate),
         pair_values=pairs,
         pair_rates=pairs,
-        rotations=frozenset(mechanism.links),
-        link_rates=frozenset(mechanism.links),
+        rotations=links,
+        link_rates=links,
         tracer=True,
     )
-    first = position_analysis_of(mechanism) if len(mechanism.inputs) == 1 else None
+    # With one input the modes are numbered along its range, so they are searched once. With
+    # several inputs they are numbered along the inputs of each call.
+    range_analysis = None
     if crossings == "pass":
-        # With several inputs this says why it is not possible.
-        first = PositionAnalysis(mechanism, crossings=crossings)
-    row = None
-    if first is not None and assembly_mode is not None:
-        row = _one_row(mechanism, first, first.find_mode_index(assembly_mode), needs)
+        # With several inputs this raises an error that says why it is not possible.
+        range_analysis = PositionAnalysis(mechanism, crossings=crossings)
+    elif len(mechanism.inputs) == 1:
+        range_analysis = position_analysis_of(mechanism)
+    evaluate_row = None
+    if range_analysis is not None and assembly_mode is not None:
+        mode_index = range_analysis.find_mode_index(assembly_mode)
+        evaluate_row = _single_row_evaluator(mechanism, range_analysis, mode_index, needs)
 
-    def at(q: Floats) -> Kinematics:
-        if first is not None and row is not None and q.size == 1 and q.ndim < 2:
-            read = row(q.item())
-            if read is not None:
-                return Kinematics(mechanism, names, read, first.search)
-        if first is not None:
+    def evaluate_inputs(q: Floats) -> Kinematics:
+        is_single = q.size == 1 and q.ndim < 2
+        if range_analysis is not None and evaluate_row is not None and is_single:
+            read_batch = evaluate_row(q.item())
+            if read_batch is not None:
+                search = range_analysis.search
+                return Kinematics(mechanism, pole_names, read_batch, search)
+        if range_analysis is not None:
             q = np.atleast_1d(q)
-            tracer = analysis_covering(first, q) if all_finite(q) else first
-            motion = tracer.at(shift_into_range(tracer, q))
+            position_analysis = range_analysis
+            if all_finite(q):
+                position_analysis = analysis_covering(range_analysis, q)
+            motion = position_analysis.at(shift_into_range(position_analysis, q))
         else:
             path = q[None] if q.ndim == 1 else q
-            tracer = PositionAnalysis(mechanism, path=path, independent=True)
-            motion = tracer.motion()
+            position_analysis = PositionAnalysis(mechanism, path=path, independent=True)
+            motion = position_analysis.motion()
         if assembly_mode is not None:
-            number = tracer.assembly_modes[tracer.find_mode_index(assembly_mode)].number
+            mode_index = position_analysis.find_mode_index(assembly_mode)
+            number = position_analysis.assembly_modes[mode_index].number
             motion = motion.rows(motion.assembly_mode == number)
-        requests = requests_for(tracer.mechanism, needs, tracer.by_rank)
-        batch = partial(
+        requests = requests_for(
+            position_analysis.mechanism, needs, position_analysis.by_rank
+        )
+        read_batch = partial(
             Batch,
             mechanism,
             tuple(request.plan for request in requests),
@@ -459,72 +491,89 @@ def _ready(
             motion,
             tuple(evaluate_poles(motion, request) for request in requests),
         )
-        return Kinematics(mechanism, names, batch, tracer.search)
+        return Kinematics(mechanism, pole_names, read_batch, position_analysis.search)
 
-    return at
+    return evaluate_inputs
 
 
-def _one_row(
-    mechanism: Mechanism, tracer: PositionAnalysis, place: int, needs: Needs
+def _single_row_evaluator(
+    mechanism: Mechanism, position_analysis: PositionAnalysis, mode_index: int, needs: Needs
 ) -> Callable[[float], Callable[[], Batch] | None] | None:
-    """Return what gives a mode at one input by terms of floats, None where in doubt.
+    """Return a fast function for one mode at one input, or None if there is none.
 
-    It reads the batch later. Contacts are left to the motion.
+    The function evaluates expressions with plain floats, without arrays. It returns a
+    function that makes the batch when it is read, or None if float64 may leave too few
+    digits; then the caller evaluates the row in the ordinary way. Mechanisms with contacts
+    have no such function.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, with one input.
+    position_analysis
+        Its position analysis over the range of the input.
+    mode_index
+        Index of the mode in `position_analysis`.
+    needs
+        The quantities to evaluate.
     """
-    (wanted,) = requests_for(tracer.mechanism, needs, tracer.by_rank)
-    mode = tracer.assembly_modes[place]
-    motion = tracer.sparse(REFERENCES)
-    # The order of elimination need not be the same in other modes.
-    motion = motion.rows(motion.assembly_mode == mode.number)
-    kernel = row_kernel(motion, [wanted], "numpy")
+    (request,) = requests_for(position_analysis.mechanism, needs, position_analysis.by_rank)
+    mode = position_analysis.assembly_modes[mode_index]
+    # Rows of this mode only: the order of elimination may differ in other modes.
+    reference_motion = position_analysis.sparse(REFERENCES)
+    reference_motion = reference_motion.rows(reference_motion.assembly_mode == mode.number)
+    kernel = row_kernel(reference_motion, [request], "numpy")
     if kernel is None or not kernel.can_certify_rows or mechanism.has_contacts:
         return None
-    low, high = tracer.range
-    there = replace(
-        motion.rows(slice(0, 1)),
+    low, high = position_analysis.range
+    row_template = replace(
+        reference_motion.rows(slice(0, 1)),
         sample=np.zeros(1, dtype=int),
         assembly_mode=np.array([mode.number]),
         status=np.zeros(1, dtype=np.int8),
         placed=None,
     )
 
-    def batch(q: float, evaluated: EvaluatedRow) -> Batch:
-        columns = np.array(evaluated.columns)[:, None]
-        every = np.array([evaluated.variables])
-        free = list(kernel.passive_variables)
-        every[:, free] = wrap(every[:, free])
+    def make_batch(q: float, evaluated_row: EvaluatedRow) -> Batch:
+        """Return the batch of one evaluated row at an input q (rad)."""
+        columns = np.array(evaluated_row.columns)[:, None]
+        values = np.array([evaluated_row.variables])
+        passive_variables = list(kernel.passive_variables)
+        values[:, passive_variables] = wrap(values[:, passive_variables])
         row = replace(
-            there,
+            row_template,
             inputs=np.array([[q]]),
-            values=every,
-            residual=np.array([evaluated.residual]),
+            values=values,
+            residual=np.array([evaluated_row.residual]),
         )
-        (moving,) = kernel.input_columns
-        signed = moving.signed_part(columns)
-        signed *= signs_by_sides(np.array([evaluated.axis_sum]))(signed[:3], 0, 0)
-        return Batch(
-            mechanism,
-            (wanted.plan,),
-            needs,
-            row,
-            (make_certified_field(moving, columns, row, wanted),),
-        )
+        (input_columns_of_row,) = kernel.input_columns
+        signed = input_columns_of_row.signed_part(columns)
+        sides = signs_by_sides(np.array([evaluated_row.axis_sum]))
+        signed *= sides(signed[:3], 0, 0)
+        field = make_certified_field(input_columns_of_row, columns, row, request)
+        return Batch(mechanism, (request.plan,), needs, row, (field,))
 
-    def at(q: float) -> Callable[[], Batch] | None:
+    def evaluate_row(q: float) -> Callable[[], Batch] | None:
+        """Return the maker of the batch at an input q (rad), None in case of doubt."""
         if not low <= q <= high and isfinite(q):
-            q = shift_into_range(tracer, np.array([q])).item()
-        given = [q, *mode.signs_along(np.array([[q]]))[:, 0].astype(float).tolist()]
-        if not kernel.has_closed_form:
+            q = shift_into_range(position_analysis, np.array([q])).item()
+        if kernel.has_closed_form:
+            signs = mode.signs_along(np.array([[q]]))[:, 0]
+            arguments = [q, *signs.astype(float).tolist()]
+        else:
             assert mode.guide is not None
-            predicted, _, why = mode.guide.predict(np.array([[q]]), None)
-            if why != Status.OK:
+            predicted, _, status = mode.guide.predict(np.array([[q]]), None)
+            if status != Status.OK:
                 return None
-            given = predicted[0].tolist()
-        evaluated = kernel.evaluate_row(given)
-        return None if evaluated is None else partial(batch, q, evaluated)
+            arguments = predicted[0].tolist()
+        evaluated_row = kernel.evaluate_row(arguments)
+        if evaluated_row is None:
+            return None
+        return partial(make_batch, q, evaluated_row)
 
-    return at
+    return evaluate_row
 
 
-def _name(mechanism: Mechanism, pole: Pole) -> str:
-    return "/".join(mechanism.links[k] for k in reversed(pole))
+def _pole_text(mechanism: Mechanism, pole: Pole) -> str:
+    """Return the name of a pole by its two links, such as ``3/1``."""
+    return "/".join(mechanism.links[link] for link in reversed(pole))

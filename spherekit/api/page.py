@@ -1,4 +1,4 @@
-"""A mechanism as a page for browsers."""
+"""Writes a mechanism as a page for browsers."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A run whose result can be seen: it is gone through once more for that."""
+"""`spherekit.run`: the runner, with results that can be drawn and recorded."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from spherekit.conventions import Facts
 from spherekit.display.figures.collector import Collector
-from spherekit.runs import runner as analysis
+from spherekit.runs import runner
 from spherekit.runs.run_result import Columns, RunResult
 
 if TYPE_CHECKING:
@@ -16,24 +16,34 @@ if TYPE_CHECKING:
 
     from spherekit.runs.recording_session import Recorder
 
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
 
-P = ParamSpec("P")
-R = TypeVar("R")
-
-ONCE = ("folder", "unfinished", "formats", "recorder", "progress", "verify", "tables")
-"""Arguments of a run that do not matter to what is seen of it."""
+OPTIONS_WITHOUT_EFFECT_ON_VIEWS = (
+    "folder",
+    "unfinished",
+    "formats",
+    "recorder",
+    "progress",
+    "verify",
+    "tables",
+)
+"""Arguments of a run that do not change its figures and recordings."""
 
 
 @dataclass
-class _Again:
-    """What shows a run by going through it once more, and keeps what is to be seen.
+class _RunViews:
+    """Draws and records a run, which is repeated when its scenes are first needed.
+
+    Scenes are large, so results do not hold them. A repeated run computes the same scenes.
 
     Attributes
     ----------
     name
         The name of the mechanism.
     arguments, options
-        What `spherekit.run` was called with, without the options of `ONCE`.
+        Positional and keyword arguments of `spherekit.run`, without those that have no
+        effect on scenes.
     """
 
     name: str
@@ -41,59 +51,68 @@ class _Again:
     options: Facts
 
     def __getstate__(self) -> Facts:
-        """Return the call alone: what is to be seen is large, and made again by it."""
+        """Return the arguments alone for pickles; the scenes are computed again."""
         return {"name": self.name, "arguments": self.arguments, "options": self.options}
 
-    def go(self, recorder: "Recorder") -> None:
-        """Go through the run again, and show it to a recorder."""
+    def repeat_run(self, recorder: "Recorder") -> None:
+        """Repeat the run and send its scenes to a recorder."""
         options = {**self.options, "recorder": recorder, "tables": False}
-        analysis.run(*self.arguments, **options)
+        runner.run(*self.arguments, **options)
 
     def record(self, path: Path) -> None:
-        """Write a recording, block by block where nothing is kept yet."""
+        """Write a recording. Without collected scenes it is written block by block."""
         from spherekit.display.rerun.recorder import RerunRecorder
 
         with RerunRecorder(self.name, path=path) as recorder:
-            if "_kept" in vars(self):
-                self._kept.play(recorder)
+            if "_collector" in vars(self):
+                self._collector.play(recorder)
             else:
-                self.go(recorder)
+                self.repeat_run(recorder)
 
     def show(self) -> None:
-        """Put a recording into the page of a notebook."""
+        """Show a recording in a notebook."""
         from spherekit.display.rerun.recorder import RerunRecorder
 
         with RerunRecorder(self.name, notebook=True) as recorder:
-            self._kept.play(recorder)
+            self._collector.play(recorder)
 
     def figures(self, degrees: bool, columns: Columns) -> "Mapping[str, Figure]":
         """Return all figures by name."""
         from spherekit.display.figures.contents import figures_of
 
-        return figures_of(self._kept.scenes(), self._kept.titles, degrees, columns)
+        scenes = self._collector.scenes()
+        return figures_of(scenes, self._collector.titles, degrees, columns)
 
     @cached_property
-    def _kept(self) -> Collector:
+    def _collector(self) -> Collector:
+        """The scenes of a repeated run."""
         collector = Collector()
-        self.go(collector)
+        self.repeat_run(collector)
         return collector
 
 
-def _published(function: Callable[P, R], wrapper: Callable[..., R]) -> Callable[P, R]:
-    """Return a wrapper with the name, the signature and the docs of its function.
+def with_signature_of(
+    function: Callable[Parameters, Result], wrapper: Callable[..., Result]
+) -> Callable[Parameters, Result]:
+    """Return a wrapper with the name, the signature and the docstring of a function.
 
-    Its module stays its own: pickles find functions by module and name, and pools of
-    processes are given functions as pickles.
+    The wrapper keeps its own module. Pickles find functions by module and name, and pools
+    of processes get functions as pickles.
     """
-    copied = [name for name in WRAPPER_ASSIGNMENTS if name != "__module__"]
-    return wraps(function, assigned=copied)(wrapper)
+    copied_attributes = [name for name in WRAPPER_ASSIGNMENTS if name != "__module__"]
+    return wraps(function, assigned=copied_attributes)(wrapper)
 
 
 def _run(*arguments: Any, **options: Any) -> RunResult:
-    """Run, and let the result be seen."""
-    result = analysis.run(*arguments, **options)
-    again = {name: value for name, value in options.items() if name not in ONCE}
-    return replace(result, views=_Again(result.summary["mechanism"], arguments, again))
+    """Run, and give the result the means to draw and record it."""
+    result = runner.run(*arguments, **options)
+    view_options = {
+        name: value
+        for name, value in options.items()
+        if name not in OPTIONS_WITHOUT_EFFECT_ON_VIEWS
+    }
+    views = _RunViews(result.summary["mechanism"], arguments, view_options)
+    return replace(result, views=views)
 
 
-run = _published(analysis.run, _run)
+run = with_signature_of(runner.run, _run)

@@ -1,4 +1,4 @@
-"""Sweeps from names, paths and texts."""
+"""Sweeps: figures of merit or tables of many designs, stated by names and texts."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 
 Vary = Mapping[str, str | Sequence[float]]
+"""Values of numbers of a file, by their keys."""
 
 
 @checked(DesignError)
@@ -119,7 +120,7 @@ def sweep(
     >>> found.frame()[["links_2_arc", "grashof", "least"]].shape
     (12, 3)
     """
-    made = sweep_of(
+    full_sweep = sweep_of(
         subject,
         DesignSpace.from_variations(
             [parse_variation(*item) for item in vary.items()], designs, scheme, seed
@@ -131,7 +132,7 @@ def sweep(
         crossings=crossings,
     )
     conditions = (where,) if isinstance(where, str) else tuple(where)
-    return perform(replace(made, where=conditions), folder, workers, dask)
+    return perform(replace(full_sweep, where=conditions), folder, workers, dask)
 
 
 def sweep_of(
@@ -144,7 +145,32 @@ def sweep_of(
     tables: bool = False,
     crossings: Crossings | None = None,
 ) -> Sweep:
-    """Return the sweep that texts ask for; `source` is the file of a study, if known."""
+    """Return a sweep, ready to be computed.
+
+    Parameters
+    ----------
+    subject
+        A mechanism or a study, or the path or the shipped name of either.
+    space
+        The designs.
+    reduce
+        Texts of figures of merit.
+    analyses
+        Analyses whose own figures of merit, or tables, are computed.
+    samples
+        Number of samples of each design; by default the study's.
+    source
+        The file of `subject`, if it is known. Keys of sizes refer to it.
+    tables
+        Whether the tables of the analyses are computed for every design.
+    crossings
+        See `sweep`.
+
+    Raises
+    ------
+    DesignError
+        If an analysis has no figures of merit, or tables are wanted of no analysis.
+    """
     study = study_of(subject)
     study = replace(study, mechanism=driven_at(study.mechanism))
     if samples is not None:
@@ -153,44 +179,52 @@ def sweep_of(
         study = replace(study, crossings=crossings)
     document = _document(study.mechanism, subject if source is None else source)
     unit = to_radians(1.0, document.data["angle_unit"])
+
+    # Later figures of merit replace earlier ones of the same name.
     merits: dict[str, FigureOfMerit] = {}
     for analysis in analyses:
-        offered = analysis.merits(study.mechanism)
-        if not offered and not tables:
+        analysis_merits = analysis.merits(study.mechanism)
+        if not analysis_merits and not tables:
             raise DesignError(
                 f"{analysis.name} has no figures of merit of its own for "
                 f"{study.mechanism.name}; say what is wanted by reduce, or ask for tables"
             )
-        merits |= {merit.name: merit for merit in offered}
-    merits |= {m.name: m for m in (parse_merit(text, unit) for text in reduce)}
+        for merit in analysis_merits:
+            merits[merit.name] = merit
+    for text in reduce:
+        merit = parse_merit(text, unit)
+        merits[merit.name] = merit
     if tables and not analyses:
         raise DesignError(
             f"{study.mechanism.name}: tables are those of analyses: say of which"
         )
-    chosen = tuple(merits.values())
-    without = (chosen or tables) and all(merit.table for merit in chosen)
-    through = None if without else DesignSamples.from_study(study)
-    given = {analysis.name: analysis for analysis in analyses}
-    wanted = dict.fromkeys(given if tables else ())
-    wanted |= dict.fromkeys(merit.of_table[0] for merit in chosen if merit.table)
+
+    # Figures of merit of tables need runs; the others are computed from samples directly.
+    table_merits = [merit for merit in merits.values() if merit.table]
+    needs_samples = len(table_merits) < len(merits) or not (merits or tables)
+    analysis_of_name = {analysis.name: analysis for analysis in analyses}
+    run_names = list(analysis_of_name) if tables else []
+    run_names += [merit.of_table[0] for merit in table_merits]
+    run_names = list(dict.fromkeys(run_names))
     return Sweep(
         study.mechanism,
-        through,
+        DesignSamples.from_study(study) if needs_samples else None,
         document,
         space,
-        chosen,
-        study=study if wanted else None,
-        analyses=tuple(given.get(name) or create(name) for name in wanted),
+        tuple(merits.values()),
+        study=study if run_names else None,
+        analyses=tuple(analysis_of_name.get(name) or create(name) for name in run_names),
         tables=tables,
         mode_labels=_labels_of_mode(study),
     )
 
 
 def _labels_of_mode(study: Study) -> Names:
-    """Return what rows of a sweep may call the only assembly mode of a study, if any.
+    """Return the labels that the only assembly mode of a study may have in a sweep.
 
-    Modes of dyads have their signs, modes that are followed also their number. Runs give
-    numbers to modes that a kernel does not have.
+    Modes of dyads are labelled by their signs, and modes that are tracked also by their
+    number. Designs that are computed by a run have its numbers. If the study states no
+    mode, there are no labels.
 
     Raises
     ------
@@ -212,7 +246,24 @@ def perform(
     workers: int | None,
     dask: str | None,
 ) -> SweepResult:
-    """Return what a sweep finds, by so many processes or by the workers of a cluster."""
+    """Compute a sweep, in this process, in worker processes or on a Dask cluster.
+
+    Parameters
+    ----------
+    sweep
+        The sweep.
+    folder
+        Folder for the parts. Without it only this process computes.
+    workers
+        Number of processes; by default one for each core.
+    dask
+        Address of a Dask scheduler.
+
+    Raises
+    ------
+    DesignError
+        If the number of processes is below 1, or a cluster has no folder.
+    """
     if workers is not None and workers < 1:
         raise DesignError(f"workers: {workers} processes; give at least 1")
     if dask is None:
@@ -227,9 +278,15 @@ def perform(
 
 
 def _document(mechanism: Mechanism, subject: Subject) -> Document:
-    """Return the file that a mechanism is of, or else the file that it would make.
+    """Return the document of a mechanism's file, or of the file that it would make.
 
-    A mechanism with locked pairs, or that of a study, is not that of a file.
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    subject
+        Where it comes from. If it differs from the mechanism of that file, because pairs
+        are locked or a study changes it, a document is made from the mechanism.
     """
     if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
         if replace(load(subject), inputs=()) == replace(mechanism, inputs=()):

@@ -1,27 +1,27 @@
-"""A trade of speed against accuracy whose chart can be drawn."""
+"""`spherekit.trade`: speed against accuracy, with a chart that can be drawn."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from spherekit.runs import trade as measured
+from spherekit.api.run import with_signature_of
+from spherekit.runs import trade as measurement
 from spherekit.runs.run_result import Columns
 from spherekit.runs.trade_record import Trade
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-from spherekit.api.run import _published
-
 
 def _trade(*arguments: Any, **options: Any) -> Trade:
-    """Measure a trade, and let it be drawn."""
-    return replace(measured.trade(*arguments, **options), draw=_figure)
+    """Measure a trade, and give the result the means to draw it."""
+    return replace(measurement.trade(*arguments, **options), draw=_draw_chart)
 
 
-trade = _published(measured.trade, _trade)
+trade = with_signature_of(measurement.trade, _trade)
 
 
-def _figure(result: Trade, tolerance: float | None, columns: Columns) -> "Figure":
+def _draw_chart(result: Trade, tolerance: float | None, columns: Columns) -> "Figure":
+    """Return the chart of time against error, with a tolerance marked."""
     from spherekit.display.figures.contents import figures_of
     from spherekit.runs.trade_chart import scene
 

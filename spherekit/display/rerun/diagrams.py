@@ -94,6 +94,7 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
 
 def _reading_columns(diagram: Diagram) -> Columns:
     """Return the legend of each row: the names of points with their two readings (deg)."""
+    assert diagram.readings is not None
     readings = np.degrees(diagram.readings[:, :MAX_LISTED_READINGS])
     first_name, second_name = diagram.reading_names
     words = [
