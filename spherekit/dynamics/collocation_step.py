@@ -129,7 +129,7 @@ class CollocationStep:
     def find_exceeded_limits(
         self, mechanism: Mechanism, turn_angles: Floats
     ) -> Iterator[tuple[float, str]]:
-        """Yield the times at which pairs leave their joint limits, and their names.
+        """Yield the times at which pairs first exceed a joint limit, and their names.
 
         Parameters
         ----------
@@ -138,6 +138,7 @@ class CollocationStep:
         turn_angles
             (variables,) angles of whole revolutions (rad) that the states do not contain.
         """
+        # A pair is outside if the variable is below the lower or above the upper limit.
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)
             for limit, sense in ((joint_limit.low, -1.0), (joint_limit.high, 1.0)):

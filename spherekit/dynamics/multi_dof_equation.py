@@ -148,8 +148,21 @@ def _derive_events(
 ) -> list[EventFunction]:
     """Return the events of the motion, without joint limits and switches.
 
-    They are singularities, the limit of the coordinates and, unless the user's inputs are
-    the coordinates, configurations in which these inputs do not determine the motion.
+    They are singularities, configurations in which other coordinates should be chosen and,
+    unless the inputs of the user are the coordinates, configurations in which these inputs
+    do not determine the motion.
+
+    Parameters
+    ----------
+    layout
+        Layout of the state and of the parameters.
+    coordinate_rates
+        Homogeneous rates tau of all variables by each coordinate. They are the rates per
+        unit rate of the coordinate, times a common scale.
+    independence
+        Measure of the independence of the closure equations.
+    input_variables
+        Numbers of the variables of the inputs that the user chose.
     """
     tau = coordinate_rates.tau
     inverse_scale = 1.0 / coordinate_rates.scale
@@ -162,7 +175,8 @@ def _derive_events(
         ),
     ]
     if set(coordinate_rates.structure.inputs) != set(input_variables):
-        # The determinant of the inputs' rates by the coordinates.
+        # The determinant of the rates of the inputs by the coordinates. It vanishes where
+        # the inputs do not determine the motion.
         input_rates = determinant([[rates[v] for v in input_variables] for rates in tau])
         if has_variables(input_rates):
             for _ in input_variables:

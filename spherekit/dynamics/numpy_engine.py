@@ -552,7 +552,12 @@ class Collocation:
         )
 
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
-            """Return errors (n,) and steep arguments (n, arguments); see `step_probes`."""
+            """Compare the rates of the momenta with the loads at n times of the step.
+
+            Returns errors (n,), relative to the allowed ones, and the arguments of steep
+            functions in the loads (n, arguments). `fractions` (n,) are times from 0 at the
+            start of the step to 1 at its end.
+            """
             t = step.start + fractions * step.length
             # The frames are the tangents at the nodes, which are in [-1, 1].
             distances = np.abs(2.0 * fractions[:, None] - 1.0 - GAUSS_NODES)

@@ -52,7 +52,7 @@ class TabulatedMotion:
     work
         (n,) work of all loads since the start, J.
     message
-        Why the motion ended early; empty if it did not.
+        The reason why the motion ended early, empty if it did not.
     evaluations
         Number of evaluations of the right-hand side.
     """

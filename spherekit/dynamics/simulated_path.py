@@ -189,6 +189,10 @@ class CoordinateFrames:
     def __call__(self, states: Floats, rates: Floats) -> Floats:
         """Convert scaled rates of coordinates to momenta, in place, and return the frames.
 
+        The states of the compiled equation contain the rates of the coordinates times a
+        constant. The momenta of a simulation are the symmetric square root of the inertia
+        matrix times these rates.
+
         Parameters
         ----------
         states, rates

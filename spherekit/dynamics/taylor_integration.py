@@ -173,9 +173,9 @@ class TaylorRun:
     events
         Time (s), kind and variable (-1 without one) of each event.
     end
-        Why it ended.
+        The reason why the integration ended.
     end_time
-        When it ended, s.
+        The time at which it ended, s.
     max_closure_residual
         Largest closure residual that was removed, rad.
     max_independence
@@ -219,14 +219,14 @@ def _evaluate_series(series: Floats, h: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class RunStart:
-    """Where an integration starts.
+    """The start of an integration by Taylor series.
 
     Attributes
     ----------
     values
-        (variables,) a closed configuration less whole turns, rad.
+        (variables,) a closed configuration (rad), reduced by whole revolutions.
     turns
-        (variables,) these whole turns.
+        (variables,) numbers of these whole revolutions.
     momenta
         (m,) momenta: with one degree of freedom sqrt(B) u, positive in the sense of the
         homogeneous rates.

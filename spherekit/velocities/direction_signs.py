@@ -94,6 +94,9 @@ def apply_continuous_signs(
 ) -> None:
     """Give directions, and the coefficients along them, their continuous signs, in place.
 
+    The direction of a pole follows the angular velocity v of its second link relative to
+    the first: their scalar product keeps its sign until v passes through zero.
+
     Parameters
     ----------
     field
@@ -111,7 +114,10 @@ def apply_continuous_signs(
     ]
     if not (poles and motion.assembly_modes and n):
         return
+    # +1, or -1 where the input moves back. v is per unit rate of the input, so only its
+    # product with the sense is continuous at dead centres of the input.
     sense = np.ones(n) if motion.sense is None else motion.sense
+    # Arrays (poles, 3, n) of directions, of v, and of its derivative by the input.
     directions = np.array([field.direction[pole].T for pole in poles])
     v = np.array([(field.w[j] - field.w[i]).T for i, j in poles])
     dv = np.array([(field.dw[j] - field.dw[i]).T for i, j in poles])
@@ -125,7 +131,8 @@ def apply_continuous_signs(
     along_v = np.where((coefficients * sense < 0.0) & ~is_at_rest, -1.0, 1.0)
     continued_v = np.where(is_at_rest[:, None], directions, sense * v)
     continued_dv = np.where(is_at_rest[:, None], 0.0, sense * dv)
-    # (directions, v, dv) of shape (3, poles, n) each.
+    # Directions, velocities and derivatives, of shape (3, poles, n) each. Velocity
+    # coefficients along these directions are not negative.
     paths = np.swapaxes([along_v[:, None] * directions, continued_v, continued_dv], 1, 2)
 
     has_configuration = ~motion.failed.reshape(-1, motion.samples)
@@ -134,6 +141,7 @@ def apply_continuous_signs(
         for mode_index, is_valid in enumerate(has_configuration):
             rows = np.flatnonzero(is_valid) + mode_index * motion.samples
             if len(rows):
+                # A direction may reverse between any two rows.
                 rows_by_mode[mode_index] = rows, np.ones(len(rows) - 1, dtype=bool)
         sign_function = continue_signs(
             motion, poles, rows_by_mode, lambda rows: paths[..., rows], sign_continuation
@@ -156,10 +164,12 @@ def apply_signs(field: PoleField, pole: Pole, signs: Floats) -> None:
 def signs_by_sides(sides: Floats) -> SignFunction:
     """Return the function of the signs with which directions point to given sides.
 
+    A direction on the opposite side of its assembly mode has the sign -1.
+
     Parameters
     ----------
     sides
-        (modes, 3) a vector on the side of each assembly mode.
+        (modes, 3) for each assembly mode the vector to whose side directions point.
     """
 
     def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
@@ -229,7 +239,9 @@ def continue_signs(
         By index of the assembly mode, the rows at which directions are compared. Other rows
         have the sign of the last of these before them.
     evaluate_poles
-        Returns the directions, v and dv of the poles at rows (k,), each (3, poles, k).
+        Returns at rows (k,) the directions of the poles, the angular velocities v of their
+        second links relative to the first, and the derivatives of v by the input, each
+        (3, poles, k). v and its derivatives contain the sense of the input.
     sign_continuation
         Signs at the end of the previous block. It is updated.
     """
@@ -310,7 +322,10 @@ def _continue_along_path(
     path: VelocityPath,
     may_reverse: Bools,
 ) -> Floats:
-    """Return the continuous signs (k,) along a path, and store its last sample.
+    """Return the continuous signs (k,) of a direction along a path of samples.
+
+    The direction follows the relative angular velocity v of the links of its pole. The last
+    sample is stored, so that the next block of samples continues from there.
 
     Parameters
     ----------
@@ -321,7 +336,7 @@ def _continue_along_path(
     start_sign
         The sign at the first sample, if there is no previous block.
     path
-        (8, k) relative angular velocities.
+        (8, k) coordinate, sense of the input, v and its derivative, as in `VelocityPath`.
     may_reverse
         (k - 1,) between which samples v may reverse.
     """
@@ -340,16 +355,18 @@ def _continue_along_path(
 
 
 def _find_reversals(path: VelocityPath) -> Floats:
-    """Return -1 if v reverses between samples an odd number of times, +1 otherwise.
+    """Return -1 between samples where a vector reverses an odd number of times, else +1.
 
-    Between two samples v is interpolated by a cubic Hermite polynomial. If the sense of the
-    input changes there, derivatives by the input are useless, and v is interpolated by a
-    straight line.
+    The vector is the relative angular velocity v of the links of a pole. Between two
+    samples it is interpolated by a cubic Hermite polynomial. If the sense of the input
+    changes there, derivatives by the input are useless, and v is interpolated by a straight
+    line.
 
     Parameters
     ----------
     path
-        (8, k) samples.
+        (8, k) coordinate, sense of the input, v and its derivative at k samples, as in
+        `VelocityPath`.
 
     Returns
     -------

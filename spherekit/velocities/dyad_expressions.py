@@ -213,9 +213,9 @@ def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
 
 
 def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
-    """Return the inverse (3, 3) of the `_axis_frame` of a and b.
+    """Return the inverse (3, 3) of the matrix with the columns a + b, a - b and a x b.
 
-    Rounding of the lengths of a and b tilts a + b and a - b against each other. This
+    a and b are unit vectors (3,), whose matrix `_axis_frame` returns. Rounding of the lengths of a and b tilts a + b and a - b against each other. This
     matters if one of the two is short, so they are not assumed to be perpendicular.
     """
     axis_sum = a + b
@@ -235,7 +235,11 @@ def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
 
 
 def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
-    """Return the arc between two axes of one body."""
+    """Return the arc between two axes of one body, as sine and cosine of half the arc.
+
+    For unit vectors a and b they are |a - b| / 2 and |a + b| / 2, which keep their digits
+    for small arcs.
+    """
     if first.orientation is second.orientation:
         # Within one link the arc is a number.
         a = constants(first.axis)

@@ -140,10 +140,13 @@ def evaluate_unsigned(
 class _PoleColumns:
     """The quantities of one pole at n rows, while they are being completed.
 
+    v is the angular velocity of the second link of the pole relative to the first, per unit
+    rate of the input, and dv its derivative with respect to the input.
+
     Attributes
     ----------
     direction, direction_dq
-        (3, n) direction u, and its derivative with respect to the input.
+        (3, n) direction u of the pole, and its derivative with respect to the input.
     velocity_coefficient, acceleration_coefficient
         (n,) v . u and dv . u.
     direction_error, velocity_error, acceleration_error, direction_dq_error
@@ -195,6 +198,7 @@ def _add_pole(
         acceleration_error=errors[2],
         direction_dq_error=errors[3],
     )
+    # The relative angular velocity v of the two links, and its derivative by the input.
     v_size = norm_columns(row_velocities.relative_velocity(pole))
     dv_size = norm_columns(row_velocities.relative_velocity_derivative(pole))
     has_failed = row_velocities.motion.failed
@@ -299,7 +303,8 @@ def _take_planned_direction(
     dv = row_velocities.relative_velocity_derivative(pole)
     columns.velocity_coefficient[rows] = dot_columns(v, columns.direction)[rows]
     columns.acceleration_coefficient[rows] = dot_columns(dv, columns.direction)[rows]
-    # An error of the direction changes each coefficient by at most this part of |v|, |dv|.
+    # The coefficients are the components of v and dv along the direction. An error of the
+    # direction changes them by at most this part of |v| and |dv|.
     relative_change = np.where(
         columns.direction_error < USABLE_DIRECTION, columns.direction_error, 1.0
     )

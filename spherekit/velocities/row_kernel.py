@@ -45,6 +45,13 @@ REFERENCES = 32
 Larger: the order suits more rows, and takes longer to find.
 """
 
+MAX_REFERENCE_ERROR_RAD = 1e-6
+"""Largest error of a configuration from which the elimination order is chosen.
+
+If there are none, any configuration is taken. Larger: the order can suit configurations
+that are nearly singular. Smaller: fewer configurations contribute.
+"""
+
 MAX_NEWTON_STEPS = 8
 """Most steps of Newton's method that close the loops of a single row."""
 
@@ -107,7 +114,7 @@ class ColumnFunction:
 
 @dataclass(frozen=True)
 class EvaluatedRow:
-    """One certified row.
+    """The results of a kernel for one configuration whose errors are certified as small.
 
     Attributes
     ----------
@@ -119,7 +126,7 @@ class EvaluatedRow:
         (3,) sum of the vectors of all variables, in ground axes. Directions of poles start
         on its side.
     columns
-        All columns of the kernel.
+        All columns of the kernel, whose meaning `InputColumns.column_indices` gives.
     """
 
     variables: Sequence[float]
@@ -416,17 +423,21 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     """
     if not motion.passive_variables:
         return []
-    accurate = np.flatnonzero(~motion.failed & (motion.float64_error < 1e-6))
-    if not len(accurate):
-        accurate = np.flatnonzero(~motion.failed)
-    if not len(accurate):
+    is_accurate = motion.float64_error < MAX_REFERENCE_ERROR_RAD
+    candidates = np.flatnonzero(~motion.failed & is_accurate)
+    if not len(candidates):
+        candidates = np.flatnonzero(~motion.failed)
+    if not len(candidates):
         return None
-    spread = np.unique(np.linspace(0, len(accurate) - 1, REFERENCES).astype(int))
-    references = accurate[spread]
-    assigned = assign_elimination_orders(
+    # Evenly from all candidates.
+    spread = np.unique(np.linspace(0, len(candidates) - 1, REFERENCES).astype(int))
+    references = candidates[spread]
+    orders_with_rows = assign_elimination_orders(
         motion.linearisation.jacobian[references], motion.passive_variables
     )
-    if not assigned:
+    if not orders_with_rows:
         return None
-    # Of orders with equally many rows the first: it was chosen by all rows together.
-    return max(assigned, key=lambda order_and_rows: len(order_and_rows[1]))[0]
+    # If several orders have equally many rows, the first one is taken. It was chosen for all
+    # rows together.
+    order, _ = max(orders_with_rows, key=lambda order_and_rows: len(order_and_rows[1]))
+    return order

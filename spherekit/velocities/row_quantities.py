@@ -167,9 +167,17 @@ def _add_kinematic_quantities(
     moving_inputs: Sequence[tuple[str, int]],
     assembly: Assembly,
 ) -> None:
-    """Add the quantities of pairs and links.
+    """Add the quantities of pairs and links to a table, with names, units and methods.
 
-    `moving_inputs` has the ending of names and the index of each input that moves.
+    Parameters
+    ----------
+    table
+        The table, which is changed in place.
+    mechanism, assembly
+        The mechanism, and its groups.
+    moving_inputs
+        For each input that can move alone, the ending of the names of quantities that
+        depend on it, such as ``_by_21``, and its index.
     """
     links = mechanism.links
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
@@ -222,9 +230,17 @@ def _add_dynamic_quantities(
     inputs: Sequence[str],
     moving_inputs: Sequence[tuple[str, int]],
 ) -> None:
-    """Add the quantities that depend on masses.
+    """Add the quantities that depend on masses to a table.
 
-    `moving_inputs` has the ending of names and the index of each input that moves.
+    Parameters
+    ----------
+    table
+        The table, which is changed in place.
+    inputs
+        Names of the input pairs.
+    moving_inputs
+        For each input that can move alone, the ending of the names of quantities that
+        depend on it, such as ``_by_21``, and its index.
     """
     has_one_input = len(inputs) == 1
     for (index, pair), (ending, moving) in product(enumerate(inputs), moving_inputs):

@@ -237,10 +237,11 @@ class RowVelocities:
         return self._bounds[self._bound_slices[name]][0]
 
     def _find_certified_rows(self) -> Bools:
-        """Return (n,) the rows whose bounds are small enough in float64.
+        """Return (n,) the rows whose error bounds are small enough in float64.
 
-        In such a row each pole is known, or it is certain that its links do not move
-        relative to each other.
+        In such a row the direction of each pole is known, or it is certain that its links
+        do not move relative to each other. The direction of a pole is that of the relative
+        angular velocity v of its links, so its error is that of v divided by |v|.
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
@@ -438,8 +439,11 @@ class RowVelocities:
     def _add_errors_of_common_axes(self) -> None:
         """Add the angle between axes that coincide up to rounding to errors of poles.
 
-        The links of several pairs with a common axis have this axis as their pole. If the
-        axes differ by rounding, the relative motion of the links is not exactly about it.
+        Links that turn about a common axis of several pairs have this axis as their pole.
+        If these axes differ by rounding, each pair turns about a slightly different axis.
+        This changes the relative angular velocity v of the links by at most the sine of the
+        angle between the axes, times the sum of the rates. The same applies to the
+        derivative dv of v with respect to the input.
         """
         plan = self.request.plan
         pairs = axis_pairs(plan)
