@@ -215,8 +215,9 @@ def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
 def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
     """Return the inverse (3, 3) of the matrix with the columns a + b, a - b and a x b.
 
-    a and b are unit vectors (3,), whose matrix `_axis_frame` returns. Rounding of the lengths of a and b tilts a + b and a - b against each other. This
-    matters if one of the two is short, so they are not assumed to be perpendicular.
+    a and b are unit vectors (3,), whose matrix `_axis_frame` returns. Rounding of their
+    lengths tilts a + b and a - b against each other. This matters if one of the two is
+    short, so they are not assumed to be perpendicular.
     """
     axis_sum = a + b
     axis_difference = a - b

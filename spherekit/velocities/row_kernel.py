@@ -437,7 +437,7 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     )
     if not orders_with_rows:
         return None
-    # If several orders have equally many rows, the first one is taken. It was chosen for all
-    # rows together.
+    # If several orders have equally many rows, the first one is taken. It was chosen for
+    # all rows together.
     order, _ = max(orders_with_rows, key=lambda order_and_rows: len(order_and_rows[1]))
     return order
