@@ -15,7 +15,7 @@ from refusals import TABLES, changed, check, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.designs.design_space import between
+from spherekit.designs.design_space import range_variation
 from spherekit.dynamics.forward_dynamics import simulate
 from spherekit.dynamics.inverse_dynamics import inverse_dynamics
 from spherekit.dynamics.reduced_model_maker import reduced_model
@@ -48,7 +48,7 @@ CALLED = (
         SingleFreedomSingularities,
         Tabulated,
         aspects,
-        between,
+        range_variation,
         built,
     ),
     *(find_region, inverse_dynamics, output_of, reduced_model, replace, simulate),

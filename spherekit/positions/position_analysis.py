@@ -303,8 +303,8 @@ class PositionAnalysis:
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: with several inputs and irreducible groups the "
-                "motion is known at the samples of the position analysis only; construct "
-                "it with these inputs as its path"
+                "motion is known at the samples of the position analysis only; give these "
+                "inputs as its path"
             )
         return self._evaluate(make_path(q, len(self.inputs)).q, None)
 
