@@ -147,7 +147,7 @@ def is_angle_of_load(document: Document, key: str) -> bool:
     if table != "loads" or len(rest) != 1:
         return False
     load_kind = LOADS[document.data["loads"][name].get("kind", PairTorque.kind)]
-    return load_kind.keys.get(str(rest[0])) in ("angle", "rate")
+    return load_kind.field_kinds.get(str(rest[0])) in ("angle", "rate")
 
 
 def make_design(

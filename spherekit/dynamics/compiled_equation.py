@@ -217,7 +217,7 @@ def estimate_compile_seconds(
     if FUNCTION_CACHE.has(common_mechanism, _cache_key(mechanism, step_tolerance, compact)):
         return 0.0
     variables = len(mechanism.variable_names)
-    loads_on_links = sum("pair" not in load.keys for load in mechanism.loads)
+    loads_on_links = sum("pair" not in load.field_kinds for load in mechanism.loads)
     loads_at_pairs = len(mechanism.loads) - loads_on_links
     if compact:
         base = 0.5 if coordinates else 0.0

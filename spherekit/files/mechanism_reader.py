@@ -271,7 +271,7 @@ class _MechanismReader:
     def load(self, name: str, item: Table) -> Load:
         """Return a load of the kind that its table states."""
         kind: Any = LOADS[item.get("kind", PairTorque.kind)]
-        fields = {key: item[key] for key in kind.keys if key in item}
+        fields = {key: item[key] for key in kind.field_kinds if key in item}
         return kind(name, **{**kind.defaults_in_files, **fields})  # type: ignore[no-any-return]
 
     def mass(self, link: str, item: Table, axes_in_links: Callable[[], LinkAxes]) -> Mass:

@@ -147,7 +147,7 @@ def _load_table(load: Load) -> _Table:
         If the load is a function of Python.
     """
     table: _Table = {} if load.kind == PairTorque.kind else {"kind": load.kind}
-    for key in load.keys:
+    for key in load.field_kinds:
         value = getattr(load, key)
         if callable(value):
             raise EngineError(no_expression_message(getattr(load, "pair", "")))

@@ -113,14 +113,13 @@ def vertex_angles(
         ]
     )
     closes = np.all(differences >= -slack, axis=0)
-    sine_base, sine_first, sine_second, sine_total = np.sin(
-        np.clip(differences, 0.0, np.pi)
-    )
+    # The sine of pi - s is that of s. Differences within the slack count as zero.
+    sin_s_base, sin_s_first, sin_s_second, sin_s = np.sin(np.clip(differences, 0.0, np.pi))
     at_first = 2 * np.arctan2(
-        np.sqrt(sine_first * sine_base), np.sqrt(sine_total * sine_second)
+        np.sqrt(sin_s_first * sin_s_base), np.sqrt(sin_s * sin_s_second)
     )
     at_second = 2 * np.arctan2(
-        np.sqrt(sine_second * sine_base), np.sqrt(sine_total * sine_first)
+        np.sqrt(sin_s_second * sin_s_base), np.sqrt(sin_s * sin_s_first)
     )
     return TriangleAngles(at_first, at_second, closes)
 

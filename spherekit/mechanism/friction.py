@@ -57,7 +57,7 @@ class Bearings(BearingFriction):
     """
 
     kind = "bearings"
-    keys = MappingProxyType(
+    field_kinds = MappingProxyType(
         {
             "pair": "pair",
             "positions": "numbers",
@@ -191,7 +191,7 @@ class ContactFriction(BearingFriction):
     """
 
     kind = "contact_friction"
-    keys = MappingProxyType({"pair": "contact", "coefficient": "", "speed": "rate"})
+    field_kinds = MappingProxyType({"pair": "contact", "coefficient": "", "speed": "rate"})
 
     name: str
     pair: str

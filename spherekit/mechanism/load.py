@@ -201,7 +201,7 @@ class Load(ABC):
     kind: ClassVar[str]
     """The word for this kind of load in files."""
 
-    keys: ClassVar[Mapping[str, str]]
+    field_kinds: ClassVar[Mapping[str, str]]
     """What each field contains, by the name of the field, in the order of files.
 
     - ``pair``, ``contact``, ``link``: the name of an R pair, of a sliding contact, of a
@@ -219,7 +219,7 @@ class Load(ABC):
     """Values of fields that files may leave out although the class has no default."""
 
     velocity_unit: ClassVar[str] = ""
-    """Unit of the velocity on which its components work, per unit rate of an angle."""
+    """Unit of the generalised force divided by that of the magnitudes; empty for 1."""
 
     torque_template: ClassVar[str] = ""
     """The torque at its pair as an expression with fields in braces, if that is all."""
@@ -239,7 +239,7 @@ class Load(ABC):
         ModelError
             If a field has no meaning.
         """
-        for name, field_kind in self.keys.items():
+        for name, field_kind in self.field_kinds.items():
             value = getattr(self, name)
             if value is not None:
                 check_field(field_kind, f"{key}.{name}", value, mechanism)
@@ -308,7 +308,7 @@ class TorqueTable(Load):
     """
 
     kind = "table"
-    keys = MappingProxyType(
+    field_kinds = MappingProxyType(
         {"pair": "pair", "times": "numbers", "torques": "numbers", "periodic": "flag"}
     )
 
@@ -374,7 +374,7 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
     Parameters
     ----------
     kind
-        What the field contains, see `Load.keys`.
+        What the field contains, see `Load.field_kinds`.
     key
         Key of the field in the file of the mechanism, for messages.
     value

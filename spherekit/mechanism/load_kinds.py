@@ -61,7 +61,7 @@ class PairTorque(Load):
     """
 
     kind = "torque"
-    keys = MappingProxyType({"pair": "pair", "torque": "text"})
+    field_kinds = MappingProxyType({"pair": "pair", "torque": "text"})
 
     name: str
     pair: str
@@ -88,8 +88,8 @@ class Gravity(Load):
     """
 
     kind = "gravity"
-    keys = MappingProxyType({"acceleration": "vector"})
-    velocity_unit = "N m"
+    field_kinds = MappingProxyType({"acceleration": "vector"})
+    velocity_unit = "N m"  # of the moments of the weights; the magnitude is the number 1
 
     name: str
     acceleration: Vector
@@ -142,10 +142,10 @@ class PointForce(Load):
     """
 
     kind = "force"
-    keys = MappingProxyType(
+    field_kinds = MappingProxyType(
         {"link": "link", "point": "vector", "force": "texts", "axes": "axes"}
     )
-    velocity_unit = "m"
+    velocity_unit = "m"  # of the arm of the force; the magnitudes are forces
 
     name: str
     link: str
@@ -178,7 +178,7 @@ class Moment(Load):
     """
 
     kind = "moment"
-    keys = MappingProxyType({"link": "link", "moment": "texts", "axes": "axes"})
+    field_kinds = MappingProxyType({"link": "link", "moment": "texts", "axes": "axes"})
 
     name: str
     link: str
@@ -211,7 +211,9 @@ class Spring(Load):
 
     kind = "spring"
     torque_template = "-{stiffness}*(theta_{pair} - {rest})"
-    keys = MappingProxyType({"pair": "pair", "stiffness": "N m/rad", "rest": "angle"})
+    field_kinds = MappingProxyType(
+        {"pair": "pair", "stiffness": "N m/rad", "rest": "angle"}
+    )
 
     name: str
     pair: str
@@ -236,7 +238,7 @@ class Damper(Load):
 
     kind = "damper"
     torque_template = "-{damping}*dtheta_{pair}"
-    keys = MappingProxyType({"pair": "pair", "damping": "N m s/rad"})
+    field_kinds = MappingProxyType({"pair": "pair", "damping": "N m s/rad"})
 
     name: str
     pair: str
@@ -264,7 +266,7 @@ class Friction(Load):
 
     kind = "friction"
     torque_template = "-({torque}*tanh(dtheta_{pair}/{speed}) + {viscous}*dtheta_{pair})"
-    keys = MappingProxyType(
+    field_kinds = MappingProxyType(
         {"pair": "pair", "torque": "N m", "speed": "rate", "viscous": "N m s/rad"}
     )
     defaults_in_files = MappingProxyType({"viscous": 0.0})

@@ -55,15 +55,15 @@ _FIELD_KINDS: Mapping[type, Mapping[str, str]] = {
 def field_kinds(part: Any) -> Mapping[str, str]:
     """Return what the fields of a part of a mechanism contain, by the name of the field.
 
-    The kinds, such as ``link`` or ``vector``, are those of `Load.keys`. Fields that do not
-    depend on names or axes may be missing.
+    The kinds, such as ``link`` or ``vector``, are those of `Load.field_kinds`. Fields that
+    do not depend on names or axes may be missing.
 
     Parameters
     ----------
     part
         A pair, input, output, mass, load or joint limit.
     """
-    return part.keys if isinstance(part, Load) else _FIELD_KINDS[type(part)]
+    return part.field_kinds if isinstance(part, Load) else _FIELD_KINDS[type(part)]
 
 
 @dataclass(frozen=True)

@@ -119,14 +119,15 @@ def find_gear_train(
         return None
     while contacts:
         relations = _Relations.of_contacts(contacts, len(mechanism.pairs), driven)
-        square = relations.factors[:, relations.followers]
-        _, singular_values, right_vectors = np.linalg.svd(square)
+        follower_factors = relations.factors[:, relations.followers]
+        _, singular_values, right_vectors = np.linalg.svd(follower_factors)
         largest = np.max(singular_values, initial=0.0)
         rank = np.sum(singular_values > RELATION_RANK_TOLERANCE * largest)
         # A follower is loose if it takes part in a motion that no contact prevents.
         null_space = right_vectors[rank:]
         is_loose = np.any(np.abs(null_space) > RELATION_RANK_TOLERANCE, axis=0)
-        is_determined = ~np.any(square[:, is_loose], axis=1)
+        # The angles of a contact follow from the inputs if none of them is loose.
+        is_determined = ~np.any(follower_factors[:, is_loose], axis=1)
         has_repetitions = rank < len(contacts)
         if np.all(is_determined) and not (has_repetitions and whole):
             return _solve_train(mechanism, list(driven), contacts, relations)

@@ -95,6 +95,7 @@ def array_function(
             for start in range(0, sample_count, BLOCK_SAMPLES):
                 block = slice(start, start + BLOCK_SAMPLES)
                 work_block = work[:, : sample_count - start]
+                # In the order of the row numbers in `operations`.
                 rows = [
                     *constant_rows(dtype),
                     *inputs_array[:, block],

@@ -115,6 +115,7 @@ class Integrator:
         compact: bool,
         events: Sequence[EventFunction],
     ) -> None:
+        """Compile the equations and event functions, the arguments of the class."""
         module = heyoka()
         self.events = events
         self.seen_events: list[tuple[int, float]] = []

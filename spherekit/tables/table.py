@@ -162,26 +162,26 @@ class Table:
         )
         columns: list[Column] = []
         for column in self.columns:
-            pair_by_name = {column.name: ""}
+            meaning_suffix_by_name = {column.name: ""}
             if column.per_passive:
-                pair_by_name = {
+                meaning_suffix_by_name = {
                     variable: f" {pair}"
                     for variable, pair in pair_of_variable.items()
                     if pair not in driven_pairs
                 }
             elif column.per_input and len(driven_pairs) > 1:
-                pair_by_name = {
+                meaning_suffix_by_name = {
                     f"{column.name}_{pair}": f" {pair}" for pair in driven_pairs
                 }
             columns += [
                 replace(
                     column,
                     name=name,
-                    meaning=column.meaning + pair,
+                    meaning=column.meaning + suffix,
                     per_input=False,
                     per_passive=False,
                 )
-                for name, pair in pair_by_name.items()
+                for name, suffix in meaning_suffix_by_name.items()
             ]
         return replace(self, columns=tuple(columns))
 

@@ -145,9 +145,11 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
     """
     if not by_mode:
         return ModeRows(block, [(0, slice(0, row_count(block)))])
+    # Each row of a column may be repeated for several subjects, such as poles.
     modes, repeats = once(block[ASSEMBLY_MODE.name])
     samples, sample_repeats = once(block[SAMPLE.name])
     if sample_repeats == repeats:
+        # Divide the rows where the mode changes.
         mode_steps = np.diff(modes)
         edges = [0, *(np.flatnonzero(mode_steps) + 1).tolist(), len(modes)]
         mode_rows = [
