@@ -13,8 +13,8 @@ from spherekit.files.study import Study
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.runs.analysis_requests import needs_of, requests_for
-from spherekit.runs.registry import create
+from spherekit.runs.analysis_requests import collect_needs, plan_requests
+from spherekit.runs.registry import create_analysis
 from spherekit.runs.run_cost import count_evaluations
 from spherekit.runs.run_plan import extract_needed_part
 from spherekit.runs.runner import run as run_analyses
@@ -52,7 +52,7 @@ def _sizes(mechanism: Mechanism, text: str, only_needed: bool) -> tuple[int, ...
 
 def _request(mechanism: Mechanism, text: str) -> Request:
     """Return the request of an analysis of one input."""
-    (wanted,) = requests_for(mechanism, needs_of(mechanism, [create(text)]))
+    (wanted,) = plan_requests(mechanism, collect_needs(mechanism, [create_analysis(text)]))
     return wanted
 
 
@@ -68,7 +68,9 @@ def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...
     for what, text in NARROW.items():
         jobs[what] = _job(whole.motion, _request(mechanism, text))
         about[what] = (mechanism, text, False)
-        part = extract_needed_part(Study(mechanism.name, mechanism), [create(text)])
+        part = extract_needed_part(
+            Study(mechanism.name, mechanism), [create_analysis(text)]
+        )
         tracer = PositionAnalysis(part, search=False, samples=SAMPLES)
         jobs[f"{what}, only needed"] = _job(tracer.motion, _request(part, text))
         about[f"{what}, only needed"] = (mechanism, text, True)
@@ -79,7 +81,7 @@ def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...
     for what, (made, text, only) in about.items():
         solved = made
         if only:
-            solved = extract_needed_part(Study(made.name, made), [create(text)])
+            solved = extract_needed_part(Study(made.name, made), [create_analysis(text)])
         counts = count_evaluations(_request(solved, text))
         own = sizes[what]
         rows.append(

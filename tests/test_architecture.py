@@ -212,7 +212,10 @@ def test_public_functions_have_no_catch_all_keywords_and_are_described():
         assert ast.get_docstring(tree_of(path)) or path.name == "__init__.py", path
         for node in nodes_of(path):
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
-                named = any("takes(" in ast.unparse(each) for each in node.decorator_list)
+                named = any(
+                    "takes_study_options(" in ast.unparse(each)
+                    for each in node.decorator_list
+                )
                 assert node.args.kwarg is None or named, f"{path.name}: {node.name}(**...)"
 
 

@@ -15,7 +15,7 @@ from spherekit.plugin import conformance, registered
 from spherekit.plugin.checks.examination import TURN, ConformanceSuite
 from spherekit.plugin.checks.variants import renamed, turned
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.runs.registry import names
+from spherekit.runs.registry import analysis_names
 
 BROKEN_AT_IMPORT = {
     "raises_at_import": ("raises_at_import:Thing", "RuntimeError: not today"),
@@ -62,15 +62,15 @@ def test_a_mechanism_that_does_not_close_is_refused_beside_others():
 
 @pytest.mark.parametrize("broken", BROKEN, ids=lambda cls: cls.name)
 def test_each_broken_one_fails_its_line(broken):
-    names, report = failing(broken)
-    assert names == [BROKEN[broken]], str(report)
+    failing_lines, report = failing(broken)
+    assert failing_lines == [BROKEN[broken]], str(report)
     assert "Traceback" not in str(report)
 
 
 @pytest.mark.parametrize("name", BROKEN_AT_IMPORT)
 def test_what_does_not_load_fails_as_installed(name, installed):
-    names, report = failing(name)
-    assert names == ["installed"]
+    failing_lines, report = failing(name)
+    assert failing_lines == ["installed"]
     assert BROKEN_AT_IMPORT[name][1] in report["installed"].note
 
 
@@ -82,9 +82,9 @@ def test_what_does_not_load_is_listed_beside_the_others(installed, capsys):
 
 
 def test_what_is_installed_later_on_is_found(installed, tmp_path):
-    assert "raises_at_import" in names() and "later" not in names()
+    assert "raises_at_import" in analysis_names() and "later" not in analysis_names()
     distribution(tmp_path, "later", "[spherekit.analyses]", "later = later:Later")
-    assert "later" in names()
+    assert "later" in analysis_names()
 
 
 def test_all_failing_lines_are_raised():

@@ -18,8 +18,8 @@ from spherekit.files.mechanism_reader import loads
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.planning.submechanism import moving_pairs
 from spherekit.runs import expected_size
-from spherekit.runs.analysis_requests import needs_of, requests_for
-from spherekit.runs.registry import create
+from spherekit.runs.analysis_requests import collect_needs, plan_requests
+from spherekit.runs.registry import create_analysis
 from spherekit.runs.run_cost import count_evaluations
 from spherekit.velocities.pole_evaluation import evaluate
 
@@ -32,7 +32,7 @@ def twelve():
 
 
 def request_of(mechanism, text):
-    (wanted,) = requests_for(mechanism, needs_of(mechanism, [create(text)]))
+    (wanted,) = plan_requests(mechanism, collect_needs(mechanism, [create_analysis(text)]))
     return wanted
 
 
@@ -51,8 +51,8 @@ def test_an_irreducible_part_gives_the_poles_that_are_needed():
 
 
 def test_no_derivatives_where_none_were_asked(twelve):
-    needs = needs_of(twelve, [create(NARROW)])
-    (wanted,) = requests_for(twelve, replace(needs, derivatives=False))
+    needs = collect_needs(twelve, [create_analysis(NARROW)])
+    (wanted,) = plan_requests(twelve, replace(needs, derivatives=False))
     counts = count_evaluations(wanted)
     assert counts["axis_derivatives"] == counts["rate_derivatives"] == 0
     narrow, wide = (count_evaluations(request_of(twelve, text)) for text in (NARROW, WIDE))

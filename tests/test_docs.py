@@ -21,8 +21,7 @@ from spherekit import errors
 from spherekit.cli.command_line import COMMANDS, build_parser
 from spherekit.cli.main import main
 from spherekit.files.schema import schema
-from spherekit.runs.registry import load, registered
-from spherekit.runs.registry import names as analysis_names
+from spherekit.runs.registry import analysis_names, load_analysis, registered
 from spherekit.runs.sampling import EVENTS
 from spherekit.tables.table import INPUTS, MODE_NAME
 from spherekit.velocities.row_quantities import row_quantities
@@ -301,7 +300,9 @@ def columns_of_analyses():
     """The columns of all tables, with one for each input, and pair variables."""
     found = [*EVENTS.columns, INPUTS, MODE_NAME]
     for name in analysis_names():
-        found += [column for table in load(name).tables for column in table.columns]
+        found += [
+            column for table in load_analysis(name).tables for column in table.columns
+        ]
     names = {column.name for column in found} | {"q_I", "tau_I", "theta_PAIR", "s_PAIR"}
     names |= {"s_PAIR_LINK"} | {f"{column.name}_I" for column in found if column.per_input}
     return names
@@ -312,9 +313,9 @@ def declared():
     """Names that tables, analyses, files and figures of merit declare."""
     names = columns_of_analyses() | set(analysis_names()) | {f"motion_{EVENTS.name}"}
     for name in analysis_names():
-        names |= {field.name for field in fields(load(name))}
-        names |= {table.name for table in load(name).tables}
-        names |= {f"{name}_{table.name}" for table in load(name).tables}
+        names |= {field.name for field in fields(load_analysis(name))}
+        names |= {table.name for table in load_analysis(name).tables}
+        names |= {f"{name}_{table.name}" for table in load_analysis(name).tables}
     for kind in ("mechanism", "study", "synthesis"):
         text = json.dumps(schema(kind))
         names |= set(re.findall(r'"(\w+)"', text))

@@ -23,7 +23,7 @@ from spherekit.outputs.output_pose import AtDirection, AtInputs, PoseFinder
 from spherekit.outputs.pose_solver import closed_kinematics
 from spherekit.outputs.workspace import judge, orientation_samples
 from spherekit.runs.needs import Needs
-from spherekit.runs.registry import create
+from spherekit.runs.registry import create_analysis
 from spherekit.scenes.scene import GreatCircle, Series, SphereCurves
 from spherekit.singularities.slices import solver_of
 
@@ -272,7 +272,7 @@ def test_singular_ends_come_last():
 
 
 def asked(text):
-    create(f"{NAME}:{text}").needs(sk.load("two_dof_spm"))
+    create_analysis(f"{NAME}:{text}").needs(sk.load("two_dof_spm"))
 
 
 def outcome(name, text):

@@ -18,7 +18,7 @@ from spherekit.designs.sweep_parts import run_sweep
 from spherekit.dynamics.reduced_model import load_reduced
 from spherekit.errors import SpherekitError
 from spherekit.exchange.coupling_table import write_npz
-from spherekit.runs.registry import create
+from spherekit.runs.registry import create_analysis
 
 FEW, MANY = 24, 500
 """Changes of each archive, by default and when there is time."""
@@ -212,7 +212,7 @@ def test_coupling_tables(count, tmp_path):
 @pytest.fixture(scope="module")
 def sweep():
     space = DesignSpace.from_variations([parse_variation("links.2.arc", [20.0, 30.0])])
-    return sweep_of("four_bar", space, [], [create("poles")], 3, tables=True)
+    return sweep_of("four_bar", space, [], [create_analysis("poles")], 3, tables=True)
 
 
 @pytest.mark.parametrize("file", ["designs", "tables/poles", "_sweep.json"])

@@ -13,7 +13,13 @@ from spherekit.errors import AnalysisError, PluginError
 from spherekit.runs.batch import Batch
 from spherekit.runs.contract import Findings
 from spherekit.runs.needs import Needs
-from spherekit.runs.registry import create, load, names, records, registered
+from spherekit.runs.registry import (
+    analysis_names,
+    create_analysis,
+    list_analyses,
+    load_analysis,
+    registered,
+)
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
     INPUTS,
@@ -111,10 +117,10 @@ def test_columns_for_each_input_and_findings_in_the_summary():
 
 
 def test_poles_is_registered_like_anyones():
-    assert "poles" in names()
-    (own,) = [record for record in records() if record[0] == "poles"]
+    assert "poles" in analysis_names()
+    (own,) = [record for record in list_analyses() if record[0] == "poles"]
     assert own[1::2] == ("spherekit-mechanisms", "")
-    assert load("poles").__module__ == "spherekit_analyses.poles"
+    assert load_analysis("poles").__module__ == "spherekit_analyses.poles"
 
 
 def test_an_analysis_of_whole_batches():
@@ -157,14 +163,14 @@ def test_wrong_parameters_fail_before_anything_is_computed():
 
 
 def test_every_kind_of_parameter_can_be_given_on_the_command_line():
-    assert create("poles:only=31+42,circles=42").only == ("31", "42")
+    assert create_analysis("poles:only=31+42,circles=42").only == ("31", "42")
     with registered(Tuned):
-        made = create("tuned:count=3,kind=b,limit=2.5,ends=3+0.5,quick=true")
+        made = create_analysis("tuned:count=3,kind=b,limit=2.5,ends=3+0.5,quick=true")
         assert made == Tuned(count=3, quick=True, kind="b", ends=(3.0, 0.5), limit=2.5)
-        assert create("tuned:count=3,limit=none").limit is None
+        assert create_analysis("tuned:count=3,limit=none").limit is None
         for wrong in ("kind=left", "limit=x", "ends=1", "ends=1+2+3", "quick=maybe"):
             with pytest.raises(AnalysisError, match="does not read as"):
-                create(f"tuned:count=3,{wrong}")
+                create_analysis(f"tuned:count=3,{wrong}")
 
 
 def test_the_same_name_twice_is_refused(tmp_path, monkeypatch):
@@ -172,7 +178,7 @@ def test_the_same_name_twice_is_refused(tmp_path, monkeypatch):
     distribution(tmp_path, "third_party", *lines)
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(PluginError, match="several distributions"):
-        load("poles")
+        load_analysis("poles")
 
 
 def test_one_class_under_two_names_of_its_distribution_is_one(tmp_path, monkeypatch):
@@ -181,6 +187,6 @@ def test_one_class_under_two_names_of_its_distribution_is_one(tmp_path, monkeypa
     mechanisms = "[spherekit.mechanisms]", "spherekit = spherekit_mechanisms"
     distribution(tmp_path, "third_party", *analyses, *mechanisms)
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert load("poles").name == "poles"
+    assert load_analysis("poles").name == "poles"
     assert len(sk.mechanisms()) == len(set(sk.mechanisms()))
     assert sk.load("four_bar").name == "four_bar"

@@ -21,7 +21,7 @@ from spherekit.mechanism.load_kinds import Gravity, JointLimit, PairTorque, Spri
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import Digits
 from spherekit.runs.evaluation_options import Setting
-from spherekit.runs.registry import create
+from spherekit.runs.registry import create_analysis
 from spherekit.runs.trade import trade
 from spherekit.symbolic.compiler import available
 from spherekit.tolerances import EPS
@@ -191,7 +191,7 @@ def tables_of(made, analysis, setting, t, start):
     )
     tracer = PositionAnalysis(made, None, 0, samples=2)
     course = sample_simulation(tracer, done, t, setting.tolerance)
-    return compute_timed_tables(course, create(analysis), Setting())[0]
+    return compute_timed_tables(course, create_analysis(analysis), Setting())[0]
 
 
 def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):

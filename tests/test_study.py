@@ -16,7 +16,7 @@ from spherekit.files.library import shipped
 from spherekit.files.study import Study
 from spherekit.files.study_reader import load_study
 from spherekit.runs.registry import registered
-from spherekit.runs.study_analyses import analyses_of
+from spherekit.runs.study_analyses import make_study_analyses
 
 STUDY = text_of("study.study")
 
@@ -37,7 +37,7 @@ def fault(folder, text):
     """Return the message with which a study is refused, and its path."""
     path = write(folder, text)
     with pytest.raises(FileError) as caught:
-        analyses_of(load_study(path))
+        make_study_analyses(load_study(path))
     return str(caught.value), path
 
 
@@ -50,7 +50,7 @@ def test_a_study_is_read_as_written(tmp_path):
     (driven,) = study.mechanism.inputs
     expected = ("12", np.radians(-30), np.radians(90))
     assert (driven.pair, driven.start, driven.stop) == expected
-    poles, tuned = analyses_of(study)
+    poles, tuned = make_study_analyses(study)
     assert (poles.only, poles.circles) == (("6/1", "5/1"), "6/1")
     assert tuned == Tuned(count=3, weight=2.0, kind="b", ends=(1.5, 2.0))
     assert type(tuned.weight) is type(tuned.ends[1]) is float
@@ -65,7 +65,7 @@ def test_everything_but_the_mechanism_has_a_default(tmp_path):
     assert load_study("four_bar") == Study("four_bar", sk.load("four_bar"))
     walked = [Study("x", sk.load("five_bar"), path=[[0, 0], [1, k]]) for k in (1, 1, 2)]
     assert walked[0] == walked[1] != walked[2]
-    (only,) = analyses_of(load_study(path))
+    (only,) = make_study_analyses(load_study(path))
     assert only.name == "poles"
 
 

@@ -17,7 +17,7 @@ from spherekit.proof.balls import Digits, centre_floats
 from spherekit.proof.reference_rows import exact_direction, exact_rows
 from spherekit.runs.contract import Sweep
 from spherekit.runs.evaluation_options import Setting
-from spherekit.runs.registry import create
+from spherekit.runs.registry import create_analysis
 from spherekit.runs.sampling import make_sampling
 from spherekit.runs.simulation_measurement import compute_timed_tables, make_analysis_plan
 from spherekit.runs.trade import trade
@@ -100,7 +100,7 @@ CASES = {
 def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
     made = sk.load(name)
     found = trade(made, "poles", rounds=1, settings=settings(name), **CASES[name])
-    plan = make_analysis_plan(course(made, **CASES[name]), create("poles"))
+    plan = make_analysis_plan(course(made, **CASES[name]), create_analysis("poles"))
     reference = in_fifty_digits(plan)
     judged = 0
     for each in found.settings:
@@ -152,7 +152,7 @@ def test_recommended_settings_meet_the_tolerance(name, count, samples):
         if chosen is None:
             assert all(MARGIN * each.error > tolerance for each in found.pareto)
             continue
-        plan = make_analysis_plan(course(made, samples, **given), create("poles"))
+        plan = make_analysis_plan(course(made, samples, **given), create_analysis("poles"))
         (motion,) = plan.sampling.blocks(samples)
         reference = compute_reference_tables(plan, motion)
         tables, _, _ = compute_timed_tables(
@@ -205,7 +205,7 @@ def test_missing_numbers_are_not_chosen():
 @pytest.mark.parametrize("tolerance", [0.0, -1e-9, np.nan, np.inf])
 def test_no_tolerance(tolerance):
     with pytest.raises(AnalysisError, match="give a positive number"):
-        choose(Study("x", sk.load("four_bar"), 9), [create("poles")], tolerance)
+        choose(Study("x", sk.load("four_bar"), 9), [create_analysis("poles")], tolerance)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from refusals import text_of
 
 import spherekit as sk
 from spherekit.files.study_reader import load_study
-from spherekit.runs.registry import names
+from spherekit.runs.registry import analysis_names
 from spherekit.tables.table_files import read_parquet
 
 TURN = text_of("units_turn.study")
@@ -90,11 +90,11 @@ def test_numbers_change_as_their_units_say(folders):
 
 def test_every_column_of_every_analysis_has_a_unit_that_is_one():
     """Units are products of known ones; what is called an angle is in rad."""
-    from spherekit.runs.registry import load
+    from spherekit.runs.registry import load_analysis
 
     known = {"1", "rad", "s", "s2", "kg", "m2", "N", "m", "W", "J", "sr", "or"}
-    for name in names():
-        for table in load(name).tables:
+    for name in analysis_names():
+        for table in load_analysis(name).tables:
             for column in table.columns:
                 for degrees in (False, True):
                     unit = column.stated_unit(degrees)

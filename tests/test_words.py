@@ -8,8 +8,8 @@ import pytest
 from sources import ANALYSES, FILES, PACKAGE, ROOT, nodes_of
 
 from spherekit.files.mechanism_reader import load
-from spherekit.runs.registry import load as analysis_of
-from spherekit.runs.registry import names
+from spherekit.runs.registry import analysis_names
+from spherekit.runs.registry import load_analysis as analysis_of
 
 PAGES = [
     ROOT / "README.md",
@@ -124,7 +124,7 @@ def test_keys_of_files(path):
     assert not KEYS & set(keys(json.loads(path.read_text(encoding="utf-8"))))
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", analysis_names())
 @pytest.mark.parametrize("mechanism", ["four_bar", "five_bar"])
 def test_columns_and_parameters(name, mechanism):
     made = analysis_of(name)

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import MISSING
 
 from spherekit.runs.contract import AbstractAnalysis
-from spherekit.runs.parameter_text import parameters
-from spherekit.runs.registry import load, names
+from spherekit.runs.parameter_text import describe_parameters
+from spherekit.runs.registry import analysis_names, load_analysis
 
 INDEX = """\
 # Tables of the analyses
@@ -25,17 +25,19 @@ Parameters, tables and columns of every analysis; what they mean, and the formul
 
 def pages() -> Iterator[tuple[str, str]]:
     """Yield a page for each analysis, and their index."""
-    shown = "\n".join(f"- [{name}]({name}.md): {load(name).summary}" for name in names())
-    yield "analyses/index.md", INDEX.format(shown=shown, names="\n".join(names()))
-    for name in names():
-        yield f"analyses/{name}.md", "\n".join(_part(load(name)))
+    shown = "\n".join(
+        f"- [{name}]({name}.md): {load_analysis(name).summary}" for name in analysis_names()
+    )
+    yield "analyses/index.md", INDEX.format(shown=shown, names="\n".join(analysis_names()))
+    for name in analysis_names():
+        yield f"analyses/{name}.md", "\n".join(_part(load_analysis(name)))
 
 
 def _part(cls: type[AbstractAnalysis]) -> Iterator[str]:
     yield f"# Analysis `{cls.name}`\n"
     yield f"{cls.summary.capitalize()}.\n"
     yield "| parameter | value | default |\n|---|---|---|"
-    for key, (shown, default) in parameters(cls).items():
+    for key, (shown, default) in describe_parameters(cls).items():
         said = "" if default in ("", ()) else f"`{default!r}`"
         said = "required" if default is MISSING else said
         yield f"| `{key}` | {_cell(shown)} | {said} |"

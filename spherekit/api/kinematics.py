@@ -24,7 +24,7 @@ from spherekit.planning.pole_plan import Pole, all_poles, ordered_pole, parse_po
 from spherekit.positions.motion import Motion
 from spherekit.positions.motion_cache import position_analysis_of
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.runs.analysis_requests import requests_for
+from spherekit.runs.analysis_requests import plan_requests
 from spherekit.runs.batch import Batch
 from spherekit.runs.needs import Needs
 from spherekit.status import Status
@@ -480,7 +480,7 @@ def _prepare_evaluation(
             mode_index = position_analysis.find_mode_index(assembly_mode)
             number = position_analysis.assembly_modes[mode_index].number
             motion = motion.rows(motion.assembly_mode == number)
-        requests = requests_for(
+        requests = plan_requests(
             position_analysis.mechanism, needs, position_analysis.by_rank
         )
         read_batch = partial(
@@ -517,7 +517,9 @@ def _single_row_evaluator(
     needs
         The quantities to evaluate.
     """
-    (request,) = requests_for(position_analysis.mechanism, needs, position_analysis.by_rank)
+    (request,) = plan_requests(
+        position_analysis.mechanism, needs, position_analysis.by_rank
+    )
     mode = position_analysis.assembly_modes[mode_index]
     # Rows of this mode only: the order of elimination may differ in other modes.
     reference_motion = position_analysis.sparse(REFERENCES)

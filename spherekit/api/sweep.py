@@ -26,7 +26,7 @@ from spherekit.mechanism.sizes import to_radians
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.resources import usable_cores
 from spherekit.runs.figure_of_merit import FigureOfMerit, parse_merit
-from spherekit.runs.registry import create
+from spherekit.runs.registry import create_analysis
 from spherekit.runs.sampling import make_sampling
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def sweep(
             [parse_variation(*item) for item in vary.items()], designs, scheme, seed
         ),
         [reduce] if isinstance(reduce, str) else reduce,
-        [create(name) for name in analyses],
+        [create_analysis(name) for name in analyses],
         samples,
         tables=tables,
         crossings=crossings,
@@ -213,7 +213,9 @@ def sweep_of(
         space,
         tuple(merits.values()),
         study=study if run_names else None,
-        analyses=tuple(analysis_of_name.get(name) or create(name) for name in run_names),
+        analyses=tuple(
+            analysis_of_name.get(name) or create_analysis(name) for name in run_names
+        ),
         tables=tables,
         mode_labels=_labels_of_mode(study),
     )

@@ -34,17 +34,17 @@ def execute(options: Namespace) -> int:
     """List the analyses, or describe one."""
     if options.analysis:
         return _describe(options)
-    from spherekit.runs.registry import load, records
+    from spherekit.runs.registry import list_analyses, load_analysis
 
     rows = [
         {
             "name": name,
             "origin": origin,
             "target": target,
-            "summary": "" if error else load(name).summary,
+            "summary": "" if error else load_analysis(name).summary,
             "error": error or None,
         }
-        for name, origin, target, error in records()
+        for name, origin, target, error in list_analyses()
     ]
     if options.json:
         print_json(rows)
@@ -55,11 +55,11 @@ def execute(options: Namespace) -> int:
 
 
 def _describe(options: Namespace) -> int:
-    from spherekit.runs.parameter_text import parameters
-    from spherekit.runs.registry import load
+    from spherekit.runs.parameter_text import describe_parameters
+    from spherekit.runs.registry import load_analysis
 
-    cls = load(options.analysis)
-    allowed = parameters(cls)
+    cls = load_analysis(options.analysis)
+    allowed = describe_parameters(cls)
     if options.json:
         facts = {key: getattr(cls, key) for key in ("name", "version", "summary", "cites")}
         facts["parameters"] = {key: shown for key, (shown, _) in allowed.items()}

@@ -48,12 +48,12 @@ def complete_analyses(prefix: str, options: argparse.Namespace) -> list[str]:
         from importlib.metadata import entry_points
 
         return [point.name for point in entry_points(group="spherekit.analyses")]
-    from spherekit.runs.parameter_text import parameters
-    from spherekit.runs.registry import load
+    from spherekit.runs.parameter_text import describe_parameters
+    from spherekit.runs.registry import load_analysis
 
     _, _, unfinished = parameter_text.rpartition(",")
     finished = prefix[: len(prefix) - len(unfinished)]
-    return [f"{finished}{key}=" for key in parameters(load(name))]
+    return [f"{finished}{key}=" for key in describe_parameters(load_analysis(name))]
 
 
 def complete_pairs(prefix: str, options: argparse.Namespace) -> list[str]:

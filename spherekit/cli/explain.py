@@ -57,12 +57,14 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     """Print the poles, groups and tables that a run would compute, and their cost."""
     from spherekit.runs.expected_size import predict_recording
-    from spherekit.runs.registry import create
+    from spherekit.runs.registry import create_analysis
     from spherekit.runs.run_plan import extract_needed_part
-    from spherekit.runs.study_analyses import analyses_of
+    from spherekit.runs.study_analyses import make_study_analyses
 
     study = study_from(options)
-    analyses = [create(text) for text in options.analysis or ()] or analyses_of(study)
+    analyses = [
+        create_analysis(text) for text in options.analysis or ()
+    ] or make_study_analyses(study)
     if options.only_needed:
         study = replace(study, mechanism=extract_needed_part(study, analyses))
     description = _describe_run(study, analyses)
@@ -99,7 +101,7 @@ def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
         assembly_by_count_or_rank,
         is_mobile_by_rank_only,
     )
-    from spherekit.runs.analysis_requests import needs_of, requests_for
+    from spherekit.runs.analysis_requests import collect_needs, plan_requests
     from spherekit.runs.expected_size import predict_run
     from spherekit.runs.resource_checks import evaluation_memory
     from spherekit.runs.run_cost import count_evaluations
@@ -109,7 +111,9 @@ def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
     assembly = assembly_by_count_or_rank(mechanism)
     is_overconstrained = is_mobile_by_rank_only(mechanism)
     # One request for each input that moves while the others are locked.
-    requests = requests_for(mechanism, needs_of(mechanism, analyses), is_overconstrained)
+    requests = plan_requests(
+        mechanism, collect_needs(mechanism, analyses), is_overconstrained
+    )
     pole_count = sum(len(request.poles) for request in requests)
     return {
         "mechanism": mechanism.name,

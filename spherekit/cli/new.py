@@ -114,7 +114,7 @@ def _check_name(kind: str, name: str) -> None:
     """
     from spherekit.conventions import MAX_NAME_LENGTH, NAME_PATTERN
     from spherekit.errors import OutputError
-    from spherekit.runs.registry import names
+    from spherekit.runs.registry import analysis_names
 
     suggestion = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")
     pattern = NAME_PATTERN.pattern
@@ -129,7 +129,7 @@ def _check_name(kind: str, name: str) -> None:
             f"{MAX_NAME_LENGTH} {allowed}, such as "
             f"{suggestion[:MAX_NAME_LENGTH] or 'wrist'}"
         )
-    if kind == "analysis" and name in names():
+    if kind == "analysis" and name in analysis_names():
         raise OutputError(f"an analysis {name} is installed already; choose another name")
 
 

@@ -201,11 +201,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     """Run analyses, write tables, figures and a recording, and print the summary."""
     from spherekit.errors import SpherekitError
-    from spherekit.runs.study_analyses import chosen
+    from spherekit.runs.study_analyses import make_run_analyses
     from spherekit.storage.atomic_write import check_folder, make_folder
 
     study = _study(options)
-    analyses = chosen(study, options.analysis or ())
+    analyses = make_run_analyses(study, options.analysis or ())
     _check_options(study, options)
     if options.figures:
         # Imported here so that a missing library is reported before the run.
@@ -354,7 +354,7 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
 
 def _print_result(options: Namespace, study: "Study", result: "RunResult") -> None:
     """Print the summary to stdout, and notes and failures to stderr."""
-    from spherekit.runs.analysis_faults import failed
+    from spherekit.runs.analysis_faults import describe_failure
     from spherekit.tables.table import COLUMNS
 
     summary = result.summary
@@ -371,7 +371,7 @@ def _print_result(options: Namespace, study: "Study", result: "RunResult") -> No
         print(report(summary))
     sys.stdout.flush()
     for name, why in result.failures.items():
-        say(failed(name, why))
+        say(describe_failure(name, why))
     if not (study.folder or options.json or _makes_recording(options, study)):
         note(options, "nothing was written: use -o DIR for tables")
     simulation_end = summary.get("simulation", {}).get("end", {"kind": "time"})

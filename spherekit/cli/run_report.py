@@ -23,7 +23,7 @@ def report(summary: Any) -> str:
     summary
         The content of ``summary.json``.
     """
-    from spherekit.runs.analysis_faults import failed_rows
+    from spherekit.runs.analysis_faults import describe_failed_rows
 
     lines = [
         f"{summary['mechanism']}: {_describe_samples(summary)}; groups: "
@@ -47,7 +47,7 @@ def report(summary: Any) -> str:
     ]
     if not_ok:
         lines.append(f"  of {sum(pole_counts.values())} pole axes: {', '.join(not_ok)}")
-    lines += [f"  {sentence}" for sentence in failed_rows(summary)]
+    lines += [f"  {sentence}" for sentence in describe_failed_rows(summary)]
     lines += [
         f"  {name}: {meaning}"
         for name, meaning in summary["status_meaning"].items()

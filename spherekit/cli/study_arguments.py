@@ -228,7 +228,7 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     from spherekit.files.time_law import KINDS
     from spherekit.files.units import KEYS
     from spherekit.planning.assembly_plan import driven_pairs
-    from spherekit.runs.parameter_text import given_in
+    from spherekit.runs.parameter_text import parse_fields
     from spherekit.wording import choices, listing
 
     inputs = study.mechanism.names_of(driven_pairs(study.mechanism))
@@ -239,7 +239,9 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         if kind not in KINDS:
             raise AnalysisError(f'--law: no law is "{kind}"{choices(kind, KINDS, "Laws")}')
         key_of_field = {field: key for key, field in KEYS[KINDS[kind]].items()}
-        parameters = given_in(parameter_text, KINDS[kind], f"--law {kind}", key_of_field)
+        parameters = parse_fields(
+            parameter_text, KINDS[kind], f"--law {kind}", key_of_field
+        )
         try:
             law = KINDS[kind](**parameters)
         except ModelError as problem:

@@ -139,7 +139,7 @@ def execute(options: Namespace) -> int:
     from spherekit.api.sweep import perform, sweep_of
     from spherekit.designs.design_space import DesignSpace, parse_variation
     from spherekit.errors import DesignError
-    from spherekit.runs.registry import create
+    from spherekit.runs.registry import create_analysis
 
     if options.tables and not options.output:
         raise DesignError("--tables: give the folder to which they go, -o DIR")
@@ -157,7 +157,7 @@ def execute(options: Namespace) -> int:
             variations, options.designs, options.scheme, options.seed
         ),
         options.reduce or (),
-        [create(text) for text in options.analysis or ()],
+        [create_analysis(text) for text in options.analysis or ()],
         source=options.file,
         tables=options.tables,
     )

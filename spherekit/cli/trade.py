@@ -71,8 +71,8 @@ def execute(options: Namespace) -> int:
     """Measure the time and error of every setting, print a table, and write files."""
     from spherekit.api.trade import trade
     from spherekit.errors import AnalysisError
-    from spherekit.runs.registry import create
-    from spherekit.runs.study_analyses import analyses_of
+    from spherekit.runs.registry import create_analysis
+    from spherekit.runs.study_analyses import make_study_analyses
     from spherekit.runs.trade_record import check_tolerance
     from spherekit.runs.trade_text import as_text
 
@@ -81,7 +81,11 @@ def execute(options: Namespace) -> int:
         check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
-    analyses = [create(options.analysis)] if options.analysis else analyses_of(study)
+    analyses = (
+        [create_analysis(options.analysis)]
+        if options.analysis
+        else make_study_analyses(study)
+    )
     if len(analyses) > 1:
         raise AnalysisError(
             f"{options.file}: names several analyses; say which with -a NAME"

@@ -91,7 +91,7 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
     from spherekit.positions.loop_tree import rank_mobility
     from spherekit.positions.position_analysis import PositionAnalysis
     from spherekit.runs.sampling import check_time
-    from spherekit.runs.study_analyses import analyses_of
+    from spherekit.runs.study_analyses import make_study_analyses
 
     study = load_study(name)
     study = replace(study, mechanism=with_locks(study.mechanism, lock_texts, name))
@@ -106,7 +106,7 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
     if is_study_file:
         check_time(study)
         properties["study"] = study.name
-        properties["analyses"] = [analysis.name for analysis in analyses_of(study)]
+        properties["analyses"] = [analysis.name for analysis in make_study_analyses(study)]
     position_analysis = PositionAnalysis(mechanism, samples=ASSEMBLY_SAMPLES)
     if position_analysis.unused_mode_names:
         raise SolveError(

@@ -25,7 +25,7 @@ from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions
 from spherekit.runs.contract import Analyses
 from spherekit.runs.execution import Execution
 from spherekit.runs.figure_of_merit import FigureOfMerit
-from spherekit.runs.run_result import MOTION, RunResult, stems
+from spherekit.runs.run_result import MOTION, RunResult, tables_by_file_stem
 from spherekit.runs.runner import run_study
 from spherekit.status import Status
 from spherekit.tables.table import Table, TableArrays, Units
@@ -439,7 +439,7 @@ def _tables_of_run(run: RunResult) -> tuple[RunTable, ...]:
     tables_by_analysis = {name: result.tables for name, result in run.results.items()}
     return tuple(
         RunTable(stem, table, run.results[analysis].data[table.name])
-        for stem, (analysis, table) in stems(tables_by_analysis).items()
+        for stem, (analysis, table) in tables_by_file_stem(tables_by_analysis).items()
     )
 
 

@@ -1,4 +1,4 @@
-"""Mistakes of analyses: what one raises becomes a sentence that says where it was."""
+"""Errors of analyses: sentences that say what failed, and where in a plugin."""
 
 import logging
 import sysconfig
@@ -13,56 +13,74 @@ from spherekit.conventions import Facts
 from spherekit.errors import PluginError, SpherekitError
 from spherekit.wording import counted
 
-LOG = logging.getLogger("spherekit.plugins")
-"""Gets the trace of every mistake, at the level of debugging."""
+PLUGIN_LOG = logging.getLogger("spherekit.plugins")
+"""Receives the traceback of every error of a plugin, at the level of debugging."""
 
-NOT_TO_BLAME = (str(Path(__file__).parent.parent), str(Path(str(np.__file__)).parent))
-STANDARD = sysconfig.get_path("stdlib")
-INSTALLED = sysconfig.get_path("purelib")
+LIBRARY_FOLDERS = (str(Path(__file__).parent.parent), str(Path(str(np.__file__)).parent))
+"""Folders of spherekit and NumPy, whose lines are not named as the place of an error."""
+
+STANDARD_LIBRARY_FOLDER = sysconfig.get_path("stdlib")
+"""Folder of the standard library."""
+
+INSTALLED_PACKAGES_FOLDER = sysconfig.get_path("purelib")
+"""Folder of installed packages, which can be inside that of the standard library."""
 
 
-def failed_rows(summary: Facts) -> list[str]:
-    """Return what rows of analyses failed where their configurations did not."""
-    return [
-        f"{analysis['name']}: {counted(sum(statuses.values()), 'row')} of table {table} "
-        f"failed: {', '.join(f'{n} {name}' for name, n in statuses.items())}"
-        for analysis in summary.get("analyses", ())
-        for table, statuses in analysis["failed_rows"].items()
-    ]
+def describe_failed_rows(summary: Facts) -> list[str]:
+    """Return a sentence for each table with rows that failed although positions did not.
+
+    Parameters
+    ----------
+    summary
+        The summary of a run.
+    """
+    sentences = []
+    for analysis in summary.get("analyses", ()):
+        for table, count_by_status in analysis["failed_rows"].items():
+            counts = ", ".join(f"{n} {status}" for status, n in count_by_status.items())
+            row_count = counted(sum(count_by_status.values()), "row")
+            sentences.append(
+                f"{analysis['name']}: {row_count} of table {table} failed: {counts}"
+            )
+    return sentences
 
 
 @contextmanager
-def faults_of(analysis: str, what: str) -> Iterator[None]:
-    """Turn whatever a plugin raises into `PluginError`; errors of spherekit stay.
+def convert_plugin_errors(analysis: str, action: str) -> Iterator[None]:
+    """Convert all errors of a plugin to `PluginError`. Errors of spherekit are unchanged.
 
     Parameters
     ----------
     analysis
-        Its name.
-    what
-        What of it is asked, such as ``"compute"``.
+        Name of the analysis.
+    action
+        What the plugin does in the `with` block, such as ``"compute"``.
     """
     try:
         yield
     except SpherekitError:
         raise
     except (Exception, SystemExit) as problem:
-        LOG.debug("%s: %s", analysis, what, exc_info=True)
-        raise PluginError(f"{analysis}: {what} raises {described(problem)}") from problem
+        PLUGIN_LOG.debug("%s: %s", analysis, action, exc_info=True)
+        raise PluginError(
+            f"{analysis}: {action} raises {describe_exception(problem)}"
+        ) from problem
 
 
-def failed(analysis: str, why: str) -> str:
-    """Return the sentence that says that an analysis failed and why, with its name once."""
-    return f"analysis {analysis} failed: {why.removeprefix(f'{analysis}: ')}"
+def describe_failure(analysis: str, reason: str) -> str:
+    """Return the sentence that an analysis failed, and why, with its name once."""
+    return f"analysis {analysis} failed: {reason.removeprefix(f'{analysis}: ')}"
 
 
-def described(problem: BaseException) -> str:
-    """Return an exception with the last line of a plugin's own that led to it."""
-    words = str(problem).strip().partition("\n")[0]
-    where = ""
+def describe_exception(problem: BaseException) -> str:
+    """Return an exception as text, with the last line of a plugin that led to it."""
+    message, _, _ = str(problem).strip().partition("\n")
+    location = ""
     for frame in traceback.extract_tb(problem.__traceback__):
         path = frame.filename
-        ours = path.startswith((*NOT_TO_BLAME, "<"))
-        if not ours and (path.startswith(INSTALLED) or not path.startswith(STANDARD)):
-            where = f" ({Path(path).name}, line {frame.lineno})"
-    return f"{type(problem).__name__}{': ' if words else ''}{words}{where}"
+        is_library = path.startswith((*LIBRARY_FOLDERS, "<"))
+        is_installed = path.startswith(INSTALLED_PACKAGES_FOLDER)
+        is_standard = path.startswith(STANDARD_LIBRARY_FOLDER) and not is_installed
+        if not is_library and not is_standard:
+            location = f" ({Path(path).name}, line {frame.lineno})"
+    return f"{type(problem).__name__}{': ' if message else ''}{message}{location}"

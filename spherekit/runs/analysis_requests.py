@@ -5,26 +5,34 @@ from functools import reduce
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import driven_pairs
 from spherekit.runs.contract import Analyses
-from spherekit.runs.declaration_checks import declared
+from spherekit.runs.declaration_checks import check_needs
 from spherekit.runs.needs import Needs
 from spherekit.velocities.pole_request import Request, request
 
 
-def needs_of(mechanism: Mechanism, analyses: Analyses) -> Needs:
-    """Return what several analyses need together; see `declared` for what it raises."""
-    return reduce(Needs.union, (declared(x, mechanism) for x in analyses), Needs())
+def collect_needs(mechanism: Mechanism, analyses: Analyses) -> Needs:
+    """Return what several analyses need together; for errors see `check_needs`."""
+    needs = [check_needs(analysis, mechanism) for analysis in analyses]
+    return reduce(Needs.union, needs, Needs())
 
 
-def requests_for(
+def plan_requests(
     mechanism: Mechanism, needs: Needs, by_rank: bool = False
 ) -> tuple[Request, ...]:
-    """Return the planned request behind some needs for each input, moved alone.
+    """Return the planned request for each input that moves alone.
 
-    `by_rank` is that of `spherekit.planning.pole_planner.plan`.
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its inputs.
+    needs
+        What is read.
+    by_rank
+        As for `spherekit.planning.pole_planner.plan`.
     """
-    ends = (mechanism.pair(name).links for name in needs.pair_rates)
-    links = needs.link_rates.union(*ends)
-    numbers = sorted(mechanism.link_number[link] for link in links)
+    pair_links = [mechanism.pair(name).links for name in needs.pair_rates]
+    links = needs.link_rates.union(*pair_links)
+    link_numbers = sorted(mechanism.link_number[link] for link in links)
     return tuple(
         request(
             mechanism,
@@ -34,7 +42,7 @@ def requests_for(
             needs.derivatives,
             sorted(needs.planes),
             by_rank,
-            numbers,
+            link_numbers,
         )
         for driven in driven_pairs(mechanism)
     )

@@ -1,8 +1,6 @@
-"""What a class has to be to be used as an analysis, said before anything is computed.
+"""Checks of the class of an analysis and of its needs, before anything is computed.
 
-What an analysis declares to read of a mechanism, checked before it is planned.
-
-`Needs`, tables and columns have judged the types of what they hold.
+`Needs`, tables and columns check the types of their own fields.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,26 +13,27 @@ import numpy as np
 from spherekit.conventions import NAME_PATTERN
 from spherekit.errors import PluginError
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.runs.analysis_faults import described, faults_of
+from spherekit.runs.analysis_faults import convert_plugin_errors, describe_exception
 from spherekit.runs.contract import CONTRACT, AbstractAnalysis, BrokenAnalysis
 from spherekit.runs.needs import Needs
-from spherekit.runs.parameter_text import parameters
+from spherekit.runs.parameter_text import describe_parameters
 from spherekit.runs.run_result import MOTION
 from spherekit.tables.column_units import UNIT_SYMBOLS, is_unit
 from spherekit.tables.table import COLUMNS, Table
 from spherekit.type_checks import type_fault
 from spherekit.wording import choices, listing
 
-TAKEN = (MOTION, COLUMNS.partition(".")[0])
-"""What no analysis is called: the stems of files that every run writes."""
+RESERVED_NAMES = (MOTION, COLUMNS.partition(".")[0])
+"""Names that no analysis may have: the stems of files that every run writes."""
 
 
-def fault_of_class(cls: Any) -> str:
-    """Return what keeps a class from being used as an analysis, or nothing."""
-    return next(_faults(cls), "")
+def find_class_fault(cls: Any) -> str:
+    """Return why a class cannot be used as an analysis, empty if it can."""
+    return next(_find_class_faults(cls), "")
 
 
-def _faults(cls: Any) -> Iterator[str]:
+def _find_class_faults(cls: Any) -> Iterator[str]:
+    """Yield everything that is wrong with the class of an analysis."""
     if not (isinstance(cls, type) and issubclass(cls, AbstractAnalysis)):
         yield f"{cls!r} is not a subclass of AbstractAnalysis"
         return
@@ -46,24 +45,26 @@ def _faults(cls: Any) -> Iterator[str]:
             yield f"the class attribute {fault}"
     if not NAME_PATTERN.fullmatch(cls.name):
         yield f"its name {cls.name!r} may hold letters, digits and underscores only"
-    if cls.name in TAKEN:
+    if cls.name in RESERVED_NAMES:
         yield f"its name {cls.name!r} is that of a file that every run writes"
     if cls.contract != CONTRACT:
         yield f"written for contract {cls.contract}, this spherekit has {CONTRACT}"
     if cls.__abstractmethods__:
         yield f"methods missing: {listing(sorted(cls.__abstractmethods__))}"
-    params = getattr(cls, "__dataclass_params__", None)
-    if not is_dataclass(cls) or params is None or not params.frozen:
+    dataclass_parameters = getattr(cls, "__dataclass_params__", None)
+    is_frozen = dataclass_parameters is not None and dataclass_parameters.frozen
+    if not is_dataclass(cls) or not is_frozen:
         yield "the class is not a frozen dataclass; put @dataclass(frozen=True) before it"
         return
     try:
-        parameters(cls)
+        describe_parameters(cls)
     except Exception as problem:
-        yield f"the types of its parameters cannot be read: {described(problem)}"
-    yield from _tables(cls.tables)
+        yield f"the types of its parameters cannot be read: {describe_exception(problem)}"
+    yield from _find_table_faults(cls.tables)
 
 
-def _tables(tables: Sequence[Table]) -> Iterator[str]:
+def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
+    """Yield everything that is wrong with the declared tables of an analysis."""
     for table in tables:
         if not NAME_PATTERN.fullmatch(table.name):
             yield f"the name {table.name!r} of a table is not letters, digits, underscores"
@@ -80,9 +81,11 @@ def _tables(tables: Sequence[Table]) -> Iterator[str]:
                     f"{listing(sorted(UNIT_SYMBOLS), len(UNIT_SYMBOLS))} "
                     "(--deg converts angles)"
                 )
-        ways = groupby(column.turns for column in table.columns)
-        if any(len(list(group)) % 3 for way, group in ways if way == "vector"):
-            yield f"table {table.name}: the columns of a vector come in threes: x, y, z"
+        # Successive columns of vectors, three for each vector.
+        for behaviour, group in groupby(column.turns for column in table.columns):
+            if behaviour == "vector" and len(list(group)) % 3:
+                yield f"table {table.name}: the columns of a vector come in threes: x, y, z"
+                break
         names = [column.name for column in table.columns]
         if len(set(names)) < len(names):
             yield f"table {table.name}: two columns have one name: {listing(names)}"
@@ -90,13 +93,18 @@ def _tables(tables: Sequence[Table]) -> Iterator[str]:
         yield f"two tables have one name: {listing(table.name for table in tables)}"
 
 
-_POLES = ("directions", "rates", "planes", "turns")
-_PAIRS = ("pair_values", "continued_values", "pair_rates")
-_LINKS = ("rotations", "link_rates")
+NEEDS_OF_LINK_NUMBERS = ("directions", "rates", "planes", "turns", "links")
+"""Fields of `Needs` with numbers of links, or pairs of them."""
+
+NEEDS_OF_SINGLE_VARIABLES = ("pair_values", "continued_values", "pair_rates")
+"""Fields of `Needs` with names of pairs that must have one variable."""
+
+NEEDS_OF_LINK_NAMES = ("rotations", "link_rates")
+"""Fields of `Needs` with names of links."""
 
 
-def declared(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
-    """Return what an analysis needs of a mechanism.
+def check_needs(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
+    """Return what an analysis needs of a mechanism, after checking it.
 
     Raises
     ------
@@ -107,45 +115,58 @@ def declared(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
         With which it refuses the mechanism, or its parameters.
     """
     name = getattr(analysis, "name", type(analysis).__name__)
-    fault = "" if isinstance(analysis, BrokenAnalysis) else fault_of_class(type(analysis))
+    is_broken = isinstance(analysis, BrokenAnalysis)
+    fault = "" if is_broken else find_class_fault(type(analysis))
     if not fault:
-        with faults_of(name, "needs"):
+        with convert_plugin_errors(name, "needs"):
             needs = analysis.needs(mechanism)
-        fault = _fault(needs, mechanism)
+        fault = _find_needs_fault(needs, mechanism)
     if fault:
         raise PluginError(f"{name}: {fault}")
     return needs
 
 
-def _fault(needs: Any, mechanism: Mechanism) -> str:
-    """Return what is wrong with a pole, pair or link that is declared, or nothing."""
+def _find_needs_fault(needs: Any, mechanism: Mechanism) -> str:
+    """Return what is wrong with declared needs, empty if nothing is."""
     if not isinstance(needs, Needs):
         return f"needs returns a {type(needs).__name__}, it has to return Needs(...)"
     for field, annotation in get_type_hints(Needs).items():
         if fault := type_fault(field, getattr(needs, field), annotation):
             return f"Needs: {fault}"
-    count = len(mechanism.links)
+    for field, value in vars(needs).items():
+        for item in value if isinstance(value, frozenset) else ():
+            if fault := _find_item_fault(field, item, mechanism):
+                return f"Needs({field}=...) holds {item!r}{fault}"
+    return ""
+
+
+def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
+    """Return what is wrong with a declared pole, pair or link, empty if nothing is.
+
+    Parameters
+    ----------
+    field
+        Name of the field of `Needs`.
+    item
+        A number of a link, a pair of such numbers, or a name.
+    mechanism
+        The mechanism.
+    """
     name = mechanism.name
-    for what, held in vars(needs).items():
-        for item in held if isinstance(held, frozenset) else ():
-            fault = ""
-            if what in (*_POLES, "links"):
-                ends = np.ravel(item)
-                if np.any((ends < 0) | (ends >= count)):
-                    fault = f", but the links of {name} have the numbers 0 to {count - 1}"
-                elif not np.all(ends[:-1] < ends[1:]):
-                    fault = "; pole_of(link, other) puts the smaller first"
-            else:
-                is_link = what in _LINKS
-                kind = "link" if is_link else "pair"
-                names = mechanism.link_number if is_link else mechanism.pair_number
-                if item not in names:
-                    fault = (
-                        f", but {name} has no {kind} of that name"
-                        f"{choices(item, names, f'{kind}s')}"
-                    )
-                elif what in _PAIRS and mechanism.pair(item).kind.variable_count > 1:
-                    fault = ", a pair with two variables, which has no single one"
-            if fault:
-                return f"Needs({what}=...) holds {item!r}{fault}"
+    if field in NEEDS_OF_LINK_NUMBERS:
+        link_count = len(mechanism.links)
+        link_numbers = np.ravel(item)
+        if np.any((link_numbers < 0) | (link_numbers >= link_count)):
+            return f", but the links of {name} have the numbers 0 to {link_count - 1}"
+        if not np.all(link_numbers[:-1] < link_numbers[1:]):
+            return "; pole_of(link, other) puts the smaller first"
+        return ""
+    is_link = field in NEEDS_OF_LINK_NAMES
+    kind = "link" if is_link else "pair"
+    names = mechanism.link_number if is_link else mechanism.pair_number
+    if item not in names:
+        return f", but {name} has no {kind} of that name{choices(item, names, f'{kind}s')}"
+    has_to_be_single = field in NEEDS_OF_SINGLE_VARIABLES
+    if has_to_be_single and mechanism.pair(item).kind.variable_count > 1:
+        return ", a pair with two variables, which has no single one"
     return ""

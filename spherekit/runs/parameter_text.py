@@ -1,17 +1,19 @@
-"""Fields of a dataclass from text such as ``key=value,key=value``, or from a file."""
+"""Reads fields of a dataclass from text such as ``key=value,key=value``, or from a file."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
 from types import NoneType
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 from spherekit.conventions import Facts, Names
 from spherekit.errors import AnalysisError, SpherekitError
 from spherekit.type_descriptions import TypeWording, describe_type, read_value
 from spherekit.wording import listing, nearest
 
-_SWITCHES = {"true": True, "1": True, "false": False, "0": False}
-_TEXT = TypeWording(
+BOOLEAN_BY_TEXT = {"true": True, "1": True, "false": False, "0": False}
+"""Texts of true and false."""
+
+_TEXT_WORDING = TypeWording(
     {
         str: "text",
         float: "number",
@@ -23,70 +25,102 @@ _TEXT = TypeWording(
     "+".join,
     "{}+...",
 )
+"""Words for the types of parameters in text."""
 
 
-def parameters(cls: type) -> dict[str, tuple[str, Any]]:
-    """Return each parameter's type as text and default (`MISSING` if it has none)."""
+class Parameter(NamedTuple):
+    """A parameter of an analysis.
+
+    Attributes
+    ----------
+    type_text
+        Its type as text.
+    default
+        Its default value, `dataclasses.MISSING` if it has none.
+    """
+
+    type_text: str
+    default: Any
+
+
+def describe_parameters(cls: type) -> dict[str, Parameter]:
+    """Return the parameters of a dataclass by their names."""
     hints = get_type_hints(cls)
-    return {
-        item.name: (
-            describe_type(hints[item.name], _TEXT),
-            item.default if item.default_factory is MISSING else item.default_factory(),
-        )
-        for item in fields(cls)
-    }
+    parameters = {}
+    for item in fields(cls):
+        factory = item.default_factory
+        default = item.default if factory is MISSING else factory()
+        type_text = describe_type(hints[item.name], _TEXT_WORDING)
+        parameters[item.name] = Parameter(type_text, default)
+    return parameters
 
 
-def given(
+def read_fields(
     cls: type,
     name: str,
     items: Mapping[str, Any],
     read: Callable[[str, Any, Any], Any],
-    fault: Callable[[Names, str], SpherekitError],
-    words: Mapping[str, str] | None = None,
+    make_error: Callable[[Names, str], SpherekitError],
+    key_of_field: Mapping[str, str] | None = None,
 ) -> Facts:
-    """Return the fields of a dataclass that items give.
+    """Return the fields of a dataclass that items state, by their names.
 
     Parameters
     ----------
     cls, name
-        The dataclass, and what it is called in complaints.
+        The dataclass, and its name in messages.
     items
-        What is given by key.
+        The stated values by key.
     read
-        Makes the value of a key one of the type that its field has.
-    fault
-        Makes the error about a key, or about all, in words.
-    words
-        What fields are called in items, where that is not their name.
+        Returns the value of a field from its key, the stated value and its type.
+    make_error
+        Returns the error about a key, or about all keys, from a message.
+    key_of_field
+        Keys of fields whose key is not their name.
+
+    Raises
+    ------
+    SpherekitError
+        The error of `make_error` for unknown keys and for missing fields.
     """
-    declared = parameters(cls)
+    parameters = describe_parameters(cls)
     hints = get_type_hints(cls)
-    field = {(words or {}).get(key, key): key for key in declared}
-    made: Facts = {}
-    for key, value in items.items():
-        if key not in field:
-            allowed = listing(f"{k}={declared[item][0]}" for k, item in field.items())
-            raise fault(
+    field_of_key = {(key_of_field or {}).get(field, field): field for field in parameters}
+    values: Facts = {}
+    for key, stated_value in items.items():
+        if key not in field_of_key:
+            allowed = listing(
+                f"{allowed_key}={parameters[field].type_text}"
+                for allowed_key, field in field_of_key.items()
+            )
+            raise make_error(
                 (key,),
-                f'"{key}" is not a parameter of {name}{nearest(key, field) or "."} '
+                f'"{key}" is not a parameter of {name}{nearest(key, field_of_key) or "."} '
                 f"Allowed: {allowed or 'none'}",
             )
-        made[field[key]] = read(key, value, hints[field[key]])
+        field = field_of_key[key]
+        values[field] = read(key, stated_value, hints[field])
     missing = [
         key
-        for key, item in field.items()
-        if declared[item][1] is MISSING and item not in made
+        for key, field in field_of_key.items()
+        if parameters[field].default is MISSING and field not in values
     ]
     if missing:
-        raise fault((), f"parameters missing: {listing(missing)}")
-    return made
+        raise make_error((), f"parameters missing: {listing(missing)}")
+    return values
 
 
-def given_in(
-    text: str, cls: type, name: str, words: Mapping[str, str] | None = None
+def parse_fields(
+    text: str, cls: type, name: str, key_of_field: Mapping[str, str] | None = None
 ) -> Facts:
-    """Return the fields of a dataclass that a text gives; lists are ``a+b+c``.
+    """Return the fields of a dataclass that a text states. Lists are ``a+b+c``.
+
+    Parameters
+    ----------
+    text
+        ``key=value,key=value``.
+    cls, name, key_of_field
+        As for `read_fields`.
 
     Raises
     ------
@@ -94,30 +128,31 @@ def given_in(
         For unknown keys, unreadable values and missing fields, with what is allowed.
     """
 
-    def fault(_: Names, message: str) -> AnalysisError:
+    def make_error(_: Names, message: str) -> AnalysisError:
         return AnalysisError(f"{name}: {message}")
 
     def read(key: str, value: str, hint: Any) -> Any:
+        """Return the value of a field from its text."""
         try:
-            return read_value(hint, value, _one, lambda several: several.split("+"))
+            return read_value(hint, value, _read_simple_value, lambda text: text.split("+"))
         except ValueError:
-            raise fault(
-                (),
-                f'parameter {key}: "{value}" does not read as {describe_type(hint, _TEXT)}',
+            type_text = describe_type(hint, _TEXT_WORDING)
+            raise make_error(
+                (), f'parameter {key}: "{value}" does not read as {type_text}'
             ) from None
 
     items: dict[str, str] = {}
     for part in filter(None, text.split(",")):
         key, equals, items[key] = part.partition("=")
         if not equals:
-            raise fault((), f'"{part}" is not a parameter; write {part}=VALUE')
-    return given(cls, name, items, read, fault, words)
+            raise make_error((), f'"{part}" is not a parameter; write {part}=VALUE')
+    return read_fields(cls, name, items, read, make_error, key_of_field)
 
 
-def _one(hint: Any, text: str) -> Any:
-    """Return text as a value of a simple type, or raise `ValueError`."""
-    if hint is bool and text.lower() in _SWITCHES:
-        return _SWITCHES[text.lower()]
+def _read_simple_value(hint: Any, text: str) -> Any:
+    """Return a text as a value of a simple type, or raise `ValueError`."""
+    if hint is bool and text.lower() in BOOLEAN_BY_TEXT:
+        return BOOLEAN_BY_TEXT[text.lower()]
     if hint in (int, float, str):
         return hint(text)
     if hint is NoneType and text.lower() == "none":

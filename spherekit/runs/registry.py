@@ -1,4 +1,4 @@
-"""Finding analyses: entry points are listed without importing, loaded on request."""
+"""Finds analyses: entry points are listed without importing them, and loaded on request."""
 
 import sys
 from collections.abc import Iterator, Mapping
@@ -6,83 +6,122 @@ from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import NamedTuple
 
 from spherekit.conventions import Names
 from spherekit.errors import AnalysisError, PluginError
-from spherekit.runs.analysis_faults import LOG, described, faults_of
+from spherekit.runs.analysis_faults import (
+    PLUGIN_LOG,
+    convert_plugin_errors,
+    describe_exception,
+)
 from spherekit.runs.contract import AbstractAnalysis
-from spherekit.runs.declaration_checks import fault_of_class
-from spherekit.runs.parameter_text import given_in
+from spherekit.runs.declaration_checks import find_class_fault
+from spherekit.runs.parameter_text import parse_fields
 from spherekit.wording import choices, listing
 
-GROUP = "spherekit.analyses"
+ENTRY_POINT_GROUP = "spherekit.analyses"
+"""Name of the group of entry points in which packages declare analyses."""
 
-
-_added: dict[str, type[AbstractAnalysis]] = {}
+_registered_classes: dict[str, type[AbstractAnalysis]] = {}
+"""Analyses of this process by name, see `registered`."""
 
 
 @contextmanager
 def registered(*classes: type[AbstractAnalysis]) -> Iterator[None]:
     """Make analyses known for the length of a `with` block, for notebooks and tests."""
-    given = {cls.name: cls for cls in classes}
-    _added.update(given)
+    class_by_name = {cls.name: cls for cls in classes}
+    _registered_classes.update(class_by_name)
     try:
         yield
     finally:
-        for name in given:
-            _added.pop(name, None)
+        for name in class_by_name:
+            _registered_classes.pop(name, None)
 
 
-def _entries() -> Mapping[str, list[EntryPoint]]:
-    """Return the entry points of the folders that packages are in, as these are now."""
-    return _entries_of(
-        *((x, Path(x).exists() and Path(x).stat().st_mtime_ns) for x in sys.path)
-    )
+def _find_entry_points() -> Mapping[str, list[EntryPoint]]:
+    """Return the entry points of all installed packages by name.
+
+    They are listed again only if a folder of packages has changed.
+    """
+    folder_states = [
+        (folder, Path(folder).exists() and Path(folder).stat().st_mtime_ns)
+        for folder in sys.path
+    ]
+    return _list_entry_points(*folder_states)
 
 
 @lru_cache(maxsize=1)
-def _entries_of(*_: tuple[str, int]) -> Mapping[str, list[EntryPoint]]:
-    """Return the entry points, which take long to list, of folders as they are now."""
-    entries: dict[str, list[EntryPoint]] = {}
-    for entry in entry_points(group=GROUP):
-        same = entries.setdefault(entry.name, [])
-        if all(other.value != entry.value for other in same):
-            same.append(entry)
-    return entries
+def _list_entry_points(*_folder_states: tuple[str, int]) -> Mapping[str, list[EntryPoint]]:
+    """Return the entry points by name; listing them takes long.
+
+    The arguments, folders with their times of change, are the key of the cache.
+    """
+    entries_by_name: dict[str, list[EntryPoint]] = {}
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        entries = entries_by_name.setdefault(entry.name, [])
+        # A package can be listed twice, in an installed and in an editable form.
+        if all(other.value != entry.value for other in entries):
+            entries.append(entry)
+    return entries_by_name
 
 
-def _origin(entry: EntryPoint) -> str:
+def _distribution_name(entry: EntryPoint) -> str:
+    """Return the name of the distribution with an entry point."""
     return entry.dist.name if entry.dist is not None else "unknown distribution"
 
 
-def origin_of(name: str) -> str:
-    """Return the distributions that offer an analysis of this name, or nothing."""
-    return listing(_origin(entry) for entry in _entries().get(name, ()))
+def list_distributions(name: str) -> str:
+    """Return the distributions with an analysis of this name, empty if there is none."""
+    entries = _find_entry_points().get(name, ())
+    return listing(_distribution_name(entry) for entry in entries)
 
 
-def names() -> Names:
+def analysis_names() -> Names:
     """Return the names of all installed analyses, broken ones too, sorted."""
-    return tuple(sorted({*_entries(), *_added}))
+    return tuple(sorted({*_find_entry_points(), *_registered_classes}))
 
 
-def records() -> list[tuple[str, str, str, str]]:
-    """Return every installed analysis, loading each to learn whether it works.
+class AnalysisRecord(NamedTuple):
+    """An installed analysis.
 
-    By name: that, where it comes from, its class, and why it cannot be used, if so.
+    Attributes
+    ----------
+    name
+        Its name.
+    origin
+        The distribution that contains it.
+    class_name
+        Its class.
+    error
+        Why it cannot be used, empty if it can.
     """
-    listed = [(name, "this process", cls.__name__, "") for name, cls in _added.items()]
-    for name, entries in _entries().items():
+
+    name: str
+    origin: str
+    class_name: str
+    error: str
+
+
+def list_analyses() -> list[AnalysisRecord]:
+    """Return every installed analysis by name, after loading it to find errors."""
+    analysis_records = [
+        AnalysisRecord(name, "this process", cls.__name__, "")
+        for name, cls in _registered_classes.items()
+    ]
+    for name, entries in _find_entry_points().items():
         for entry in entries:
             try:
-                load(name)
+                load_analysis(name)
                 error = ""
             except PluginError as problem:
                 error = str(problem)
-            listed.append((name, _origin(entry), entry.value, error))
-    return sorted(listed)
+            origin = _distribution_name(entry)
+            analysis_records.append(AnalysisRecord(name, origin, entry.value, error))
+    return sorted(analysis_records)
 
 
-def load(name: str) -> type[AbstractAnalysis]:
+def load_analysis(name: str) -> type[AbstractAnalysis]:
     """Return the class of an analysis.
 
     Raises
@@ -92,43 +131,44 @@ def load(name: str) -> type[AbstractAnalysis]:
     PluginError
         If it is given twice, does not import, or breaks the contract.
     """
-    if name in _added:
-        return _added[name]
-    entries = _entries().get(name, [])
+    if name in _registered_classes:
+        return _registered_classes[name]
+    entries = _find_entry_points().get(name, [])
     if not entries:
         raise AnalysisError(
-            f'no analysis is named "{name}"{choices(name, names(), "Installed")}'
+            f'no analysis is named "{name}"{choices(name, analysis_names(), "Installed")}'
         )
-    entry, *others = entries
-    if others:
+    if len(entries) > 1:
         raise PluginError(
-            f"analysis {name}: given by several distributions ({origin_of(name)}); "
-            "uninstall all but one"
+            f"analysis {name}: given by several distributions "
+            f"({list_distributions(name)}); uninstall all but one"
         )
+    (entry,) = entries
+    origin = _distribution_name(entry)
     try:
         cls = entry.load()
     except (Exception, SystemExit) as problem:
-        LOG.debug("%s does not import", name, exc_info=True)
+        PLUGIN_LOG.debug("%s does not import", name, exc_info=True)
         raise PluginError(
-            f"analysis {name} of {_origin(entry)} does not import ({entry.value}): "
-            f"{described(problem)}"
+            f"analysis {name} of {origin} does not import ({entry.value}): "
+            f"{describe_exception(problem)}"
         ) from problem
-    fault = fault_of_class(cls)
+    fault = find_class_fault(cls)
     if not fault and cls.name != name:
         fault = f"the class calls itself {cls.name!r}"
     if fault:
-        raise PluginError(f"analysis {name} of {_origin(entry)}: {fault}")
+        raise PluginError(f"analysis {name} of {origin}: {fault}")
     return cls  # type: ignore[no-any-return]
 
 
-def create(request: str) -> AbstractAnalysis:
+def create_analysis(request: str) -> AbstractAnalysis:
     """Return an analysis from ``NAME`` or ``NAME:key=value,key=value``.
 
     Lists are written ``a+b+c``. Unknown parameters and unreadable values raise
     `AnalysisError` with what is allowed, a broken plugin `PluginError`.
     """
     name, _, text = request.partition(":")
-    cls = load(name)
-    given = given_in(text, cls, name)
-    with faults_of(name, "its constructor"):
-        return cls(**given)
+    cls = load_analysis(name)
+    parameters = parse_fields(text, cls, name)
+    with convert_plugin_errors(name, "its constructor"):
+        return cls(**parameters)

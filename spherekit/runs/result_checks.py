@@ -1,4 +1,7 @@
-"""What an analysis gives for a batch: as it was declared, or refused in a sentence."""
+"""Calls the methods of an analysis and checks what they return.
+
+An analysis that breaks its declaration is refused with a sentence.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -9,7 +12,7 @@ import numpy as np
 from spherekit.arrays import Array
 from spherekit.errors import PluginError
 from spherekit.numerics.lazy_columns import Interleaved
-from spherekit.runs.analysis_faults import faults_of
+from spherekit.runs.analysis_faults import convert_plugin_errors
 from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis, Findings
 from spherekit.scenes.scene import Scene
@@ -17,18 +20,28 @@ from spherekit.scenes.scene_checks import check_scene
 from spherekit.tables.table import DTYPE_BY_KIND, Column, Table, TableData, row_count
 from spherekit.wording import listing
 
-_WORDS = {
+WORDS_BY_KIND = {
     "number": "numbers",
     "integer": "whole numbers",
     "status": "codes of Status",
     "text": "texts",
 }
+"""Words for the kinds of columns in messages."""
 
 
-def computed(
+def compute_checked_tables(
     analysis: AbstractAnalysis, tables: Sequence[Table], batch: Batch
 ) -> dict[str, TableData]:
-    """Return the tables of a batch, columns in the types of their kinds.
+    """Return the tables of a batch by name, columns in the types of their kinds.
+
+    Parameters
+    ----------
+    analysis
+        The analysis.
+    tables
+        The tables that it declares.
+    batch
+        The samples.
 
     Raises
     ------
@@ -37,19 +50,20 @@ def computed(
     SpherekitError
         With which the analysis, or what it reads, says that it does not apply.
     """
-    with faults_of(analysis.name, "compute"):
-        given = analysis.compute(batch)
-    names = [table.name for table in tables]
-    returned = _keys(given)
-    if sorted(returned) != sorted(names):
+    with convert_plugin_errors(analysis.name, "compute"):
+        returned_tables = analysis.compute(batch)
+    declared_names = [table.name for table in tables]
+    returned_names = _describe_keys(returned_tables)
+    if sorted(returned_names) != sorted(declared_names):
         raise PluginError(
-            f"{analysis.name}: compute returned {listing(returned) or 'no tables'}, it has "
-            f"to return the declared tables by name: {listing(names)}"
+            f"{analysis.name}: compute returned {listing(returned_names) or 'no tables'}, "
+            f"it has to return the declared tables by name: {listing(declared_names)}"
         )
     data: dict[str, TableData] = {}
     for table in tables:
         where = f"{analysis.name}: table {table.name}"
-        data[table.name] = columns = _columns(where, table, given[table.name])
+        columns = _check_columns(where, table, returned_tables[table.name])
+        data[table.name] = columns
         rows = row_count(columns)
         has_rows_of_samples = (
             analysis.rowwise and analysis.reads_samples and table.in_assembly_modes
@@ -63,38 +77,80 @@ def computed(
     return data
 
 
-def _keys(data: Any) -> list[str]:
-    """Return the keys of data, or what it is if it has none."""
+def _describe_keys(data: Any) -> list[str]:
+    """Return the keys of a mapping, or the type of data that is no mapping."""
     return [*map(str, data)] if isinstance(data, Mapping) else [type(data).__name__]
 
 
-def _columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleaved]:
+def _check_columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleaved]:
+    """Return the columns of a table in the types of their kinds.
+
+    Parameters
+    ----------
+    where
+        Analysis and table, for messages.
+    table
+        The declared table.
+    data
+        The columns by name, as the analysis returned them.
+
+    Raises
+    ------
+    PluginError
+        If the columns are not those declared, or their lengths differ.
+    """
     names = [column.name for column in table.columns]
-    if _keys(data) != names:
+    returned_names = _describe_keys(data)
+    if returned_names != names:
         raise PluginError(
-            f"{where} was declared with columns {names}, but compute returned {_keys(data)}"
+            f"{where} was declared with columns {names}, but compute returned "
+            f"{returned_names}"
         )
-    made = {
-        c.name: _typed(f"{where}: column {c.name}", c, data[c.name]) for c in table.columns
+    columns = {
+        column.name: _check_column(
+            f"{where}: column {column.name}", column, data[column.name]
+        )
+        for column in table.columns
     }
-    lengths = {name: len(values) for name, values in made.items()}
+    lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise PluginError(f"{where} has columns of unequal length: {lengths}")
-    return made
+    return columns
 
 
-def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
+def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
+    """Return a column as an array (n,) of the type of its kind.
+
+    Columns that are computed when they are read stay as they are.
+
+    Parameters
+    ----------
+    where
+        Analysis, table and column, for messages.
+    column
+        The declared column.
+    data
+        The values that the analysis returned.
+
+    Raises
+    ------
+    PluginError
+        If they have another type or shape.
+    """
     kind = column.kind
-    if isinstance(data, Interleaved) and (
-        data.dtype.kind == "U" if kind == "text" else data.dtype == DTYPE_BY_KIND[kind]
-    ):
-        return data
+    if isinstance(data, Interleaved):
+        has_type = (
+            data.dtype.kind == "U" if kind == "text" else data.dtype == DTYPE_BY_KIND[kind]
+        )
+        if has_type:
+            return data
     try:
         values = np.asarray(data)
     except ValueError:
         raise PluginError(f"{where} is no array of one number or text a row") from None
     if values.ndim != 1:
         raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
+    # NumPy's letters for floats, signed and unsigned integers, booleans, and texts.
     fits = values.dtype.kind in ("U" if kind == "text" else "fiub")
     if kind == "text" and not fits:
         fits = all(isinstance(text, str) for text in values)
@@ -103,49 +159,59 @@ def _typed(where: str, column: Column, data: Any) -> Array | Interleaved:
     if not fits and len(values):
         (first,) = values[:1].tolist()
         raise PluginError(
-            f"{where} was declared to hold {_WORDS[kind]}, but holds {first!r}"
+            f"{where} was declared to hold {WORDS_BY_KIND[kind]}, but holds {first!r}"
         )
     return values.astype(DTYPE_BY_KIND.get(kind, str), copy=False)
 
 
-def findings_of(
+def compute_findings(
     analysis: AbstractAnalysis, batch: Batch, before: Findings | None
 ) -> Findings:
-    """Return what is found in a batch, joined with what was found `before`.
+    """Return the findings of an analysis in a batch, joined with earlier ones.
+
+    Parameters
+    ----------
+    analysis
+        The analysis.
+    batch
+        The samples.
+    before
+        Findings in earlier batches, None in the first one.
 
     Raises
     ------
     PluginError
         If that fails, or is not ready for JSON.
     """
-    with faults_of(analysis.name, "findings"):
+    with convert_plugin_errors(analysis.name, "findings"):
         findings = analysis.findings(batch)
     if before is not None and isinstance(findings, Findings):
-        with faults_of(analysis.name, "joined"):
+        with convert_plugin_errors(analysis.name, "joined"):
             findings = analysis.joined(before, findings)
     if not isinstance(findings, Findings):
         raise PluginError(
             f"{analysis.name}: findings returned a {type(findings).__name__}, it has to "
             "return Findings(...)"
         )
-    with faults_of(analysis.name, "findings: making JSON of its figures"):
+    with convert_plugin_errors(analysis.name, "findings: making JSON of its figures"):
         json.dumps(dict(findings.figures))
     return findings
 
 
-def scenes_of(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...]:
-    """Return what is to be seen of a batch, with arrays of the right shapes.
+def compute_scenes(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...]:
+    """Return the scenes of an analysis for a batch, with arrays of the right shapes.
 
     Raises
     ------
     PluginError
         If that fails, or `check_scene` refuses one of the scenes.
     """
-    with faults_of(analysis.name, "scene"):
+    with convert_plugin_errors(analysis.name, "scene"):
         scenes = tuple(analysis.scene(batch))
     modes = [*batch.assembly_mode_rows()]
-    samples = len(batch) // max(len(modes), 1)
-    inputs = batch.inputs.shape[1]
+    sample_count = len(batch) // max(len(modes), 1)
+    input_count = batch.inputs.shape[1]
     return tuple(
-        check_scene(analysis.name, scene, modes, samples, inputs) for scene in scenes
+        check_scene(analysis.name, scene, modes, sample_count, input_count)
+        for scene in scenes
     )

@@ -19,15 +19,15 @@ from spherekit.planning.pole_plan import Plan
 from spherekit.planning.submechanism import part_for
 from spherekit.positions.angle_unwrapping import LastAngles
 from spherekit.positions.motion import Motion
-from spherekit.runs.analysis_requests import requests_for
+from spherekit.runs.analysis_requests import plan_requests
 from spherekit.runs.batch import Batch, ContinuedAngles, PoleFields, run_status
 from spherekit.runs.batch_runner import BatchRunner
 from spherekit.runs.contract import AbstractAnalysis, Analyses
-from spherekit.runs.declaration_checks import declared
+from spherekit.runs.declaration_checks import check_needs
 from spherekit.runs.evaluation_options import ORDINARY, Setting
 from spherekit.runs.needs import Needs
 from spherekit.runs.resource_checks import need_memory
-from spherekit.runs.result_checks import computed
+from spherekit.runs.result_checks import compute_checked_tables
 from spherekit.runs.run_identity import code_identity
 from spherekit.runs.run_result import MOTION
 from spherekit.runs.run_state import RunState, describe_analyses, hash_array
@@ -193,7 +193,7 @@ class RunPlan:
         self, analysis: AbstractAnalysis, batch: Batch
     ) -> dict[str, TableData]:
         """Return the checked tables of an analysis; `computed` lists the errors."""
-        return computed(analysis, self.tables_of(analysis), batch)
+        return compute_checked_tables(analysis, self.tables_of(analysis), batch)
 
     def join_tables(
         self, analysis: AbstractAnalysis, batches: Iterable[Batch]
@@ -343,7 +343,7 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
     refused = {}
     for analysis in analyses:
         try:
-            needs.append(declared(analysis, mechanism))
+            needs.append(check_needs(analysis, mechanism))
         except PluginError as error:
             refused[analysis.name] = str(error)
             needs.append(Needs())
@@ -390,7 +390,7 @@ def make_run_plan(
                 "they move; give a law for every input, and a duration"
             )
     all_needs = reduce(Needs.union, declared_needs.needs, Needs())
-    requests = requests_for(
+    requests = plan_requests(
         position_analysis.mechanism, all_needs, position_analysis.by_rank
     )
     if setting.engine == "compiled":
@@ -505,7 +505,7 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
     needed_links: frozenset[int] = frozenset()
     for analysis in analyses:
         try:
-            needs = declared(analysis, mechanism)
+            needs = check_needs(analysis, mechanism)
         except PluginError:
             continue  # the run reports it
         links = links_of(mechanism, needs)

@@ -1,4 +1,4 @@
-"""What a run returns, and how it is written to a folder."""
+"""The result of a run in memory, and how it is written to a folder."""
 
 import json
 import time
@@ -14,7 +14,7 @@ from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError, OutputError
 from spherekit.escaping import html_text
 from spherekit.markup import html_list, html_table
-from spherekit.runs.analysis_faults import failed, failed_rows
+from spherekit.runs.analysis_faults import describe_failed_rows, describe_failure
 from spherekit.runs.run_cost import TABLES
 from spherekit.runs.run_folder import (
     FILE_BYTES,
@@ -43,19 +43,32 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOTION = "motion"
-FIRST_ROWS = 5
-"""Of each table in the page of a notebook."""
+"""Name of the table with the configurations, which every run writes."""
+
+NOTEBOOK_ROWS = 5
+"""Number of rows of each table that are shown in a notebook."""
+
+TEXT_CODE_TYPE = np.int32
+"""Type of the numbers that stand for texts in memory, by which their size is estimated."""
 
 Columns = Literal[1, 2]
-"""Columns of a journal over which a figure goes."""
+"""Number of columns of a journal over which a figure extends."""
 
 
 @dataclass(frozen=True)
 class AnalysisResult:
-    """The tables of one analysis, as declared arrays.
+    """The tables of one analysis.
 
-    Where the run wrote to a folder, columns are read from its Parquet files when asked
-    for; a run that kept no tables has no `data`.
+    Attributes
+    ----------
+    name
+        Name of the analysis.
+    tables
+        The tables that it declares.
+    data
+        The columns of each table by its name. If the run wrote to a folder, columns are
+        read from its Parquet files when they are asked for. A run that kept no tables has
+        no data.
     """
 
     name: str
@@ -67,9 +80,18 @@ class AnalysisResult:
 class RunResult:
     """The tables of all analyses of a run, its failures and its summary.
 
-    `summary` holds versions, hashes, tolerances, errors reached and times, ready for
-    JSON. `failures` maps the name of an analysis that failed to the reason. `files`
-    are those that a run with a folder has written, `views` makes figures and recordings.
+    Attributes
+    ----------
+    results
+        The tables by the name of their analysis.
+    failures
+        The reasons of analyses that failed, by their names.
+    summary
+        Versions, hashes, tolerances, reached errors and times, as data for JSON.
+    files
+        Files that a run with a folder has written.
+    views
+        Creates figures and recordings.
     """
 
     results: Mapping[str, AnalysisResult]
@@ -79,28 +101,34 @@ class RunResult:
     views: Any = field(default=None, compare=False)
 
     def __repr__(self) -> str:
-        tables = listing(
-            name if table is result.tables[0] else f"{name}/{table.name}"
-            for name, result in self.results.items()
-            for table in result.tables
+        table_names = []
+        for name, result in self.results.items():
+            for number, table in enumerate(result.tables):
+                table_names.append(f"{name}/{table.name}" if number else name)
+        failures = f"; failed: {listing(self.failures)}" if self.failures else ""
+        return (
+            f"<RunResult of {self.summary.get('mechanism')}: tables "
+            f"{listing(table_names)}{failures}>"
         )
-        rest = f"; failed: {listing(self.failures)}" if self.failures else ""
-        return f"<RunResult of {self.summary.get('mechanism')}: tables {tables}{rest}>"
 
     def _repr_html_(self) -> str:
-        """Return the first rows of all tables, what was found, and what failed, as HTML."""
+        """Return the first rows of all tables, the findings and the failures as HTML."""
         parts = [f"<p>{html_text(repr(self)[1:-1])}</p>"]
         for name, result in self.results.items():
             for table in result.tables:
                 if table.name in result.data:
-                    parts.append(_first_rows(name, table, result.data[table.name]))
-        claims = [self.summary["search"]] if self.summary.get("assembly_modes") else []
-        said = [*claims, *self.summary.get("remarks", ())]
-        why = [failed(name, reason) for name, reason in self.failures.items()]
+                    parts.append(_first_rows_html(name, table, result.data[table.name]))
+        findings = []
+        if self.summary.get("assembly_modes"):
+            findings.append(str(self.summary["search"]))
+        findings += map(str, self.summary.get("remarks", ()))
+        failures = [
+            describe_failure(name, reason) for name, reason in self.failures.items()
+        ]
         parts += [
-            html_list("Found", list(map(str, said))),
+            html_list("Found", findings),
             html_list("Warnings", self.summary.get("warnings", ())),
-            html_list("Failed", why + failed_rows(self.summary)),
+            html_list("Failed", failures + describe_failed_rows(self.summary)),
         ]
         return "".join(parts)
 
@@ -129,23 +157,25 @@ class RunResult:
         """
         from spherekit.tables.table_files import to_frame
 
-        name = analysis or next((n for n in self.results if n != MOTION), MOTION)
+        analysis_names = [item for item in self.results if item != MOTION]
+        name = analysis or (analysis_names[0] if analysis_names else MOTION)
         if name in self.failures:
-            raise AnalysisError(failed(name, self.failures[name]))
+            raise AnalysisError(describe_failure(name, self.failures[name]))
         if name not in self.results:
             raise AnalysisError(
                 f'this run has no result "{name}"{choices(name, self.results, "Results")}'
             )
         result = self.results[name]
-        declared = {item.name: item for item in result.tables}
-        wanted = table or result.tables[0].name
-        if wanted not in declared:
+        tables = {item.name: item for item in result.tables}
+        table_name = table or result.tables[0].name
+        if table_name not in tables:
             raise AnalysisError(
-                f'{name} has no table "{wanted}"{choices(wanted, declared, "Tables")}'
+                f'{name} has no table "{table_name}"{choices(table_name, tables, "Tables")}'
             )
-        return to_frame(declared[wanted], self._data(name, wanted), degrees)
+        return to_frame(tables[table_name], self._columns_of(name, table_name), degrees)
 
-    def _data(self, analysis: str, table: str) -> TableArrays:
+    def _columns_of(self, analysis: str, table: str) -> TableArrays:
+        """Return the columns of a table; an `AnalysisError` says if they were not kept."""
         data = self.results[analysis].data
         if table not in data:
             raise AnalysisError(
@@ -158,8 +188,8 @@ class RunResult:
     def save(self, path: str | Path) -> Path:
         """Write a recording for the viewer, and return its path.
 
-        The run is gone through once more, as a recording holds what tables do not, unless
-        `plot` or `show` has done that.
+        The run is repeated, since a recording contains more than the tables, unless `plot`
+        or `show` has done that.
 
         Raises
         ------
@@ -178,20 +208,20 @@ class RunResult:
                 f"{path}: a recording is a file named *.rrd; tables go to a folder "
                 "by write(folder)"
             )
-        self._views(str(path)).record(path)
+        self._check_views(str(path)).record(path)
         return path
 
     def show(self) -> None:
-        """Show the recording in the page of a notebook, all of it.
+        """Show the whole recording in a notebook.
 
-        The first time the run is gone through once more, unless `plot` has done that.
+        The first time the run is repeated, unless `plot` has done that.
 
         Raises
         ------
         OutputError
             If the package rerun-notebook is not installed.
         """
-        self._views("show").show()
+        self._check_views("show").show()
 
     @overload
     def plot(
@@ -207,10 +237,10 @@ class RunResult:
     def plot(
         self, subject: str | None = None, degrees: bool = True, columns: Columns = 2
     ) -> "Mapping[str, Figure] | Figure":
-        """Return figures for a paper, drawn by matplotlib from what the analyses show.
+        """Return figures for a paper, drawn by matplotlib from the scenes of the analyses.
 
-        The first time the run is gone through once more, as tables do not say what is to be
-        seen; that is kept for further figures, `show` and `save`.
+        The first time the run is repeated, since tables do not contain the scenes. The
+        scenes are kept for further figures, `show` and `save`.
 
         Parameters
         ----------
@@ -236,12 +266,13 @@ class RunResult:
         >>> result = sk.run("four_bar", "poles", samples=91)
         >>> result.plot("velocity coefficients").savefig("coefficients.pdf")
         """
-        figures: Mapping[str, Figure] = self._views("plot").figures(degrees, columns)
+        figures: Mapping[str, Figure] = self._check_views("plot").figures(degrees, columns)
         return figures if subject is None else figures[subject]
 
-    def _views(self, what: str) -> Any:
+    def _check_views(self, method: str) -> Any:
+        """Return the views; an `OutputError` names the method if there are none."""
         if self.views is None:
-            raise OutputError(f"{what}: only what spherekit.run returns can be shown")
+            raise OutputError(f"{method}: only what spherekit.run returns can be shown")
         return self.views
 
     @checked(OutputError)
@@ -270,56 +301,79 @@ class RunResult:
             unfinished work, or the disk is full.
         """
         declared = {name: result.tables for name, result in self.results.items()}
-        rows = {
-            stem: split_into_chunks(table, self._data(name, table.name))
-            for stem, (name, table) in stems(declared).items()
+        chunks_by_stem = {
+            stem: split_into_chunks(table, self._columns_of(name, table.name))
+            for stem, (name, table) in tables_by_file_stem(declared).items()
         }
-        with RunFolder.open(folder) as place:
-            if place.has_unfinished_work:
+        with RunFolder.open(folder) as run_folder:
+            if run_folder.has_unfinished_work:
                 raise OutputError(
                     f"{str(folder)!r}: there is unfinished work of a run; finish it with "
                     'unfinished="resume" first, or choose another folder'
                 )
-            written, _ = write_results(
-                place, declared, rows, self.summary, degrees, formats
+            paths, _ = write_results(
+                run_folder, declared, chunks_by_stem, self.summary, degrees, formats
             )
-            return written
+            return paths
 
 
-def _first_rows(analysis: str, table: Table, data: TableArrays) -> str:
+def _first_rows_html(analysis: str, table: Table, data: TableArrays) -> str:
     """Return the first rows of a table as HTML, with the units of its columns."""
     columns = [data[column.name] for column in table.columns]
     units = {column.name: column.unit for column in table.columns}
-    rows = zip(*(values[:FIRST_ROWS].tolist() for values in columns), strict=True)
+    first_values = [values[:NOTEBOOK_ROWS].tolist() for values in columns]
+    rows = zip(*first_values, strict=True)
     name = analysis if table.name == analysis else f"{analysis}/{table.name}"
     return html_table(
         with_units(units, units), rows, f"{name}: {counted(len(columns[0]), 'row')}"
     )
 
 
-def stems(declared: Declared) -> dict[str, tuple[str, Table]]:
-    """Return what files are called without their ending: whose, and of which table."""
+def tables_by_file_stem(declared: Declared) -> dict[str, tuple[str, Table]]:
+    """Return the analysis and the table of each file, by its name without the ending.
+
+    The first table of an analysis is in the file that is named like the analysis.
+    """
+    tables_by_stem = {}
+    for analysis, tables in declared.items():
+        for number, table in enumerate(tables):
+            stem = f"{analysis}_{table.name}" if number else analysis
+            tables_by_stem[stem] = (analysis, table)
+    return tables_by_stem
+
+
+def _units_by_stem(declared: Declared, degrees: bool) -> Facts:
+    """Return the unit of every column of tables by the stems of their files."""
     return {
-        f"{name}_{table.name}" if number else name: (name, table)
-        for name, tables in declared.items()
-        for number, table in enumerate(tables)
+        stem: table.units(degrees)
+        for stem, (_, table) in tables_by_file_stem(declared).items()
     }
 
 
-def _units(declared: Declared, degrees: bool) -> Facts:
-    """Return the unit of every column of tables by the stems of their files."""
-    return {stem: table.units(degrees) for stem, (_, table) in stems(declared).items()}
-
-
-def result_of(
+def make_result(
     declared: Declared,
     store: TableStore | None,
-    place: RunFolder | None,
+    run_folder: RunFolder | None,
     summary: Facts,
     degrees: bool,
     formats: Sequence[Format] | None,
 ) -> RunResult:
-    """Return the tables declared by name of analysis, written if there is a folder.
+    """Return the result of a run, after writing it if there is a folder.
+
+    Parameters
+    ----------
+    declared
+        The tables by the name of their analysis.
+    store
+        Their rows; None if no tables are kept.
+    run_folder
+        The folder of the run; None without one.
+    summary
+        The summary of the run.
+    degrees
+        Whether files have angles in degrees.
+    formats
+        Formats of the files; None for the default.
 
     Raises
     ------
@@ -328,20 +382,25 @@ def result_of(
     """
     files: list[Path] = []
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
-    summary = {**summary, "units": _units(declared, degrees=False)}
-    by_stem = stems(declared)
-    if place is not None and store is not None:
+    summary = {**summary, "units": _units_by_stem(declared, degrees=False)}
+    tables_by_stem = tables_by_file_stem(declared)
+    if run_folder is not None and store is not None:
         from spherekit.tables.table_files import ParquetColumns
 
-        rows = {stem: store.pieces(*key) for stem, key in by_stem.items()}
-        files, summary = write_results(place, declared, rows, summary, degrees, formats)
-        for stem, (name, table) in by_stem.items():
-            path = place.path / f"{stem}.parquet"
+        chunks_by_stem = {
+            stem: store.pieces(name, table)
+            for stem, (name, table) in tables_by_stem.items()
+        }
+        files, summary = write_results(
+            run_folder, declared, chunks_by_stem, summary, degrees, formats
+        )
+        for stem, (name, table) in tables_by_stem.items():
+            path = run_folder.path / f"{stem}.parquet"
             if path in files:
-                # The absolute path is the same for processes that stand elsewhere.
+                # The absolute path is the same for processes with other working folders.
                 data[name][table.name] = ParquetColumns(path.absolute(), table, degrees)
     elif isinstance(store, MemoryTables):
-        for name, table in by_stem.values():
+        for name, table in tables_by_stem.values():
             data[name][table.name] = store.table(name, table)
     results = {
         name: AnalysisResult(name, tuple(tables), data[name])
@@ -353,14 +412,34 @@ def result_of(
 def write_results(
     folder: RunFolder,
     declared: Declared,
-    rows: Mapping[str, Iterator[Mapping[str, Any]]],
+    chunks_by_stem: Mapping[str, Iterator[Mapping[str, Any]]],
     summary: Facts,
     degrees: bool,
     formats: Sequence[Format] | None,
 ) -> tuple[list[Path], Facts]:
     """Write the tables of analyses, and the summary with their names and the time.
 
-    `rows` are their pieces by the stems of their files. Return the paths and that summary.
+    Parameters
+    ----------
+    folder
+        The folder of the run.
+    declared
+        The tables by the name of their analysis.
+    chunks_by_stem
+        Their columns in chunks of rows, by the name of the file without ending.
+    summary
+        The summary of the run.
+    degrees
+        Whether files have angles in degrees.
+    formats
+        Formats of the files. By default Parquet, and CSV if the tables are small.
+
+    Returns
+    -------
+    paths
+        The written files.
+    summary
+        The summary as it was written.
 
     Raises
     ------
@@ -369,43 +448,53 @@ def write_results(
     """
     from spherekit.tables.table_files import format_csv, write_table
 
-    started = time.perf_counter()
-    by_stem = stems(declared)
-    cost = summary["cost"]["tables"]
-    in_memory = sum(  # texts as numbers of words
-        np.dtype(DTYPE_BY_KIND.get(column.kind, np.int32)).itemsize * cost[stem]["rows"]
-        for stem, (_, table) in by_stem.items()
-        for column in table.columns
-    )
-    csv = FILE_SIZE["csv"] * in_memory
-    kinds = formats_of(formats, csv)
-    if formats is None and "csv" not in kinds:
-        left_out = (
-            f"no CSV, which would take about {size_text(csv)}: ask for it with "
+    start = time.perf_counter()
+    tables_by_stem = tables_by_file_stem(declared)
+    cost_by_stem = summary["cost"]["tables"]
+    memory_bytes = 0
+    for stem, (_, table) in tables_by_stem.items():
+        for column in table.columns:
+            # Texts are stored as numbers of words.
+            dtype = np.dtype(DTYPE_BY_KIND.get(column.kind, TEXT_CODE_TYPE))
+            memory_bytes += dtype.itemsize * cost_by_stem[stem]["rows"]
+    csv_bytes = FILE_SIZE["csv"] * memory_bytes
+    file_kinds = formats_of(formats, csv_bytes)
+    if formats is None and "csv" not in file_kinds:
+        remark = (
+            f"no CSV, which would take about {size_text(csv_bytes)}: ask for it with "
             '--format both (formats=["csv", "parquet"])'
         )
-        summary = {**summary, "remarks": [*summary.get("remarks", ()), left_out]}
-    made = make_folder(folder.work / FINISHED)
-    sizes: dict[str, int] = {}
-    for stem, (analysis, table) in by_stem.items():
+        summary = {**summary, "remarks": [*summary.get("remarks", ()), remark]}
+
+    # All files are complete before any of them appears in the folder.
+    finished_folder = make_folder(folder.work / FINISHED)
+    bytes_by_file: dict[str, int] = {}
+    for stem, (analysis, table) in tables_by_stem.items():
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
-        for name in write_table(made / stem, table, rows[stem], notes, degrees, kinds):
-            sizes[name] = (made / name).stat().st_size
-            cost[stem][f"{name.rpartition('.')[2]}_bytes"] = sizes[name]
-    columns = [
+        file_names = write_table(
+            finished_folder / stem, table, chunks_by_stem[stem], notes, degrees, file_kinds
+        )
+        for name in file_names:
+            bytes_by_file[name] = (finished_folder / name).stat().st_size
+            _, _, ending = name.rpartition(".")
+            cost_by_stem[stem][f"{ending}_bytes"] = bytes_by_file[name]
+    column_rows = [
         (stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
-        for stem, (_, table) in by_stem.items()
+        for stem, (_, table) in tables_by_stem.items()
         for column in table.columns
     ]
-    headed = format_csv([("table", "column", "unit", "meaning"), *columns])
-    write_bytes(made / COLUMNS, headed)
-    sizes[COLUMNS] = len(headed)
-    summary["cost"]["seconds"][TABLES] = time.perf_counter() - started
-    units = _units(declared, degrees)
-    written = sign_summary(
-        {**summary, "units": units, "files": list(sizes), FILE_BYTES: sizes}
+    columns_csv = format_csv([("table", "column", "unit", "meaning"), *column_rows])
+    write_bytes(finished_folder / COLUMNS, columns_csv)
+    bytes_by_file[COLUMNS] = len(columns_csv)
+    summary["cost"]["seconds"][TABLES] = time.perf_counter() - start
+    written_summary = sign_summary(
+        {
+            **summary,
+            "units": _units_by_stem(declared, degrees),
+            "files": list(bytes_by_file),
+            FILE_BYTES: bytes_by_file,
+        }
     )
-    write_bytes(
-        made / SUMMARY, (json.dumps(written, indent=2, ensure_ascii=False) + "\n").encode()
-    )
-    return folder.publish(), written
+    text = json.dumps(written_summary, indent=2, ensure_ascii=False) + "\n"
+    write_bytes(finished_folder / SUMMARY, text.encode())
+    return folder.publish(), written_summary

@@ -14,7 +14,7 @@ from spherekit.argument_validation import checked
 from spherekit.errors import AnalysisError, OutputError, SpherekitError
 from spherekit.files.study import Study
 from spherekit.positions.motion import Motion
-from spherekit.runs.analysis_faults import faults_of
+from spherekit.runs.analysis_faults import convert_plugin_errors
 from spherekit.runs.batch import Batch, ContinuedAngles, PoleFields
 from spherekit.runs.checkpoints import checkpointing, resume_or_start, unfinished_identity
 from spherekit.runs.contract import AbstractAnalysis, Analyses
@@ -22,7 +22,7 @@ from spherekit.runs.evaluation_options import ORDINARY, Setting
 from spherekit.runs.execution import Execution
 from spherekit.runs.recording_session import RecordingSession
 from spherekit.runs.resource_checks import need_disk_for_run
-from spherekit.runs.result_checks import findings_of, scenes_of
+from spherekit.runs.result_checks import compute_findings, compute_scenes
 from spherekit.runs.run_cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
 from spherekit.runs.run_folder import RunFolder
 from spherekit.runs.run_plan import (
@@ -33,11 +33,11 @@ from spherekit.runs.run_plan import (
     make_run_plan,
     motion_rows,
 )
-from spherekit.runs.run_result import MOTION, RunResult, result_of, stems
+from spherekit.runs.run_result import MOTION, RunResult, make_result, tables_by_file_stem
 from spherekit.runs.run_state import RunState
 from spherekit.runs.sampling import Sampling, make_sampling
-from spherekit.runs.study_analyses import chosen
-from spherekit.runs.study_options import Subject, study_of, takes
+from spherekit.runs.study_analyses import make_run_analyses
+from spherekit.runs.study_options import Subject, apply_study_options, takes_study_options
 from spherekit.runs.summary import measure_cost, summarize_run
 from spherekit.runs.table_scenes import table_scenes
 from spherekit.runs.table_store import StoredTables, TableStore
@@ -48,7 +48,7 @@ from spherekit.symbolic.compiler import ENGINE_CHOICES
 from spherekit.tables.table import COLUMNS, FILE_SIZE, Format, Table, TableData
 
 
-@takes(Execution)
+@takes_study_options(Execution)
 @checked(AnalysisError)
 def run(
     subject: Subject,
@@ -97,10 +97,10 @@ def run(
         or the folder has unfinished work that does not fit. Finished blocks are kept in the
         folder, and the run can be resumed.
     """
-    study, execution = study_of("run", subject, options, Execution)
+    study, execution = apply_study_options("run", subject, options, Execution)
     if isinstance(analyses, str | AbstractAnalysis):
         analyses = [analyses]
-    return run_study(study, chosen(study, analyses), execution)
+    return run_study(study, make_run_analyses(study, analyses), execution)
 
 
 def run_study(
@@ -262,7 +262,7 @@ def run_study(
 
             # The files are written before the checkpoints are removed. If that fails, for
             # instance because the disk is full, a run with stored rows can be resumed.
-            result = result_of(
+            result = make_result(
                 run_plan.tables(failed=run_state.failures),
                 table_store,
                 run_folder,
@@ -347,7 +347,7 @@ def evaluate_block(
         try:
             with timer.stage(f"analysis {name}"):
                 rows_by_table = run_plan.compute_tables(analysis, batch)
-                findings = findings_of(analysis, batch, run_state.findings.get(name))
+                findings = compute_findings(analysis, batch, run_state.findings.get(name))
             if recording_session is not None:
                 with timer.stage(RECORDING):
                     _record_analysis(
@@ -390,10 +390,10 @@ def _record_analysis(
     rows_by_table: Mapping[str, TableData],
 ) -> None:
     """Record the scenes of an analysis, or its table columns if it has no scenes."""
-    scenes: Sequence[Scene] = scenes_of(analysis, batch)
+    scenes: Sequence[Scene] = compute_scenes(analysis, batch)
     if not scenes:
         scenes = table_scenes(declared_tables, rows_by_table, batch)
-    with faults_of(analysis.name, "showing its scene"):
+    with convert_plugin_errors(analysis.name, "showing its scene"):
         recording_session.record_scenes(scenes, motion, analysis.name)
 
 
@@ -416,6 +416,6 @@ def _table_files(run_plan: RunPlan, formats: Sequence[Format] | None) -> list[st
     """Return the names of all table files that the run can write to its folder."""
     return [
         f"{file_stem}.{file_format}"
-        for file_stem in stems(run_plan.tables())
+        for file_stem in tables_by_file_stem(run_plan.tables())
         for file_format in formats or FILE_SIZE
     ]

@@ -14,19 +14,22 @@ from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_field import PoleField, axis_pairs
 from spherekit.velocities.pole_request import Request
 
-RELATIVE_STEP = 2.0**-30
-"""Relative difference of the numbers of successive poles that stand in for others. Parquet
-stores equal numbers once, and those of different poles are not equal. Larger: numbers are
-of another size after thousands of poles; smaller: they become equal by rounding."""
+STAND_IN_RELATIVE_STEP = 2.0**-30
+"""Relative difference of the numbers of successive poles that stand in for others.
+
+Parquet stores equal numbers once, but those of different poles are not equal. Larger:
+numbers have another size after thousands of poles. Smaller: they become equal by rounding.
+"""
 
 
 def evaluate_sample(motion: Motion, wanted: Request, most: int) -> PoleField:
     """Return a field in which many poles have the numbers of others.
 
     The axes of pairs are all evaluated, since their numbers are shorter. Of the other poles
-    `most` are evaluated, evenly from all, and those with great circles if they are no more.
-    Each further pole gets the numbers of one of these in turn, but for their last digits.
-    Such numbers say how much room they take, and nothing else.
+    `most` are evaluated, spread evenly over all. Poles with great circles are added if they
+    are no more than `most`. Each remaining pole gets the numbers of one of these in turn,
+    except for the last digits. Such numbers show how many bytes they take, and nothing
+    else.
 
     Parameters
     ----------
@@ -42,26 +45,34 @@ def evaluate_sample(motion: Motion, wanted: Request, most: int) -> PoleField:
     PoleField
         With entries for all poles of the request.
     """
-    pairs = axis_pairs(wanted.plan)
-    across = [pole for pole in wanted.poles if wanted.plan.pole(*pole) not in pairs]
-    step = max(1, -(-len(across) // most))
-    sample = across[::step]
+    pair_poles = axis_pairs(wanted.plan)
+    other_poles = [
+        pole for pole in wanted.poles if wanted.plan.pole(*pole) not in pair_poles
+    ]
+    step = max(1, -(-len(other_poles) // most))  # rounded up
+    sample = other_poles[::step]
     if len(wanted.planes) <= most:
-        sample += [pole for pole in across if pole in wanted.planes.difference(sample)]
-    left_out = set(across).difference(sample)
-    poles = tuple(pole for pole in wanted.poles if pole not in left_out)
-    planes = wanted.planes.difference(left_out)
-    field = evaluate(motion, replace(wanted, poles=poles, planes=planes))
-    stand_in: dict[Pole, Pole] = {
+        sample += [pole for pole in other_poles if pole in wanted.planes.difference(sample)]
+    left_out = set(other_poles).difference(sample)
+    evaluated_request = replace(
+        wanted,
+        poles=tuple(pole for pole in wanted.poles if pole not in left_out),
+        planes=wanted.planes.difference(left_out),
+    )
+    field = evaluate(motion, evaluated_request)
+    stand_ins: dict[Pole, Pole] = {
         pole: sample[k % len(sample)] for k, pole in enumerate(sorted(left_out))
     }
-    for name in (item.name for item in fields(PoleField)):
-        by_pole = getattr(field, name)
-        if not isinstance(by_pole, dict) or name in ("w", "dw"):
+    for item in fields(PoleField):
+        values_by_pole = getattr(field, item.name)
+        # `w` and `dw` are the rates of links.
+        if not isinstance(values_by_pole, dict) or item.name in ("w", "dw"):
             continue
-        for number, (pole, other) in enumerate(stand_in.items(), start=1):
-            if other in by_pole:
-                by_pole[pole] = by_pole[other]
-                if np.issubdtype(by_pole[other].dtype, np.floating):
-                    by_pole[pole] = by_pole[other] * (1.0 + number * RELATIVE_STEP)
+        for number, (pole, stand_in) in enumerate(stand_ins.items(), start=1):
+            if stand_in not in values_by_pole:
+                continue
+            values = values_by_pole[stand_in]
+            if np.issubdtype(values.dtype, np.floating):
+                values = values * (1.0 + number * STAND_IN_RELATIVE_STEP)
+            values_by_pole[pole] = values
     return field

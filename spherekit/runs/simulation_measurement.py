@@ -25,11 +25,11 @@ from spherekit.proof.ball_frames import exact_balls
 from spherekit.proof.balls import MIN_DIGITS, centre_floats, pi_ball
 from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis
-from spherekit.runs.declaration_checks import declared
+from spherekit.runs.declaration_checks import check_needs
 from spherekit.runs.evaluation_options import ORDINARY, Integrator, Setting
 from spherekit.runs.run_plan import DeclaredNeeds, RunPlan, make_run_plan
 from spherekit.runs.sampling import Sampling, sample_simulation
-from spherekit.runs.table_deviation import Deviation, worst
+from spherekit.runs.table_deviation import Deviation, find_largest_deviation
 from spherekit.runs.trade_measurement import (
     ReferenceTables,
     align_directions,
@@ -155,7 +155,7 @@ def make_analysis_plan(
 
     An `AnalysisError` says if the parameters of the analysis are wrong.
     """
-    needs = declared(analysis, sampling.position_analysis.mechanism)
+    needs = check_needs(analysis, sampling.position_analysis.mechanism)
     return make_run_plan(sampling, [analysis], DeclaredNeeds((needs,), {}), setting=setting)
 
 
@@ -235,7 +235,7 @@ def measure_candidates(
                 candidate.name, candidate.setting, reason=problem.fault
             )
             continue
-        largest = worst(deviations) or Deviation("", np.nan, np.nan, 0, 0)
+        largest = find_largest_deviation(deviations) or Deviation("", np.nan, np.nan, 0, 0)
         measured_by_name[candidate.name] = Measured(
             candidate.name,
             candidate.setting,

@@ -1,4 +1,4 @@
-"""The analyses that a study names, checked against their plugins."""
+"""Creates the analyses that a study names, and checks their parameters."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,16 +9,18 @@ from spherekit.conventions import Facts, Names
 from spherekit.errors import PluginError, SpherekitError
 from spherekit.files.schema import mismatch, shown
 from spherekit.files.study import Study
-from spherekit.runs.analysis_faults import faults_of
+from spherekit.runs.analysis_faults import convert_plugin_errors
 from spherekit.runs.contract import AbstractAnalysis, BrokenAnalysis
-from spherekit.runs.declaration_checks import declared
-from spherekit.runs.parameter_text import given
-from spherekit.runs.registry import create, load
+from spherekit.runs.declaration_checks import check_needs
+from spherekit.runs.parameter_text import read_fields
+from spherekit.runs.registry import create_analysis, load_analysis
 from spherekit.type_descriptions import TypeWording, describe_type, read_value
 from spherekit.wording import listing
 
 DEFAULT_ANALYSIS = "poles"
-_FILE = TypeWording(
+"""The analysis of a study that names none."""
+
+_FILE_WORDING = TypeWording(
     {
         bool: "true or false",
         int: "a whole number",
@@ -30,9 +32,10 @@ _FILE = TypeWording(
     lambda items: f"an array of {len(items)} values: {listing(items)}",
     "an array [...] with in each place {}",
 )
+"""Words for the types of parameters in a file."""
 
 
-def analyses_of(study: Study) -> list[AbstractAnalysis]:
+def make_study_analyses(study: Study) -> list[AbstractAnalysis]:
     """Return the analyses that a study names, poles by default.
 
     Raises
@@ -43,51 +46,78 @@ def analyses_of(study: Study) -> list[AbstractAnalysis]:
     PluginError
         If an analysis that is asked for cannot be used.
     """
+    parameters_by_name = study.analyses or {DEFAULT_ANALYSIS: {}}
     return [
-        _named(study, name, values)
-        for name, values in (study.analyses or {DEFAULT_ANALYSIS: {}}).items()
+        _make_study_analysis(study, name, parameters)
+        for name, parameters in parameters_by_name.items()
     ]
 
 
-def chosen(
-    study: Study, asked: Sequence[str | AbstractAnalysis] = ()
+def make_run_analyses(
+    study: Study, requests: Sequence[str | AbstractAnalysis] = ()
 ) -> list[AbstractAnalysis]:
-    """Return the analyses of a run: those asked for, else those that the study names.
+    """Return the analyses of a run.
 
-    For one that is broken there is an `BrokenAnalysis` one, so that the others go on.
+    A broken analysis is replaced by a `BrokenAnalysis`, so that the others are computed.
+
+    Parameters
+    ----------
+    study
+        The study.
+    requests
+        Analyses, or their names with parameters. Without any, those that the study names.
 
     Raises
     ------
     AnalysisError, FileError
-        As `create` and `analyses_of`.
+        As `create_analysis` and `make_study_analyses`.
     """
-    analyses = []
-    named = {} if asked else study.analyses or {DEFAULT_ANALYSIS: {}}
-    for item in [*asked, *named]:
-        if isinstance(item, AbstractAnalysis):
-            analyses.append(item)
+    analyses: list[AbstractAnalysis] = []
+    if not requests:
+        for name, parameters in (study.analyses or {DEFAULT_ANALYSIS: {}}).items():
+            try:
+                analyses.append(_make_study_analysis(study, name, parameters))
+            except PluginError as fault:
+                analyses.append(BrokenAnalysis(name, str(fault)))
+    for request in requests:
+        if isinstance(request, AbstractAnalysis):
+            analyses.append(request)
             continue
         try:
-            analyses.append(create(item) if asked else _named(study, item, named[item]))
+            analyses.append(create_analysis(request))
         except PluginError as fault:
-            analyses.append(BrokenAnalysis(item.partition(":")[0], str(fault)))
+            name, _, _ = request.partition(":")
+            analyses.append(BrokenAnalysis(name, str(fault)))
     return analyses
 
 
-def _named(study: Study, name: str, values: Mapping[str, Any]) -> AbstractAnalysis:
-    with _located(study, name):
-        cls = load(name)
-    fields = _given(study, cls, values)
-    with _located(study, name):
-        with faults_of(name, "its constructor"):
+def _make_study_analysis(
+    study: Study, name: str, parameters: Mapping[str, Any]
+) -> AbstractAnalysis:
+    """Return an analysis that a study names.
+
+    Parameters
+    ----------
+    study
+        The study.
+    name
+        Name of the analysis.
+    parameters
+        Its parameters as the file states them.
+    """
+    with _locate_errors(study, name):
+        cls = load_analysis(name)
+    fields = _read_parameters(study, cls, parameters)
+    with _locate_errors(study, name):
+        with convert_plugin_errors(name, "its constructor"):
             analysis = cls(**fields)
-        declared(analysis, study.mechanism)
+        check_needs(analysis, study.mechanism)
     return analysis
 
 
 @contextmanager
-def _located(study: Study, name: str) -> Iterator[None]:
-    """Give complaints about an analysis the file and line that ask for it."""
+def _locate_errors(study: Study, name: str) -> Iterator[None]:
+    """Add the file and line that name an analysis to errors about it."""
     try:
         yield
     except PluginError:
@@ -96,25 +126,31 @@ def _located(study: Study, name: str) -> Iterator[None]:
         raise study.fault(("analyses", name), str(problem)) from None
 
 
-def _given(study: Study, cls: type[AbstractAnalysis], values: Mapping[str, Any]) -> Facts:
-    def fault(path: Names, message: str) -> SpherekitError:
+def _read_parameters(
+    study: Study, cls: type[AbstractAnalysis], parameters: Mapping[str, Any]
+) -> Facts:
+    """Return the fields of an analysis from the parameters in a study's file."""
+
+    def make_error(path: Names, message: str) -> SpherekitError:
         return study.fault(("analyses", cls.name, *path), message)
 
+    def read_list(value: Any) -> list[Any]:
+        if not isinstance(value, list):
+            raise ValueError(value)
+        return value
+
     def read(key: str, value: Any, hint: Any) -> Any:
-        def items(value: Any) -> list[Any]:
-            if not isinstance(value, list):
-                raise ValueError(value)
-            return value
-
+        """Return the value of a field."""
         try:
-            return read_value(hint, value, _one, items)
+            return read_value(hint, value, _read_simple_value, read_list)
         except ValueError:
-            raise fault((key,), mismatch(value, describe_type(hint, _FILE))) from None
+            expected = describe_type(hint, _FILE_WORDING)
+            raise make_error((key,), mismatch(value, expected)) from None
 
-    return given(cls, cls.name, values, read, fault)
+    return read_fields(cls, cls.name, parameters, read, make_error)
 
 
-def _one(hint: Any, value: Any) -> Any:
+def _read_simple_value(hint: Any, value: Any) -> Any:
     """Return a value of a file as one of a simple type, or raise `ValueError`."""
     if hint is float and isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)

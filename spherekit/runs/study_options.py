@@ -9,38 +9,43 @@ from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError
 from spherekit.files.study import Study
 from spherekit.files.study_reader import Subject as Subject
-from spherekit.files.study_reader import study_of as of_subject
+from spherekit.files.study_reader import study_of as read_study
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.type_checks import type_fault
 from spherekit.wording import choices
 
-Second = TypeVar("Second")
-
+Options = TypeVar("Options")
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+FIELDS_WITHOUT_OPTION = (
+    "name",
+    "mechanism",
+    "analyses",
+    "folder",
+    "recording",
+    "locate",
+)
+"""Fields of a study that are no options. Other arguments of the functions state them."""
 
-GIVEN = ("name", "mechanism", "analyses", "folder", "recording", "locate")
-"""Fields of a study that no option changes: its subject or another argument says them."""
 
-
-def study_of(
-    function: str, subject: Subject, options: Facts, second: type[Second]
-) -> tuple[Study, Second]:
-    """Return a study changed by options, and an object that has the others as fields.
+def apply_study_options(
+    function: str, subject: Subject, options: Facts, options_class: type[Options]
+) -> tuple[Study, Options]:
+    """Return a study that is changed by options, and an object of the other options.
 
     Parameters
     ----------
     function
-        The name of the function that takes them, for complaints.
+        Name of the function with these options, for messages.
     subject
-        The study, or what it is of.
+        The study, or what it is read from.
     options
-        Fields of `Study`, of `second`, or `input_pair`, the names of the driven pairs.
-        One that both have is the second's.
-    second
-        The class of the second object; `unused` of it are fields of `Study` that say
-        nothing to the function.
+        Fields of `Study`, fields of `options_class`, or `input_pair`, the names of the
+        driven pairs. A field of both belongs to `options_class`.
+    options_class
+        Dataclass of the other options. Its attribute `unused` names the fields of `Study`
+        that are no options of the function.
 
     Raises
     ------
@@ -51,54 +56,68 @@ def study_of(
     PlanError, ModelError
         If `input_pair` names no R pair.
     """
-    extra = {item.name for item in fields(second)}  # type: ignore[arg-type]
-    allowed = _options_of(second)
+    own_names = {item.name for item in fields(options_class)}  # type: ignore[arg-type]
+    allowed = _list_options(options_class)
     for name in options:
         if name not in allowed:
             raise AnalysisError(
                 f'{function}: there is no option "{name}"'
                 f"{choices(name, sorted(allowed), 'options', len(allowed))}"
             )
-    study = of_subject(subject)
-    changes = {k: v for k, v in options.items() if k not in extra and k != "input_pair"}
-    pairs = options.get("input_pair")
-    if "samples" in changes or pairs is not None:
+    study = read_study(subject)
+    own_options = {name: value for name, value in options.items() if name in own_names}
+    changes = {
+        name: value
+        for name, value in options.items()
+        if name not in own_names and name != "input_pair"
+    }
+    input_pairs = options.get("input_pair")
+    # A path of the study belongs to its own inputs and samples.
+    if "samples" in changes or input_pairs is not None:
         changes.setdefault("path", None)
-    if pairs is not None:
-        if fault := type_fault("input_pair", pairs, str | Sequence[str]):
+    if input_pairs is not None:
+        if fault := type_fault("input_pair", input_pairs, str | Sequence[str]):
             raise AnalysisError(f"{function}: {fault}")
-        changes["mechanism"] = driven_at(study.mechanism, pairs)
+        changes["mechanism"] = driven_at(study.mechanism, input_pairs)
     if changes:
         study = replace(study, **changes)
-    return study, second(**{k: v for k, v in options.items() if k in extra})
+    return study, options_class(**own_options)
 
 
-def _options_of(second: type) -> dict[str, inspect.Parameter]:
-    """Return the options of `study_of` by name, as parameters of a function."""
-    without = {*GIVEN, *getattr(second, "unused", ())}
-    items = [item for item in fields(Study) if item.name not in without]
-    named: dict[str, tuple[Any, Any]] = {"input_pair": (None, str | Sequence[str] | None)}
-    for item in (*items, *fields(second)):
+def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
+    """Return the options of `apply_study_options` by name, as parameters of a function."""
+    excluded = {*FIELDS_WITHOUT_OPTION, *getattr(options_class, "unused", ())}
+    study_fields = [item for item in fields(Study) if item.name not in excluded]
+    # The default value and the type of each option.
+    options: dict[str, tuple[Any, Any]] = {"input_pair": (None, str | Sequence[str] | None)}
+    for item in (*study_fields, *fields(options_class)):
         factory = item.default_factory
         default = item.default if factory is MISSING else factory()
-        named[item.name] = default, item.type
+        options[item.name] = (default, item.type)
     return {
         name: inspect.Parameter(
             name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hint
         )
-        for name, (default, hint) in named.items()
+        for name, (default, hint) in options.items()
     }
 
 
-def takes(second: type) -> Callable[[Function], Function]:
-    """Return a decorator that shows the options of `study_of` in a function's signature."""
+def takes_study_options(options_class: type) -> Callable[[Function], Function]:
+    """Return a decorator that shows the options of a function in its signature.
 
-    def shown(function: Function) -> Function:
+    The function itself takes them as ``**options``.
+    """
+
+    def show_options(function: Function) -> Function:
         signature = inspect.signature(function)
-        first = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        parameters = [
+            parameter
+            for parameter in signature.parameters.values()
+            if parameter.kind is not parameter.VAR_KEYWORD
+        ]
         function.__signature__ = signature.replace(  # type: ignore[attr-defined]
-            parameters=[*first, *_options_of(second).values()]
+            parameters=[*parameters, *_list_options(options_class).values()]
         )
         return function
 
-    return shown
+    return show_options

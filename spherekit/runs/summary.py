@@ -13,7 +13,7 @@ from spherekit.planning.mobility import graph_mobility
 from spherekit.runs.contract import Findings
 from spherekit.runs.run_cost import RECORDING, Timer, count_evaluations
 from spherekit.runs.run_plan import RunPlan
-from spherekit.runs.run_result import stems
+from spherekit.runs.run_result import tables_by_file_stem
 from spherekit.runs.run_state import BY_EQUATIONS, MODE, ROWS, RunState
 from spherekit.runs.sampling import Sampling
 from spherekit.tolerances import CLOSURE_TOLERANCE
@@ -146,7 +146,9 @@ def measure_cost(
             "rows": run_state.counts[ROWS, name, table.name],
             "columns": len(table.columns),
         }
-        for stem, (name, table) in stems(run_plan.tables(run_state.failures)).items()
+        for stem, (name, table) in tables_by_file_stem(
+            run_plan.tables(run_state.failures)
+        ).items()
     }
     return {
         "configurations": run_state.configurations,

@@ -1,4 +1,4 @@
-"""The largest scaled deviation between the columns of two tables."""
+"""The largest scaled deviations between the columns of two tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,11 +14,22 @@ from spherekit.tolerances import EPS
 
 @dataclass(frozen=True)
 class Deviation:
-    """The largest deviation of one column, named ``TABLE.COLUMN``, from its reference.
+    """The largest deviation of one column from its reference.
 
-    `error` is in units of `scale`: 1 for absolute errors, else the largest reference. It
-    is never given below the rounding of float64. `compared` numbers have a reference;
-    `missing` of these are not given. `estimate` is the analysis's own of its error.
+    Attributes
+    ----------
+    column
+        ``TABLE.COLUMN``.
+    error
+        The deviation in units of `scale`, at least the rounding error of float64.
+    scale
+        1 for absolute errors, otherwise the largest reference.
+    compared
+        How many numbers have a reference.
+    missing
+        How many of these numbers the table does not have.
+    estimate
+        Error that the analysis itself estimates; NaN without an estimate.
     """
 
     column: str
@@ -30,77 +41,131 @@ class Deviation:
 
 
 def is_absolute(column: Column) -> bool:
-    """Whether errors of a column are absolute, not relative to its largest number."""
+    """Return whether errors of a column are absolute, and not relative to its numbers."""
     return column.scale == "absolute" or (column.scale == "unit" and column.unit == "rad")
 
 
-def scale_words(column: Column) -> str:
+def describe_scale(column: Column) -> str:
     """Return how errors of a column are measured."""
     if is_absolute(column):
         return f"absolute {column.unit}".strip()
     in_unit = f" in {column.unit}" if column.unit else ""
     words = f"relative to the largest number{in_unit} of the table"
-    whole = _integrated(column.unit)
-    if whole is None:
+    unit = _integrated_unit(column.unit)
+    if unit is None:
         return words
-    return f"{words}; if that is rounding, {f'in {whole}' if whole else 'without unit'}"
+    return f"{words}; if that is rounding, {f'in {unit}' if unit else 'without unit'}"
 
 
-def _integrated(unit: str) -> str | None:
-    """Return the unit of what a column is a derivative of by an angle, else None."""
-    whole = unit.removesuffix("/rad")
-    return None if whole == unit else whole.removeprefix("1")
+def _integrated_unit(unit: str) -> str | None:
+    """Return the unit of the function whose derivative by an angle has a unit.
+
+    None if the unit is not that of such a derivative.
+    """
+    integrated = unit.removesuffix("/rad")
+    return None if integrated == unit else integrated.removeprefix("1")
 
 
-def deviations(
+def compute_deviations(
     tables: Sequence[Table],
     given: Tables,
     reference: Tables,
 ) -> list[Deviation]:
     """Return the deviation of every column of numbers in tables of equal rows.
 
-    Errors that are not absolute are over the largest reference of all such columns of the
-    table with the same unit: a torque that balances others may itself be rounding. Where
-    all derivatives by an angle are, they are over what they are derivatives of.
+    Errors that are not absolute are relative to the largest reference of all columns of the
+    table with the same unit, since a torque that balances others may itself be a rounding
+    error. If all derivatives by an angle are rounding errors, their errors are relative to
+    the functions that are differentiated.
+
+    Parameters
+    ----------
+    tables
+        The declared tables.
+    given, reference
+        Their columns, and the reference values.
     """
-    made = []
+    deviations = []
     for table in tables:
-        ours, theirs = (arrays(data[table.name]) for data in (given, reference))
-        results = [c for c in table.columns if c.kind == "number" and c.scale != "none"]
-        largest: dict[str, float] = {}
-        for column in results:
+        columns = arrays(given[table.name])
+        reference_columns = arrays(reference[table.name])
+        compared_columns = [
+            column
+            for column in table.columns
+            if column.kind == "number" and column.scale != "none"
+        ]
+        largest_by_unit: dict[str, float] = {}
+        for column in compared_columns:
             if not is_absolute(column):
-                values = theirs[column.name]
-                size = max_abs(values[np.isfinite(values)])
-                largest[column.unit] = max(size, largest.get(column.unit, 0.0))
-        for column in results:
-            scale = 1.0 if is_absolute(column) else _scale(largest, column.unit)
-            off, count = _apart(column, ours[column.name], theirs[column.name])
-            error = max(max_abs(off) / scale, EPS)
-            name = f"{table.name}.{column.name}"
-            made.append(Deviation(name, error, scale, count, count - len(off)))
-    return made
+                values = reference_columns[column.name]
+                largest = max_abs(values[np.isfinite(values)])
+                previous = largest_by_unit.get(column.unit, 0.0)
+                largest_by_unit[column.unit] = max(largest, previous)
+        for column in compared_columns:
+            scale = 1.0
+            if not is_absolute(column):
+                scale = _find_scale(largest_by_unit, column.unit)
+            differences, compared = _subtract(
+                column, columns[column.name], reference_columns[column.name]
+            )
+            deviations.append(
+                Deviation(
+                    column=f"{table.name}.{column.name}",
+                    error=max(max_abs(differences) / scale, EPS),
+                    scale=scale,
+                    compared=compared,
+                    missing=compared - len(differences),
+                )
+            )
+    return deviations
 
 
-def _scale(largest: Mapping[str, float], unit: str) -> float:
-    size = largest[unit]
-    whole = _integrated(unit)
-    before = 0.0 if whole is None else largest.get(whole, 0.0)
-    return (size if size > EPS * before else before) or 1.0
+def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
+    """Return the scale of columns with a unit, 1.0 if all their numbers are 0.
+
+    Parameters
+    ----------
+    largest_by_unit
+        The largest reference of the table by unit.
+    unit
+        The unit of the column.
+    """
+    largest = largest_by_unit[unit]
+    integrated_unit = _integrated_unit(unit)
+    largest_integrated = 0.0
+    if integrated_unit is not None:
+        largest_integrated = largest_by_unit.get(integrated_unit, 0.0)
+    is_rounding = largest <= EPS * largest_integrated
+    return (largest_integrated if is_rounding else largest) or 1.0
 
 
-def _apart(column: Column, ours: Floats, theirs: Floats) -> tuple[Floats, int]:
-    """Return by how much numbers differ that both have, and how many are expected."""
-    expected = np.isfinite(theirs)
-    count = int(np.sum(expected))
-    if len(ours) != len(theirs):
-        return np.zeros(0), count
-    both = expected & np.isfinite(ours)
-    off = ours[both] - theirs[both]
-    return wrap(off) if column.unit == "rad" else off, count
+def _subtract(column: Column, values: Floats, reference: Floats) -> tuple[Floats, int]:
+    """Return the differences between a column and its reference.
+
+    Parameters
+    ----------
+    column
+        The declared column. Differences of angles are in (-pi, pi].
+    values, reference
+        (n,) numbers and reference values.
+
+    Returns
+    -------
+    differences
+        (k,) differences of the numbers that both have; none if the lengths differ.
+    compared
+        How many numbers have a reference.
+    """
+    has_reference = np.isfinite(reference)
+    compared = int(np.sum(has_reference))
+    if len(values) != len(reference):
+        return np.zeros(0), compared
+    has_both = has_reference & np.isfinite(values)
+    differences = values[has_both] - reference[has_both]
+    return wrap(differences) if column.unit == "rad" else differences, compared
 
 
-def worst(compared: Sequence[Deviation]) -> Deviation | None:
+def find_largest_deviation(deviations: Sequence[Deviation]) -> Deviation | None:
     """Return the deviation with the largest error, None if nothing was compared."""
-    told = [deviation for deviation in compared if deviation.compared > deviation.missing]
-    return max(told, key=lambda deviation: deviation.error, default=None)
+    compared = [item for item in deviations if item.compared > item.missing]
+    return max(compared, key=lambda deviation: deviation.error, default=None)

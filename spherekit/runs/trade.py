@@ -23,7 +23,7 @@ from spherekit.proof.balls import MIN_DIGITS as REFERENCE_DIGITS
 from spherekit.runs import batch_runner
 from spherekit.runs.contract import AbstractAnalysis, Sweep
 from spherekit.runs.evaluation_options import ENGINES, ORDINARY, Setting
-from spherekit.runs.registry import create
+from spherekit.runs.registry import create_analysis
 from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.runner import run
 from spherekit.runs.sampling import Sampling, make_sampling
@@ -37,8 +37,8 @@ from spherekit.runs.simulation_measurement import (
     measure_candidates,
     measure_simulation_settings,
 )
-from spherekit.runs.study_options import Subject, study_of, takes
-from spherekit.runs.table_deviation import Deviation, scale_words
+from spherekit.runs.study_options import Subject, apply_study_options, takes_study_options
+from spherekit.runs.table_deviation import Deviation, describe_scale
 from spherekit.runs.trade_files import describe_run
 from spherekit.runs.trade_measurement import (
     compute_reference_tables,
@@ -159,7 +159,7 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     )
 
 
-@takes(Effort)
+@takes_study_options(Effort)
 @checked(AnalysisError)
 def trade(
     subject: Subject, analysis: str | AbstractAnalysis = "poles", **options: Any
@@ -186,10 +186,10 @@ def trade(
     PlanError, SolveError, ModelError
         See `spherekit.run`.
     """
-    study, effort = study_of("trade", subject, options, Effort)
+    study, effort = apply_study_options("trade", subject, options, Effort)
     # The step tolerance is what is traded.
     study = replace(study, tolerance=DEFAULT_TOLERANCE)
-    chosen = create(analysis) if isinstance(analysis, str) else analysis
+    chosen = create_analysis(analysis) if isinstance(analysis, str) else analysis
     sweeps = [sweep for sweep in chosen.trades if sweep.applies(study.mechanism)]
     if sweeps:
         return _trade_parameters(study, chosen, sweeps, effort)
@@ -325,7 +325,7 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
         for column in table.columns:
             name = f"{table.name}.{column.name}"
             if name in scales:
-                columns.append((name, scale_words(column), scales[name]))
+                columns.append((name, describe_scale(column), scales[name]))
     return Trade(
         mechanism=run_plan.mechanism.name,
         analysis=analysis.name,

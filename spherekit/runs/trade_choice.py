@@ -16,7 +16,7 @@ from spherekit.runs.run_identity import differences
 from spherekit.runs.run_plan import RunPlan
 from spherekit.runs.sampling import make_sampling
 from spherekit.runs.simulation_measurement import make_analysis_plan
-from spherekit.runs.table_deviation import Deviation, worst
+from spherekit.runs.table_deviation import Deviation, find_largest_deviation
 from spherekit.runs.trade import trade
 from spherekit.runs.trade_files import describe_run, read_trade
 from spherekit.runs.trade_measurement import measure_run, reads_poles
@@ -122,7 +122,7 @@ def choose(
             )
             run_deviations, row_count = measure_run(plan_with_setting)
             deviations += run_deviations
-    largest = worst(deviations)
+    largest = find_largest_deviation(deviations)
     achieved_error = np.nan if largest is None else largest.error
     decisive_error = achieved_error if row_count else choice.error
     return choice.setting, {

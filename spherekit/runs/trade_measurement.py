@@ -9,7 +9,7 @@ from spherekit.arrays import Array, Indices
 from spherekit.positions.motion import Motion
 from spherekit.runs.batch import PoleFields
 from spherekit.runs.run_plan import RunPlan, links_of
-from spherekit.runs.table_deviation import Deviation, deviations
+from spherekit.runs.table_deviation import Deviation, compute_deviations
 from spherekit.runs.verification import GOLDEN, compute_reference
 from spherekit.status import Status
 from spherekit.tables.table import Tables
@@ -116,7 +116,7 @@ def measure_deviations(
     run_plan: RunPlan, tables: Tables, reference: Tables
 ) -> list[Deviation]:
     """Return the deviation of each column of the tables of a run from a reference."""
-    return deviations(run_plan.tables_of(run_plan.analyses[0]), tables, reference)
+    return compute_deviations(run_plan.tables_of(run_plan.analyses[0]), tables, reference)
 
 
 def align_directions(

@@ -28,13 +28,13 @@ from spherekit.plugin.checks.variants import (
     renamed,
     turned,
 )
-from spherekit.runs.analysis_faults import faults_of
+from spherekit.runs.analysis_faults import convert_plugin_errors
 from spherekit.runs.contract import AbstractAnalysis, Findings
-from spherekit.runs.declaration_checks import declared, fault_of_class
+from spherekit.runs.declaration_checks import check_needs, find_class_fault
 from spherekit.runs.execution import Execution
 from spherekit.runs.needs import Needs
-from spherekit.runs.registry import create, load, origin_of
-from spherekit.runs.result_checks import findings_of, scenes_of
+from spherekit.runs.registry import create_analysis, list_distributions, load_analysis
+from spherekit.runs.result_checks import compute_findings, compute_scenes
 from spherekit.runs.runner import run_study
 from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, TableArrays, arrays, row_count
 from spherekit.wording import counted, listing
@@ -96,19 +96,19 @@ class ConformanceSuite:
 
     def _installed(self) -> str:
         if isinstance(self._subject, str):
-            self._subject = create(self._subject)
-            return f"from {origin_of(self._subject.name)}"
+            self._subject = create_analysis(self._subject)
+            return f"from {list_distributions(self._subject.name)}"
         name = getattr(self._class, "name", "")
-        where = origin_of(name) if isinstance(name, str) else ""
+        where = list_distributions(name) if isinstance(name, str) else ""
         if not where:
             raise NotAppliesError("no installed distribution offers it by its name")
-        offered = load(name)
+        offered = load_analysis(name)
         if offered is not self._class:
             raise PluginError(f"{where} offers another class by the name {name}: {offered}")
         return f"from {where}"
 
     def _metadata(self) -> str:
-        if fault := fault_of_class(self._class):
+        if fault := find_class_fault(self._class):
             raise PluginError(fault)
         for key in ("version", "summary"):
             if not getattr(self._class, key).strip():
@@ -118,7 +118,7 @@ class ConformanceSuite:
         if isinstance(self._subject, AbstractAnalysis):
             self._analysis = self._subject
         else:
-            with faults_of(self._class.name, "its constructor"):
+            with convert_plugin_errors(self._class.name, "its constructor"):
                 try:
                     self._analysis = self._class()
                 except TypeError as problem:
@@ -133,13 +133,13 @@ class ConformanceSuite:
         before = repr(self._analysis)
         for mechanism in map(mechanism_of, self._asked):
             try:
-                first = declared(self._analysis, mechanism)
+                first = check_needs(self._analysis, mechanism)
             except PluginError:
                 raise
             except SpherekitError as refusal:
                 self._refused.append(f"{mechanism.name} ({refusal})")
                 continue
-            again = declared(self._analysis, replace(mechanism))
+            again = check_needs(self._analysis, replace(mechanism))
             changed = [x for x in NEEDS if getattr(again, x) != getattr(first, x)]
             if changed:
                 raise PluginError(
@@ -243,7 +243,7 @@ def _tables(trial: ConformanceCase) -> str:
 def _findings(trial: ConformanceCase) -> str:
     """What is found is ready for JSON."""
     (batch,) = trial.batches(len(trial.sampling))
-    findings_of(trial.analysis, batch, None)
+    compute_findings(trial.analysis, batch, None)
     return ""
 
 
@@ -351,7 +351,7 @@ def _scene(trial: ConformanceCase) -> str:
     mechanism = trial.mechanism
     study = Study(mechanism.name, mechanism, samples=trial.samples)
     (batch,) = trial.batches(len(trial.sampling))
-    count = len(scenes_of(trial.analysis, batch))
+    count = len(compute_scenes(trial.analysis, batch))
     with (
         tempfile.TemporaryDirectory() as folder,
         RerunRecorder(mechanism.name, path=Path(folder) / "scene.rrd") as recorder,

@@ -14,10 +14,10 @@ from spherekit.errors import PluginError, SpherekitError
 from spherekit.files.study import Study
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.motion import Motion
-from spherekit.runs.analysis_faults import faults_of
+from spherekit.runs.analysis_faults import convert_plugin_errors
 from spherekit.runs.batch import Batch
 from spherekit.runs.contract import AbstractAnalysis, Findings
-from spherekit.runs.result_checks import findings_of
+from spherekit.runs.result_checks import compute_findings
 from spherekit.runs.run_plan import RunPlan, collect_needs, make_run_plan
 from spherekit.runs.sampling import Sampling, make_sampling
 from spherekit.status import Status
@@ -107,7 +107,7 @@ class ConformanceCase:
         for method in ("compute", "findings", "scene"):
             try:
                 (batch,) = self.batches(len(self.sampling))
-                with faults_of(self.analysis.name, method):
+                with convert_plugin_errors(self.analysis.name, method):
                     getattr(self.analysis, method)(batch)
             except SpherekitError as fault:
                 made[method] = fault
@@ -149,7 +149,7 @@ class ConformanceCase:
         batches = self.batches(size, change, shown)
         tables = self.run_plan.join_tables(self.analysis, batches)
         for batch in batches:
-            findings = findings_of(self.analysis, batch, findings)
+            findings = compute_findings(self.analysis, batch, findings)
         assert findings is not None
         return tables, findings
 
