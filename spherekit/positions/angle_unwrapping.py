@@ -251,9 +251,22 @@ class AngleUnwrapping:
     def _unwrap_at(
         self, key: int, mode: AssemblyMode, q: float, requested: Sequence[int]
     ) -> Floats:
-        """Return the variables (variables,) rad of a mode over full revolutions at q (rad).
+        """Return the variables of a mode at one input, counted over full revolutions.
 
-        The `key` is the number of the mode for `count`.
+        Parameters
+        ----------
+        key
+            Number of the mode, as for `count`.
+        mode
+            The mode.
+        q
+            Value of the only input (rad).
+        requested
+            Numbers of the variables whose revolutions are needed.
+
+        Returns
+        -------
+        (variables,) pair variables (rad); NaN if the mode does not exist at the input.
         """
         inputs = np.array([[q]])
         values = self.solver.evaluate(mode, inputs).values

@@ -124,9 +124,21 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
 def _search_in_gear_phase(
     solver: PositionSolver, gear_phases: GearPhases, q: Floats
 ) -> Floats:
-    """Search configurations (n, variables) of a mechanism with wheels, by random starts.
+    """Search the configurations of a mechanism with wheels, from random starts.
 
-    The wheels have the rolled lengths that follow from the inputs q (inputs,) in rad.
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    gear_phases
+        The rolled lengths of its wheels as functions of the inputs.
+    q
+        (inputs,) values of the inputs (rad).
+
+    Returns
+    -------
+    (n, variables) closed configurations (rad) in which wheels have rolled as far as the
+    inputs say.
     """
     # Whole periods are removed, since start values are near the anchor, and added again.
     near_anchor = q - whole_laps(q - gear_phases.anchor, gear_phases.periods)

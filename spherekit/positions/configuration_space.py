@@ -293,6 +293,17 @@ def _assign_modes(
     """Return pieces of a curve with the numbers of their assembly modes.
 
     A piece belongs to the mode that has the configuration at its middle.
+
+    Parameters
+    ----------
+    solver
+        The mechanism.
+    assembly_modes
+        Its modes over the range of the input.
+    curve
+        The configuration curve.
+    pieces
+        The parts of the curve on which the input only rises or only falls.
     """
     assigned = list(pieces)
     middles = np.array([piece.middle for piece in pieces])

@@ -304,7 +304,16 @@ def _join_senses(
 
 
 def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _ArcNodes:
-    """Return the node of a configuration (variables,), after closing it exactly.
+    """Close a configuration exactly, and return it as the first node of a curve.
+
+    Parameters
+    ----------
+    closure
+        The loops of the mechanism.
+    values
+        (variables,) a nearly closed configuration (rad).
+    limits
+        The limits at which curves end.
 
     Raises
     ------
@@ -361,7 +370,7 @@ def _find_motion(closure: Closure, values: Floats) -> Floats:
 
 @dataclass
 class _ArcContinuation(CurveContinuation[_ArcNodes]):
-    """Follows configuration curves in one sense each.
+    """Follows configuration curves by verified steps, each in one sense.
 
     Attributes
     ----------

@@ -91,16 +91,19 @@ class InputPathNodes(ArrayRows):
 def nodes_at(
     linearisation: Linearisation, driven: Sequence[int], direction: Floats
 ) -> InputPathNodes:
-    """Return the nodes at closed configurations.
+    """Return closed configurations with their derivatives as the inputs move.
+
+    The closure equations give the derivatives: J v' = 0, and J v'' + bias = 0, where v are
+    all variables and J is the closure Jacobian.
 
     Parameters
     ----------
     linearisation
-        The closure at the configurations.
+        The closure linearised at n closed configurations.
     driven
         Numbers of the variables of the inputs.
     direction
-        (n, inputs) directions in which the inputs move.
+        (n, inputs) unit vectors along which the inputs move.
     """
     passive = np.delete(np.arange(linearisation.values.shape[1]), driven)
     passive_jacobian = linearisation.jacobian[:, :, passive]

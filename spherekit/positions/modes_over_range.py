@@ -359,6 +359,10 @@ class ModesOverRange:
     ) -> Indices:
         """Add the modes of configurations that are on no known mode.
 
+        A configuration is followed over the range of the input, which gives its mode. Other
+        configurations can be on the same mode. A family is the set of modes that are on one
+        configuration curve.
+
         Parameters
         ----------
         values
@@ -397,8 +401,9 @@ class ModesOverRange:
     def _find_families(self, values: Floats, first_mode: int) -> Indices:
         """Return the families of configurations that are on known modes.
 
-        A configuration is on a mode if it is near the prediction of the mode, and Newton's
-        method leads from the prediction to it.
+        A family is the set of modes that are on one configuration curve. A
+        configuration is on a mode if it is near the prediction of the mode, and
+        Newton's method leads from the prediction to it.
 
         Parameters
         ----------

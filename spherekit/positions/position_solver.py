@@ -356,8 +356,23 @@ class PositionSolver:
     ) -> None:
         """Place a group that is not a dyad, and set the status of samples that fail.
 
-        The parameters are those of `evaluate`, with the position of the group, the bodies
-        placed so far and the status (n,). The last two are changed in place.
+        The group is a train of wheels, which gear ratios place, or an irreducible group,
+        which Newton's method closes from the prediction of the mode.
+
+        Parameters
+        ----------
+        assembly_mode
+            The mode.
+        position
+            Position of the group in solving order.
+        q
+            (n, inputs) inputs (rad).
+        rows
+            (n,) samples of the input grid, None if the mode is not known at samples only.
+        state
+            The bodies placed so far; changed in place.
+        status
+            (n,) status of each sample; changed in place.
         """
         group = self.assembly.groups[position]
         if position in self.wheel_trains:
@@ -444,6 +459,17 @@ class PositionSolver:
 
         The curve of a mode ends at a dead centre, and its last node is a little before it.
         Beyond the node the variables of these samples are set to those of the node.
+
+        Parameters
+        ----------
+        assembly_mode
+            The mode.
+        q
+            (n, inputs) inputs (rad).
+        state
+            The placed bodies; its variables are changed in place.
+        status
+            (n,) status of each sample.
         """
         is_past_end = np.zeros(len(q), dtype=bool)
         guide = assembly_mode.guide
@@ -462,13 +488,26 @@ class PositionSolver:
         state: AssemblyState,
         status: SmallIntegers,
     ) -> Floats:
-        """Place the samples `rows` (k,) beside a dead centre again, and set their status.
+        """Place samples beside a dead centre again, and set their status.
 
         In float64, angles lose half their digits with each group that is at its dead
         centre. R pairs are therefore placed in quad precision. Contacts and loops with
         redundant equations keep float64 values. So do rows of status OK for which the quad
         placement has no error bound: in a long chain of dyads, bounds multiply. Angles
         that are not known to `LARGEST_ANGLE_ERROR_RAD` are set to NaN.
+
+        Parameters
+        ----------
+        assembly_mode
+            The mode.
+        q
+            (n, inputs) inputs (rad) of all samples.
+        rows
+            (k,) indices of the samples to place again.
+        state
+            The placed bodies; its variables are changed in place.
+        status
+            (n,) status of all samples; changed in place.
 
         Returns
         -------

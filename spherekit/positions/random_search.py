@@ -51,7 +51,9 @@ Levenberg-Marquardt method.
 POLISHING_STEPS = 40
 """Newton steps at the end. At a double solution a step only halves the error."""
 SAME_MODE = 1e-6
-"""Configurations are the same if no component of their rotation matrices differs by more.
+"""Configurations are one mode if no component of their rotation matrices differs by more.
+
+Rotation matrices have no unit; the number is also a difference of angles in rad.
 
 Larger: modes that nearly coincide are taken for one. Smaller: one mode counts several
 times.
