@@ -53,7 +53,7 @@ MAX_FRICTION_ITERATIONS = 100
 
 @dataclass(frozen=True)
 class IndeterminateForces:
-    """What a file would have to state in addition, so that all forces are determined.
+    """The information that a file lacks, without which not all forces are determined.
 
     Attributes
     ----------
@@ -64,8 +64,8 @@ class IndeterminateForces:
     floating
         Pairs that would have to let their links slide along the axis.
     enough
-        Whether all that determines the forces. If not, redundant constraints leave more
-        of them open.
+        Whether this information would determine all forces. If not, redundant constraints
+        leave some of them undetermined.
     """
 
     centres: Names = ()
@@ -158,7 +158,7 @@ def diagnose_indeterminate_forces(
 
 @dataclass(frozen=True)
 class CarriedLoads:
-    """What pairs with friction carry at n rows.
+    """The forces that pairs with friction carry, at n rows.
 
     Attributes
     ----------

@@ -133,7 +133,7 @@ def by_taylor_series(
     tolerance
         See `spherekit.dynamics.compiled_equation.compile_equation`.
     reason, forecast
-        Why this engine was chosen, and the times that were expected of each engine.
+        The reason for this engine, and the times that were expected for each engine.
 
     Raises
     ------
@@ -364,14 +364,18 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
     if run.end in END_BY_RUN_END:
         kind, message = END_BY_RUN_END[run.end]
         return SimulationEnd(kind, run.end_time, message)
-    traced = path.evaluate(np.array([run.end_time]))
+    path_states = path.evaluate(np.array([run.end_time]))
     if run.end == "joint_limit":
         variable = run.events[-1][2]
         mechanism = problem.equation.mechanism
         name = mechanism.pairs[mechanism.variable_owners[variable]].name
-        return joint_limit_end(run.end_time, name, float(traced.values[0, variable]))
+        return joint_limit_end(run.end_time, name, float(path_states.values[0, variable]))
     if run.end == "not_finite" and _have_loads_values(
-        problem, run.end_time, traced.states[0], traced.frames[0], TURN * traced.turns[0]
+        problem,
+        run.end_time,
+        path_states.states[0],
+        path_states.frames[0],
+        TURN * path_states.turns[0],
     ):
         return SimulationEnd("too_fast", run.end_time, NO_SERIES_MESSAGE)
     why = f"no step is short enough; {JUMP_MESSAGE}"

@@ -23,7 +23,7 @@ from spherekit.mechanism.mechanism import Mechanism
 
 @dataclass(frozen=True)
 class UnitWrench:
-    """What a component of magnitude 1 does to a link, in ground axes.
+    """The force and moment of a load component of magnitude 1 on a link, in ground axes.
 
     Attributes
     ----------

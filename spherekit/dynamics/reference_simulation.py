@@ -1,4 +1,4 @@
-"""A simulation once more in numbers wider than float64, to know what others are off by."""
+"""Repeats a simulation in many digits, to measure the errors of other simulations."""
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from spherekit.proof.balls import MIN_DIGITS, Digits
 from spherekit.proof.reference_motion import ExactSimulation
 from spherekit.wording import listing
 
-ENDS = ("time", "joint_limit", "sticking")
-"""The ends of simulations that a reference finds for itself."""
+REFERENCE_END_KINDS = ("time", "joint_limit", "sticking")
+"""The kinds of ends that a reference simulation finds by itself."""
 
 
 @checked(SolveError)
@@ -29,19 +29,19 @@ def reference_simulation(
     assembly_mode: int = 0,
     arithmetic: Digits | None = None,
 ) -> ExactSimulation:
-    """Return the motion of a single-DOF mechanism under its loads in many digits.
+    """Return the motion of a mechanism with one input under its loads, in many digits.
 
     Parameters
     ----------
     mechanism, start, until, torque, input_pair, assembly_mode
-        See `spherekit.dynamics.forward_dynamics.simulate`.
+        As in `spherekit.dynamics.forward_dynamics.simulate`.
     arithmetic
-        By default of 20 digits; `Digits(n)` for n digits.
+        The arithmetic, such as `Digits(n)` with n digits. By default it has 20 digits.
 
     Raises
     ------
     ModelError, SolveError
-        For what is missing or impossible.
+        If something is missing or impossible.
     EngineError
         If the motion ends at a singularity, or changes too fast.
     """
@@ -62,16 +62,16 @@ def reference_simulation(
 def refined(
     simulation: Simulation, start: Start, until: float, arithmetic: Digits | None = None
 ) -> ExactSimulation:
-    """Return a simulation in many digits: the same start, loads and joint limits.
+    """Return a simulation in many digits, with the same start, loads and joint limits.
 
     Parameters
     ----------
     simulation
-        As good as float64 allows; the iteration starts from it.
+        A simulation in float64 with the smallest tolerance. The iteration starts from it.
     start, until
-        Those it was made with. Both numbers of the start are taken as exact.
+        Start and end time (s) of this simulation. Both numbers of the start are exact.
     arithmetic
-        See `reference_simulation`.
+        As in `reference_simulation`.
 
     Raises
     ------
@@ -81,10 +81,10 @@ def refined(
     """
     mechanism = simulation.mechanism
     end = simulation.end
-    if end.kind not in ENDS:
+    if end.kind not in REFERENCE_END_KINDS:
         raise EngineError(
             f"{mechanism.name}: the simulation ended at {end.t:.6g} s ({end.message}); a "
-            f"reference is made for ends by {listing(ENDS)}: ask for a shorter time"
+            f"reference is made for ends by {listing(REFERENCE_END_KINDS)}: ask for a shorter time"
         )
     if len(mechanism.inputs) > 1:
         raise EngineError(
@@ -94,10 +94,12 @@ def refined(
     check_no_reaction_friction(mechanism, "a reference in wide numbers does not solve for")
     (q,), (dq,) = start.each(mechanism.input_pairs)
 
-    def near(t: Floats) -> tuple[Floats, Floats]:
-        traced = simulation.path.evaluate(np.clip(t, 0.0, end.t))
-        rates = traced.rates[:, : simulation.equation.variable_count]
-        return traced.values + rates * np.maximum(t - end.t, 0.0)[:, None], rates
+    def approximate_motion(t: Floats) -> tuple[Floats, Floats]:
+        """Return values and rates (n, variables) at times (n,), linear after the end."""
+        path_states = simulation.path.evaluate(np.clip(t, 0.0, end.t))
+        rates = path_states.rates[:, : simulation.equation.variable_count]
+        time_after_end = np.maximum(t - end.t, 0.0)[:, None]
+        return path_states.values + rates * time_after_end, rates
 
     reference = ExactSimulation(
         arithmetic or Digits(MIN_DIGITS),
@@ -106,7 +108,7 @@ def refined(
         float(q),
         float(dq),
         until,
-        near,
+        approximate_motion,
     )
     if reference.kind != end.kind:
         raise EngineError(

@@ -256,7 +256,7 @@ class TaylorIntegration:
     mechanism
         The mechanism, whose torque tables and joint limits are used.
     start
-        Where the integration starts.
+        The start of the integration.
     project
         Puts a configuration (variables,) back onto its curve, and returns it with its
         closure residual (rad) before.
