@@ -138,10 +138,11 @@ class CollocationStep:
         turn_angles
             (variables,) angles of whole revolutions (rad) that the states do not contain.
         """
-        # A pair is outside if the variable is below the lower or above the upper limit.
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)
             for limit, sense in ((joint_limit.low, -1.0), (joint_limit.high, 1.0)):
+                # The variable minus its limit, as a function of time with its slope. Times
+                # the sense it is positive outside.
                 distance = self._function(
                     self.state_series(variable, limit - turn_angles[variable])
                 )

@@ -84,7 +84,8 @@ def refined(
     if end.kind not in REFERENCE_END_KINDS:
         raise EngineError(
             f"{mechanism.name}: the simulation ended at {end.t:.6g} s ({end.message}); a "
-            f"reference is made for ends by {listing(REFERENCE_END_KINDS)}: ask for a shorter time"
+            f"reference is made for ends by {listing(REFERENCE_END_KINDS)}: ask for a "
+            "shorter time"
         )
     if len(mechanism.inputs) > 1:
         raise EngineError(

@@ -87,7 +87,10 @@ class StatePath:
         return np.linspace(0, count - 1, min(MAX_CHECKED_STEPS, count)).astype(np.intp)
 
     def evaluate(self, t: Floats) -> PathStates:
-        """Return the states at times (n,) within the path, in any order."""
+        """Return the states at times (n,) within the path, in any order.
+
+        Times within one part of the path are evaluated together, in blocks of limited size.
+        """
         part_of_row = np.searchsorted(self.part_starts[1:], t, side="right")
         order = np.argsort(part_of_row, kind="stable")
         cuts = np.flatnonzero(np.diff(part_of_row[order], prepend=-1))[1:]

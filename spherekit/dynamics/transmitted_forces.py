@@ -542,7 +542,11 @@ class AppliedLoads:
 
 
 def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
-    """Return the sums of all loads and driving torques on links and at pairs."""
+    """Return the sums of all loads and driving torques on links and at pairs.
+
+    A load component of a pair is a torque there. Other components act on links with a
+    force and a moment (a wrench), in proportion to their magnitudes.
+    """
     mechanism = driven.mechanism
     motion = driven.motion
     timing = driven.timing
