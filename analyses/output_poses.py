@@ -1,4 +1,4 @@
-"""A pose of an output as text, ``azimuth=10+tilt=20``, ``21=5.3+61=56.7``; its limits."""
+"""Poses of an output and limits of a workspace as text, such as ``azimuth=10+tilt=20``."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -26,16 +26,18 @@ from spherekit.plugin.workspace import (
     JointRange,
 )
 
-DIRECTION = ("x", "y", "z")
-AZIMUTH_TILT = ("azimuth", "tilt")
-MIRROR = ("phi", "gamma")
-TILT_TORSION = ("azimuth", "tilt", "torsion")
-QUATERNION = ("qx", "qy", "qz", "qw")
-VECTOR = ("rx", "ry", "rz")
-TURN = ("ux", "uy", "uz", "angle")
-ANGLES = frozenset((*TILT_TORSION, *MIRROR, *VECTOR))
-"""Terms that are angles."""
-WANTING = "no direction: all numbers are 0"
+DIRECTION_TERMS = ("x", "y", "z")
+AZIMUTH_TILT_TERMS = ("azimuth", "tilt")
+MID_PLANE_TERMS = ("phi", "gamma")
+TILT_TORSION_TERMS = ("azimuth", "tilt", "torsion")
+QUATERNION_TERMS = ("qx", "qy", "qz", "qw")
+ROTATION_VECTOR_TERMS = ("rx", "ry", "rz")
+AXIS_ANGLE_TERMS = ("ux", "uy", "uz", "angle")
+"""The names of the numbers in each form of a pose, and of a rotation about an axis."""
+ANGULAR_TERMS = frozenset((*TILT_TORSION_TERMS, *MID_PLANE_TERMS, *ROTATION_VECTOR_TERMS))
+"""Terms that are angles, or components of a rotation vector."""
+NO_DIRECTION = "no direction: all numbers are 0"
+"""Complaint about a direction or quaternion of length 0."""
 
 
 def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
@@ -56,85 +58,115 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
     AnalysisError
         If it is no such text.
     """
-    pose = read_end(text, inputs, where, turns=False)
+    pose = read_end(text, inputs, where, allow_rotation=False)
     assert not isinstance(pose, AtRotation)
     return pose
 
 
 def read_end(
-    text: str, inputs: tuple[str, ...], where: str, turns: bool = True
+    text: str, inputs: tuple[str, ...], where: str, allow_rotation: bool = True
 ) -> Pose | AtRotation:
-    """Return the pose, or with `turns` also the turn (ux, uy, uz, angle), of a text."""
-    (given,) = numbers_of(text.split("+"), where, several=False)
-    kinds = [inputs, *POSED][: None if turns else -1]
-    kind = next((names for names in kinds if set(names) == set(given)), None)
-    if kind is None:
-        ways = listing("=..+".join(names) + "=.." for names in kinds)
-        raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {ways}')
-    values = np.array([given[name] for name in kind])
-    if kind == inputs:
-        return AtInputs(np.radians(values))
-    if kind == MIRROR:
-        return AtMirror(*np.radians(values))
-    if ANGLES.issuperset(kind):
-        values = np.radians(values)
-    (pose,) = POSED[kind](values[None])
-    if np.any(np.isnan(pose)):
-        raise AnalysisError(f'{where}: "{text}" has {WANTING}')
-    if kind != TURN:
-        return AtDirection(pose) if pose.ndim == 1 else AtOrientation(pose)
-    if not values[3] > 0.0:
-        raise AnalysisError(
-            f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
-        )
-    return AtRotation(pose, float(np.radians(values[3])))
+    """Return the pose at the end of a rotation that a text gives.
 
-
-def _unit(rows: Floats) -> Floats:
-    """Return rows of length 1, NaN where all numbers of one are 0."""
-    with np.errstate(invalid="ignore"):
-        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
-
-
-def _turned(rows: Floats) -> Floats:
-    """Return the rotations (n, 3, 3) with rotation vectors (n, 3)."""
-    half = 0.5 * np.linalg.norm(rows, axis=1, keepdims=True)
-    vectors = 0.5 * np.sinc(half / np.pi) * rows
-    return from_quaternion(np.hstack([vectors, np.cos(half)]))
-
-
-POSED: Mapping[tuple[str, ...], Callable[[Floats], Floats]] = {
-    DIRECTION: _unit,
-    AZIMUTH_TILT: pointing,
-    MIRROR: lambda rows: normals_of(*rows.T),
-    TILT_TORSION: from_tilt_torsion,
-    QUATERNION: lambda rows: from_quaternion(_unit(rows)),
-    VECTOR: _turned,
-    TURN: lambda rows: _unit(rows[:, :3]),
-}
-"""Directions (n, 3), mid-planes (n, 3), rotations (n, 3, 3) and axes of turns, by the terms
-that they are said in: rows of numbers, angles in rad. NaN where the numbers say none."""
-
-
-def shown(place: Floats) -> str:
-    """Return a direction or quaternion as text."""
-    return f"({', '.join(f'{x:.6g}' for x in np.round(place, 6) + 0.0)})"
-
-
-def nearest_at(place: Floats, away: float) -> str:
-    """Return words on the nearest pose that is reached, and how far (rad) it is."""
-    return f"nearest is {shown(place)}, {np.degrees(away):.4g} deg away"
-
-
-def numbers_of(
-    parts: Sequence[str], where: str, several: bool = True
-) -> list[dict[str, float]]:
-    """Return the numbers by name of poses; a name that comes again begins the next.
+    Parameters
+    ----------
+    text, inputs, where
+        As for `read_pose`.
+    allow_rotation
+        Whether the text may also be the axis and the angle of a rotation: ux, uy, uz,
+        angle.
 
     Raises
     ------
     AnalysisError
-        If a part is not ``name=number``, or there are `several` poses and may be one.
+        If it is no such text.
+    """
+    (number_of_term,) = read_terms(text.split("+"), where, allow_several=False)
+    forms = [inputs, *CONVERSION_OF_FORM]
+    if not allow_rotation:
+        forms.remove(AXIS_ANGLE_TERMS)
+    form = next((terms for terms in forms if set(terms) == set(number_of_term)), None)
+    if form is None:
+        alternatives = listing("=..+".join(terms) + "=.." for terms in forms)
+        raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {alternatives}')
+    values = np.array([number_of_term[term] for term in form])
+    if form == inputs:
+        return AtInputs(np.radians(values))
+    if form == MID_PLANE_TERMS:
+        return AtMirror(*np.radians(values))
+    if ANGULAR_TERMS.issuperset(form):
+        values = np.radians(values)
+    (pose,) = CONVERSION_OF_FORM[form](values[None])
+    if np.any(np.isnan(pose)):
+        raise AnalysisError(f'{where}: "{text}" has {NO_DIRECTION}')
+    if form != AXIS_ANGLE_TERMS:
+        return AtDirection(pose) if pose.ndim == 1 else AtOrientation(pose)
+    angle_deg = values[3]
+    if not angle_deg > 0.0:
+        raise AnalysisError(
+            f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
+        )
+    return AtRotation(pose, float(np.radians(angle_deg)))
+
+
+def _normalize(rows: Floats) -> Floats:
+    """Return rows (n, k) of length 1; NaN for a row of zeros."""
+    with np.errstate(invalid="ignore"):
+        return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+
+
+def _rotations_from_vectors(rotation_vectors: Floats) -> Floats:
+    """Return the rotations (n, 3, 3) of rotation vectors (n, 3) in rad."""
+    half_angle = 0.5 * np.linalg.norm(rotation_vectors, axis=1, keepdims=True)
+    # sinc(x / pi) = sin(x) / x, which is 1 for no rotation.
+    vector_part = 0.5 * np.sinc(half_angle / np.pi) * rotation_vectors
+    return from_quaternion(np.hstack([vector_part, np.cos(half_angle)]))
+
+
+CONVERSION_OF_FORM: Mapping[tuple[str, ...], Callable[[Floats], Floats]] = {
+    DIRECTION_TERMS: _normalize,
+    AZIMUTH_TILT_TERMS: pointing,
+    MID_PLANE_TERMS: lambda rows: normals_of(*rows.T),
+    TILT_TORSION_TERMS: from_tilt_torsion,
+    QUATERNION_TERMS: lambda rows: from_quaternion(_normalize(rows)),
+    ROTATION_VECTOR_TERMS: _rotations_from_vectors,
+    AXIS_ANGLE_TERMS: lambda rows: _normalize(rows[:, :3]),
+}
+"""The function that converts rows (n, k) of numbers, by the terms of their columns.
+
+Angles are in rad. The result are directions (n, 3), normals of mid-planes (n, 3), rotations
+(n, 3, 3), or axes of rotations (n, 3). Rows that are no pose give NaN."""
+
+
+def format_pose(pose: Floats) -> str:
+    """Return a direction (3,) or quaternion (4,) as text."""
+    # Adding zero turns negative zeros into zeros.
+    return f"({', '.join(f'{x:.6g}' for x in np.round(pose, 6) + 0.0)})"
+
+
+def describe_nearest_pose(pose: Floats, distance: float) -> str:
+    """Return the nearest reachable pose and its angular distance (rad) in words."""
+    return f"nearest is {format_pose(pose)}, {np.degrees(distance):.4g} deg away"
+
+
+def read_terms(
+    parts: Sequence[str], where: str, allow_several: bool = True
+) -> list[dict[str, float]]:
+    """Return the numbers of poses by the names of their terms.
+
+    Parameters
+    ----------
+    parts
+        Texts ``name=number``. A name that occurs again begins the next pose.
+    where
+        What the text is, for complaints.
+    allow_several
+        Whether there may be several poses.
+
+    Raises
+    ------
+    AnalysisError
+        If a part is not ``name=number``, or there are several poses and may be one.
     """
     poses: list[dict[str, float]] = [{}]
     for part in parts:
@@ -143,24 +175,25 @@ def numbers_of(
             number = float(value)
         except ValueError:
             number = np.nan
-        again = name in poses[-1]
-        if not (name and np.isfinite(number)) or (again and not several):
+        begins_pose = name in poses[-1]
+        is_number = name != "" and np.isfinite(number)
+        if not is_number or (begins_pose and not allow_several):
             raise AnalysisError(
                 f'{where}: "{part}" of "{"+".join(parts)}" is not name=number'
-                f"{'' if several else ', each name once'}; say for example "
+                f"{'' if allow_several else ', each name once'}; say for example "
                 "azimuth=10+tilt=20"
             )
-        if again:
+        if begins_pose:
             poses.append({})
         poses[-1][name] = number
     return poses
 
 
-def read_limit(text: str) -> JointRange:
+def read_joint_range(text: str) -> JointRange:
     """Return the limits of a pair from ``PAIR:LOW:HIGH`` in degrees."""
     pair, *limits = text.split(":")
     try:
-        low, high = _radians(limits)
+        low, high = _parse_degrees(limits)
     except ValueError:
         raise AnalysisError(
             f'workspace: limits: "{text}" is not PAIR:LOW:HIGH, with both in degrees'
@@ -168,20 +201,24 @@ def read_limit(text: str) -> JointRange:
     return JointRange(pair, low, high)
 
 
-def read_apart(text: str) -> InterferenceLimit:
-    """Return limits from ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST``."""
+def read_interference_limit(text: str) -> InterferenceLimit:
+    """Return limits of the angle between the axes of two pairs.
+
+    `text` is ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST`` in degrees.
+    """
     axes, *limits = text.split(":")
     try:
-        one, other = axes.split("/")
-        low, high = _radians(limits if len(limits) == 2 else [*limits, "180"])
+        first_pair, second_pair = axes.split("/")
+        low, high = _parse_degrees(limits if len(limits) == 2 else [*limits, "180"])
     except ValueError:
         raise AnalysisError(
             f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or '
             "PAIR/PAIR:LEAST:GREATEST, with angles in degrees"
         ) from None
-    return InterferenceLimit(one, other, low, high)
+    return InterferenceLimit(first_pair, second_pair, low, high)
 
 
-def _radians(numbers: Sequence[str]) -> Sequence[float]:
+def _parse_degrees(numbers: Sequence[str]) -> Sequence[float]:
+    """Return angles in rad from texts in degrees."""
     angles: list[float] = np.radians([float(number) for number in numbers]).tolist()
     return angles

@@ -158,7 +158,7 @@ def test_all_ways_to_say_an_orientation(tmp_path):
         path = tmp_path / "poses.csv"
         line = ",".join(repr(float(v)) for v in numbers)
         path.write_text(names.replace("+", ",") + f",note\n{line},7\n")
-        poses, *_ = read_poses(solver, "test", file=str(path), unit="rad")
+        poses = read_poses(solver, "test", file=str(path), unit="rad").poses
         rows.append(solver.inverse(poses, solver.labels).inputs)
     assert np.isfinite(rows[0]).all() and len(rows[0]) == 8
     for row in rows[1:]:

@@ -1,6 +1,7 @@
 """Many poses of an output, or inputs, from numbers, a file, or a grid over a window."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import prod
 from pathlib import Path
 
@@ -18,56 +19,114 @@ from spherekit.plugin.workspace import (
 )
 
 from ..output_poses import (
-    ANGLES,
-    AZIMUTH_TILT,
-    DIRECTION,
-    MIRROR,
-    POSED,
-    QUATERNION,
-    TILT_TORSION,
-    VECTOR,
-    WANTING,
-    numbers_of,
+    ANGULAR_TERMS,
+    AZIMUTH_TILT_TERMS,
+    CONVERSION_OF_FORM,
+    DIRECTION_TERMS,
+    MID_PLANE_TERMS,
+    NO_DIRECTION,
+    QUATERNION_TERMS,
+    ROTATION_VECTOR_TERMS,
+    TILT_TORSION_TERMS,
+    read_terms,
 )
 
-MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-NOT_ROTATION = 1e-6
-"""A matrix whose R R^T differs from 1 by more is not a rotation."""
-MOST_POSES = 500_000
-"""Of one run, whose tables are in memory: with eight modes 2 GB."""
-MOST_SHOWN = 5
+MATRIX_TERMS = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+"""The names of the entries of a rotation matrix."""
+ROTATION_TOLERANCE = 1e-6
+"""A matrix whose R R^T differs from 1 by more is not a rotation. Larger: rounded numbers in
+files are accepted; smaller: they are refused."""
+MAX_POSES = 500_000
+"""Poses of one run, whose tables are in memory: with eight modes 2 GB."""
+MAX_LISTED_FAULTS = 5
+"""Poses that are listed in a complaint."""
 
 
-Poses = tuple[Floats | None, Floats | None, tuple[int, ...] | None]
-"""Directions (n, 3) or rotations (n, 3, 3), or else inputs (n, inputs) that are given; and
-the grid of a window."""
-Names = tuple[str, ...]
+@dataclass(frozen=True)
+class PoseList:
+    """Poses of an output, or inputs whose poses are wanted.
+
+    Attributes
+    ----------
+    poses
+        (n, 3) directions or (n, 3, 3) rotations; None if inputs are given.
+    inputs
+        (n, inputs) inputs (rad); None if poses are given.
+    grid_shape
+        Numbers of values of the grid of a window; None for other lists.
+    """
+
+    poses: Floats | None
+    inputs: Floats | None
+    grid_shape: tuple[int, ...] | None
+
+
+@dataclass(frozen=True)
+class NumberTable:
+    """Numbers of poses as they are given, before their conversion.
+
+    Attributes
+    ----------
+    terms
+        Name of the number in each of k columns.
+    rows
+        (n, k) numbers.
+    units
+        Unit of columns by name, if the file states one.
+    locations
+        Where each row stands in a file, for complaints; empty for other sources.
+    grid_shape
+        Numbers of values of the grid of a window; None for other sources.
+    """
+
+    terms: tuple[str, ...]
+    rows: Floats
+    units: Mapping[str, str] = field(default_factory=dict)
+    locations: Sequence[str] = ()
+    grid_shape: tuple[int, ...] | None = None
 
 
 def read_poses(
     solver: OutputKinematics,
     where: str,
     poses: Sequence[str] = (),
-    columns: Names = (),
+    columns: tuple[str, ...] = (),
     file: str = "",
     window: Sequence[str] = (),
     unit: str = "deg",
-    called: str = "poses",
-) -> Poses:
-    """Return the poses of a list, `called` so, of `columns` of a file, or of a window.
+    parameter: str = "poses",
+) -> PoseList:
+    """Return the poses of a list, of a file, or of a window.
+
+    Parameters
+    ----------
+    solver
+        The inverse kinematics of the output, which decides how a pose can be given.
+    where
+        The analysis, for complaints.
+    poses
+        Texts ``name=number``. A name that occurs again begins the next pose.
+    columns, file
+        Path of a CSV or Parquet file, and its columns to read, if that is not clear.
+    window
+        Texts ``NAME:FROM:TO:COUNT`` of a grid.
+    unit
+        Unit of angles, deg or rad, if the file does not state it.
+    parameter
+        Name of the parameter with the list, for complaints.
 
     Raises
     ------
     AnalysisError, FileError
         If they cannot be read, with the place in the list or the line of the file.
     """
-    sources = {called: poses, "file": file, "window": window}
-    told = [name for name, source in sources.items() if source]
-    if len(told) != 1:
-        first = enumerate(_kinds(solver)[0], 1)
-        example = "+".join(f"{name}={10 * k}" for k, name in first)
+    sources = {parameter: poses, "file": file, "window": window}
+    given_sources = [name for name, source in sources.items() if source]
+    if len(given_sources) != 1:
+        first_form = _forms_of_output(solver)[0]
+        example = "+".join(f"{name}={10 * k}" for k, name in enumerate(first_form, 1))
         raise AnalysisError(
-            f"{where}: found {' and '.join(told) or 'no poses'}; give one of "
+            f"{where}: found {' and '.join(given_sources) or 'no poses'}; give one of "
             f"poses={example}, file=NAME.csv and window=NAME:FROM:TO:COUNT+.."
         )
     if columns and not file:
@@ -75,157 +134,223 @@ def read_poses(
             f"{where}: columns: {listing(columns)} are those of a file; poses and "
             "window say the names themselves, such as poses=azimuth=10+tilt=20"
         )
-    units = dict[str, str]()
-    shape = None
-    places: Sequence[str] = ()
-    where = f"{where}: {file or told[0]}"
+    where = f"{where}: {file or given_sources[0]}"
     try:
         if file:
-            names, rows, units, places = _of_file(solver, where, Path(file), columns)
+            table = _read_file(solver, where, Path(file), columns)
         elif window:
-            names, rows, shape = _of_window(solver, where, window)
+            table = _read_window(solver, where, window)
         else:
-            names, rows = _of_text(solver, where, poses)
-        _check_size(len(rows), where)
+            table = _read_list(solver, where, poses)
+        _check_pose_count(len(table.rows), where)
     except AnalysisError:
         if not solver.labels:
-            solver.inverse(np.zeros((0, 3, 3)), ())  # says why there is none
+            # The output cannot be solved for poses. This call raises an error that says
+            # why.
+            solver.inverse(np.zeros((0, 3, 3)), ())
         raise
-    driven = names == solver.mechanism.input_pairs
-    angular = [
-        (driven or name in ANGLES) and (units.get(name) or unit) == "deg" for name in names
+    gives_inputs = table.terms == solver.mechanism.input_pairs
+    is_in_degrees = [
+        (gives_inputs or term in ANGULAR_TERMS) and (table.units.get(term) or unit) == "deg"
+        for term in table.terms
     ]
-    rows = np.where(angular, np.radians(rows), rows)
-    if driven:
-        return None, rows, shape
-    places = places or [f"number {k + 1}" for k in range(len(rows))]
-    return _posed(solver, names, rows, places, where), None, shape
+    rows = np.where(is_in_degrees, np.radians(table.rows), table.rows)
+    if gives_inputs:
+        return PoseList(None, rows, table.grid_shape)
+    locations = table.locations or [f"number {k + 1}" for k in range(len(rows))]
+    converted_poses = _convert_rows(solver, table.terms, rows, locations, where)
+    return PoseList(converted_poses, None, table.grid_shape)
 
 
-def _of_text(
-    solver: OutputKinematics, where: str, poses: Sequence[str]
-) -> tuple[Names, Floats]:
-    given = numbers_of(poses, where)
-    kind = _kind(_kinds(solver), tuple(given[0]), where)
-    for number, row in enumerate(given, 1):
-        if row.keys() != given[0].keys():
+def _read_list(solver: OutputKinematics, where: str, poses: Sequence[str]) -> NumberTable:
+    """Return the numbers of a list of texts ``name=number``.
+
+    `where` is the list, for complaints.
+    """
+    given_numbers = read_terms(poses, where)
+    first_pose = given_numbers[0]
+    form = _match_form(_forms_of_output(solver), tuple(first_pose), where)
+    for number, pose in enumerate(given_numbers, 1):
+        if pose.keys() != first_pose.keys():
             raise AnalysisError(
-                f"{where}: number {number} has {listing(row)}, but the first "
-                f"{listing(given[0])}; say all poses in the same terms"
+                f"{where}: number {number} has {listing(pose)}, but the first "
+                f"{listing(first_pose)}; say all poses in the same terms"
             )
-    return kind, np.array([[row[name] for name in kind] for row in given])
+    rows = [[pose[term] for term in form] for pose in given_numbers]
+    return NumberTable(form, np.array(rows))
 
 
-def _of_file(
-    solver: OutputKinematics, where: str, path: Path, wanted: Names
-) -> tuple[Names, Floats, dict[str, str], Sequence[str]]:
-    """Return names, rows, units, "" where none is said, and where each row is."""
+def _read_file(
+    solver: OutputKinematics, where: str, path: Path, columns: tuple[str, ...]
+) -> NumberTable:
+    """Return the numbers of a file.
+
+    Parameters
+    ----------
+    solver, where
+        As for `read_poses`, `where` with the file.
+    path
+        Path of a CSV or Parquet file.
+    columns
+        Names of the columns to read. If there are none, the file must have the columns of
+        exactly one form of poses.
+    """
     header = columns_of(path)
-    kinds = _kinds(solver)
-    prefixed = {f"q_{name}": name for name in kinds[-1]}
-    columns = {prefixed.get(name, name): written for name, written in header.items()}
-    missing = [name for name in wanted if name not in columns]
+    forms = _forms_of_output(solver)
+    # Tables of spherekit name the inputs q_PAIR.
+    pair_of_column = {f"q_{pair}": pair for pair in solver.mechanism.input_pairs}
+    column_of_term = {
+        pair_of_column.get(name, name): column for name, column in header.items()
+    }
+    missing = [name for name in columns if name not in column_of_term]
     if missing:
         raise AnalysisError(
             f"{where}: it has no column {listing(missing)}; columns: {listing(header)}"
         )
-    if wanted:
-        held = [_kind(kinds, wanted, where)]
+    if columns:
+        forms_of_file = [_match_form(forms, columns, where)]
     else:
-        held = [kind for kind in kinds if set(kind) <= set(columns)]
-        held = [k for k in held if not any(set(k) < set(other) for other in held)]
-    if len(held) != 1:
+        complete = [form for form in forms if set(form) <= set(column_of_term)]
+        # Azimuth and tilt are part of azimuth, tilt and torsion.
+        forms_of_file = [
+            form
+            for form in complete
+            if not any(set(form) < set(larger) for larger in complete)
+        ]
+    if len(forms_of_file) != 1:
         raise AnalysisError(
-            f"{where}: its columns {listing(header)} hold {len(held)} of "
-            f"{_ways(held or kinds)}; give one of them, as columns=.. if there are more"
+            f"{where}: its columns {listing(header)} hold {len(forms_of_file)} of "
+            f"{_list_forms(forms_of_file or forms)}; give one of them, as columns=.. if "
+            "there are more"
         )
-    (names,) = held
-    numbers = read_numbers(path, [columns[name] for name in names])
-    units = {name: numbers.units.get(columns[name], "") for name in names}
-    return names, numbers.values, units, numbers.places
+    (form,) = forms_of_file
+    numbers = read_numbers(path, [column_of_term[term] for term in form])
+    units = {term: numbers.units.get(column_of_term[term], "") for term in form}
+    return NumberTable(form, numbers.values, units, numbers.places)
 
 
-def _of_window(
+def _read_window(
     solver: OutputKinematics, where: str, window: Sequence[str]
-) -> tuple[Names, Floats, tuple[int, ...]]:
-    """Return names and rows of a grid, and its shape."""
-    axes: dict[str, Floats] = {}
+) -> NumberTable:
+    """Return the numbers of a grid from texts ``NAME:FROM:TO:COUNT``.
+
+    `where` is the window, for complaints.
+    """
+    values_of_term: dict[str, Floats] = {}
     for text in window:
         name, *numbers = text.split(":")
         try:
             low, high, count = map(float, numbers)
-            good = count.is_integer() and count > 0.0 and np.isfinite(low + high)
+            is_valid = count.is_integer() and count > 0.0 and np.isfinite(low + high)
         except ValueError:
-            good = False
-        if not good or name in axes:
+            is_valid = False
+        if not is_valid or name in values_of_term:
             raise AnalysisError(
                 f'{where}: "{text}" is not NAME:FROM:TO:COUNT, each name once; '
                 "say for example azimuth:0:360:37"
             )
-        axes[name] = np.linspace(low, high, int(count))
-    names = _kind(_kinds(solver), tuple(axes), where)
-    sides = [axes[name] for name in names]
-    shape = tuple(map(len, sides))
-    _check_size(prod(shape), where)
-    mesh = np.meshgrid(*sides, indexing="ij")
-    return names, np.stack([grid.ravel() for grid in mesh], axis=1), shape
+        values_of_term[name] = np.linspace(low, high, int(count))
+    form = _match_form(_forms_of_output(solver), tuple(values_of_term), where)
+    axes = [values_of_term[term] for term in form]
+    grid_shape = tuple(len(values) for values in axes)
+    _check_pose_count(prod(grid_shape), where)
+    grids = np.meshgrid(*axes, indexing="ij")
+    rows = np.stack([grid.ravel() for grid in grids], axis=1)
+    return NumberTable(form, rows, grid_shape=grid_shape)
 
 
-def _posed(
+def _convert_rows(
     solver: OutputKinematics,
-    names: Names,
+    form: tuple[str, ...],
     rows: Floats,
-    places: Sequence[str],
+    locations: Sequence[str],
     where: str,
 ) -> Floats:
-    """Return the poses of rows (n, names), refusing those that are none."""
-    why = f"has {WANTING}"
-    if names == MATRIX:
-        why = "is not a rotation matrix"
-        made = rows.reshape(-1, 3, 3)
-        gap = np.abs(made @ np.swapaxes(made, 1, 2) - np.eye(3)).max(axis=(1, 2))
-        made[~((gap < NOT_ROTATION) & (np.linalg.det(made) > 0.0))] = np.nan
+    """Return poses from rows of numbers.
+
+    Parameters
+    ----------
+    solver
+        The inverse kinematics of the output.
+    form
+        Names of the numbers in the k columns.
+    rows
+        (n, k) numbers, angles in rad.
+    locations, where
+        Where each row stands, and the source, for complaints.
+
+    Returns
+    -------
+    (n, 3) directions or (n, 3, 3) rotations.
+
+    Raises
+    ------
+    AnalysisError
+        If rows are no poses.
+    """
+    fault = f"has {NO_DIRECTION}"
+    if form == MATRIX_TERMS:
+        fault = "is not a rotation matrix"
+        poses = rows.reshape(-1, 3, 3)
+        products = poses @ np.swapaxes(poses, 1, 2)
+        deviation = np.abs(products - np.eye(3)).max(axis=(1, 2))
+        is_rotation = (deviation < ROTATION_TOLERANCE) & (np.linalg.det(poses) > 0.0)
+        poses[~is_rotation] = np.nan
     else:
-        made = POSED[names](rows)
-    if names == MIRROR:
+        poses = CONVERSION_OF_FORM[form](rows)
+    if form == MID_PLANE_TERMS:
         assert solver.form is not None and solver.output.direction is not None
-        why = "is not a mid-plane: phi and gamma are too large"
-        made = solver.form.orientations(made) @ np.array(solver.output.direction)
-    wrong = np.unique(np.nonzero(np.isnan(made))[0])
-    if len(wrong):
-        shown = listing((places[k] for k in wrong), MOST_SHOWN)
-        raise AnalysisError(f"{where}: {shown} {why}")
-    return made
+        fault = "is not a mid-plane: phi and gamma are too large"
+        poses = solver.form.orientations(poses) @ np.array(solver.output.direction)
+    faulty_rows = np.unique(np.nonzero(np.isnan(poses))[0])
+    if len(faulty_rows):
+        faulty_locations = (locations[row] for row in faulty_rows)
+        listed = listing(faulty_locations, MAX_LISTED_FAULTS)
+        raise AnalysisError(f"{where}: {listed} {fault}")
+    return poses
 
 
-def _check_size(count: int, where: str) -> None:
-    if count > MOST_POSES:
+def _check_pose_count(count: int, where: str) -> None:
+    """Raise an error if there are too many poses for the tables in memory."""
+    if count > MAX_POSES:
         raise AnalysisError(
-            f"{where}: {count} poses are more than {MOST_POSES}; take them in parts"
+            f"{where}: {count} poses are more than {MAX_POSES}; take them in parts"
         )
 
 
-def _kinds(solver: OutputKinematics) -> list[Names]:
-    """Return what columns make a pose of this output, and the inputs last."""
-    kinds: list[Names] = []
+def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
+    """Return the forms in which poses of an output can be given, the inputs last.
+
+    Each form is the names of its numbers.
+    """
+    forms: list[tuple[str, ...]] = []
     if solver.labels and solver.points:
-        kinds = [AZIMUTH_TILT, DIRECTION]
+        forms = [AZIMUTH_TILT_TERMS, DIRECTION_TERMS]
     elif solver.labels:
-        kinds = [TILT_TORSION, QUATERNION, VECTOR, MATRIX]
+        forms = [TILT_TORSION_TERMS, QUATERNION_TERMS, ROTATION_VECTOR_TERMS, MATRIX_TERMS]
     if solver.form is not None:
-        kinds.append(MIRROR)
-    return [*kinds, solver.mechanism.input_pairs]
+        forms.append(MID_PLANE_TERMS)
+    return [*forms, solver.mechanism.input_pairs]
 
 
-def _kind(kinds: Sequence[Names], names: Names, where: str) -> Names:
-    """Return the kind with these names, whose order is then that of the kind."""
-    for kind in kinds:
-        if sorted(kind) == sorted(names):
-            return kind
+def _match_form(
+    forms: Sequence[tuple[str, ...]], names: tuple[str, ...], where: str
+) -> tuple[str, ...]:
+    """Return the form that has the given names, in the order of the form.
+
+    Raises
+    ------
+    AnalysisError
+        If there is none; `where` is the source of the names.
+    """
+    for form in forms:
+        if sorted(form) == sorted(names):
+            return form
     raise AnalysisError(
-        f"{where}: {listing(names)} is not a pose; say one of {_ways(kinds)}"
+        f"{where}: {listing(names)} is not a pose; say one of {_list_forms(forms)}"
     )
 
 
-def _ways(kinds: Sequence[Names]) -> str:
-    return listing("+".join(kind) for kind in kinds)
+def _list_forms(forms: Sequence[tuple[str, ...]]) -> str:
+    """Return forms of poses in words, such as ``azimuth+tilt and x+y+z``."""
+    return listing("+".join(form) for form in forms)

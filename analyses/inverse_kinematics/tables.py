@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spherekit.plugin import (
     INPUTS,
@@ -34,20 +35,23 @@ from ..common import (
     direction_or_quaternion_columns,
 )
 
-Row = dict[str, Any]
+Columns = dict[str, Any]
+"""Columns of a table by name."""
+
+SAME_SOLUTION_RAD = 1e-6
+"""Configurations whose variables differ by less are the same one. Larger: modes near a
+singularity are confused; smaller: rounding hides the working mode of a pose."""
+
+POSE_NUMBER = Column(
+    "pose", "", "number of the pose or of the inputs given, from 0", "integer"
+)
 
 
-SAME_VALUES = 1e-6
-"""Configurations whose variables (rad) differ by less are one."""
+ALL_POSE_COLUMNS = (*POSE_COLUMNS, *TILT_TORSION_COLUMNS)
+"""The columns of a pose in all forms."""
 
 
-POSE = Column("pose", "", "number of the pose or of the inputs given, from 0", "integer")
-
-
-PLACES = *POSE_COLUMNS, *TILT_TORSION_COLUMNS
-
-
-MIRROR_RATES = tuple(
+MID_PLANE_RATE_COLUMNS = tuple(
     Column(f"d{name}_dq", "", f"derivative of {name} by q", per_input=True)
     for name in ("phi", "gamma")
 )
@@ -65,9 +69,9 @@ INVERSE = Table(
     "inverse_kinematics",
     "one row per pose and working mode, or configuration found",
     (
-        POSE,
+        POSE_NUMBER,
         WORKING_MODE,
-        *PLACES,
+        *ALL_POSE_COLUMNS,
         INPUTS,
         *(
             Column(
@@ -78,7 +82,7 @@ INVERSE = Table(
             )
             for axis in "xyz"
         ),
-        *MIRROR_RATES,
+        *MID_PLANE_RATE_COLUMNS,
         Column("margin", "rad", "left to the nearest limit, negative outside"),
         Column("limiting", "", "that limit", "text"),
         Column("type_1", "", "0 at a type I singularity of q", per_input=True),
@@ -96,13 +100,13 @@ FORWARD = Table(
     "forward",
     "one row per inputs given and pose found",
     (
-        POSE,
+        POSE_NUMBER,
         Column("solution", "", "number of the pose at these inputs", "integer"),
         Column("assembly_mode", "", "signs of the assembly mode's groups", "text"),
         Column("working_mode", "", "label of its working mode, if known", "text"),
         INPUTS,
-        *PLACES,
-        *MIRROR_RATES,
+        *ALL_POSE_COLUMNS,
+        *MID_PLANE_RATE_COLUMNS,
         Column("type_2", "", "0 at a type II singularity"),
         STATUS,
         SOLVED_BY,
@@ -114,7 +118,7 @@ PAIRS = Table(
     "pairs",
     "variables of pairs: one row per pose, mode and pair asked for",
     (
-        POSE,
+        POSE_NUMBER,
         WORKING_MODE,
         Column("pair", "", "name of the pair", "text"),
         Column("value", "rad", "its variable"),
@@ -122,67 +126,126 @@ PAIRS = Table(
 )
 
 
-def forward_rows(mechanism: Mechanism, solver: OutputKinematics, inputs: Floats) -> Row:
-    """Return the poses at inputs (n, inputs), each with the working mode that has them."""
+def forward_columns(
+    mechanism: Mechanism, solver: OutputKinematics, inputs: Floats
+) -> Columns:
+    """Return the table of the poses at inputs, each with its working mode if known.
+
+    Inputs without a pose have one row with status OUT_OF_REACH.
+
+    Parameters
+    ----------
+    mechanism, solver
+        The mechanism, and the inverse kinematics of its output.
+    inputs
+        (n, inputs) values of the inputs (rad).
+    """
     solutions = solver.forward(inputs)
-    none = np.setdiff1d(np.arange(len(inputs)), solutions.row)
-    every = np.concatenate([solutions.row, none])
-    order = np.argsort(every, kind="stable")
-    pose = every[order]
-    at = np.where(order < len(solutions.row), order, -1)
+    inputs_without_pose = np.setdiff1d(np.arange(len(inputs)), solutions.row)
+    input_rows = np.concatenate([solutions.row, inputs_without_pose])
+    order = np.argsort(input_rows, kind="stable")
+    input_number = input_rows[order]
+    # The solution of each row of the table; -1 refers to a row of NaN after all solutions.
+    solution_number = np.where(order < len(solutions.row), order, -1)
 
-    def filled(values: Floats) -> Floats:
-        return np.concatenate([values, np.full((1, *values.shape[1:]), np.nan)])[at]
+    def fill_rows(values: Floats) -> Floats:
+        """Return values (solutions, ...) for the rows of the table, NaN without a pose."""
+        no_solution = np.full((1, *values.shape[1:]), np.nan)
+        return np.concatenate([values, no_solution])[solution_number]
 
-    poses = solutions.rotations
+    solved_poses = solutions.rotations
     if solver.points:
         assert solutions.directions is not None
-        poses = solutions.directions
-    working = np.full(len(poses) + 1, "", dtype=object)
-    if isinstance(solver, ClosedKinematics):
-        rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
-        off = np.abs(wrap(rows.values - solutions.values[rows.pose])).max(axis=1)
-        same = np.flatnonzero(off < SAME_VALUES)
-        working[rows.pose[same]] = rows.mode[same]
-    places = filled(poses)
-    moved = dict[str, Any]()
+        solved_poses = solutions.directions
+    working_modes = _find_working_modes(mechanism, solver, solved_poses, solutions.values)
+    assembly_modes = np.array([*map(label_of, solutions.signs), ""])
+    poses = fill_rows(solved_poses)
+    rate_columns: Columns = {}
     if solver.form is not None:
-        turns = filled(solver.turns(solutions.values))
-        moved = mirror_rates(mechanism, solver.form, places, turns)
+        direction_rates = fill_rows(solver.turns(solutions.values))
+        rate_columns = mid_plane_rate_columns(
+            mechanism, solver.form, poses, direction_rates
+        )
+    first_row_of_input = np.searchsorted(input_number, input_number)
     return {
-        "pose": pose,
-        "solution": np.arange(len(pose)) - np.searchsorted(pose, pose),
-        "assembly_mode": np.array([*map(label_of, solutions.signs), ""])[at],
-        "working_mode": working[at].astype(str),
-        **input_columns(mechanism, inputs[pose]),
-        **pose_columns(solver, places),
-        **moved,
-        "type_2": filled(solver.type_2(solutions.values)),
-        "status": np.where(at < 0, Status.OUT_OF_REACH, Status.OK),
+        "pose": input_number,
+        "solution": np.arange(len(input_number)) - first_row_of_input,
+        "assembly_mode": assembly_modes[solution_number],
+        "working_mode": working_modes[solution_number],
+        **input_columns(mechanism, inputs[input_number]),
+        **all_pose_columns(solver, poses),
+        **rate_columns,
+        "type_2": fill_rows(solver.type_2(solutions.values)),
+        "status": np.where(solution_number < 0, Status.OUT_OF_REACH, Status.OK),
         "solved_by": solver.solved_by,
     }
 
 
-def pose_columns(solver: OutputKinematics, poses: Floats) -> Row:
-    """Return the columns of poses; NaN for NaN."""
+def _find_working_modes(
+    mechanism: Mechanism, solver: OutputKinematics, poses: Floats, values: Floats
+) -> NDArray[np.str_]:
+    """Return the working mode of each of n solutions, then an empty text.
+
+    The working mode is known if the output has a closed form: it is the mode in which the
+    inverse kinematics of the pose gives the same configuration.
+
+    Parameters
+    ----------
+    mechanism, solver
+        The mechanism, and the inverse kinematics of its output.
+    poses
+        (n, 3) directions or (n, 3, 3) rotations.
+    values
+        (n, variables) configurations (rad).
+    """
+    modes = np.full(len(poses) + 1, "", dtype=object)
+    if isinstance(solver, ClosedKinematics):
+        rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
+        differences = np.abs(wrap(rows.values - values[rows.pose])).max(axis=1)
+        same = np.flatnonzero(differences < SAME_SOLUTION_RAD)
+        modes[rows.pose[same]] = rows.mode[same]
+    return modes.astype(str)
+
+
+def all_pose_columns(solver: OutputKinematics, poses: Floats) -> Columns:
+    """Return the columns of poses in all forms.
+
+    Parameters
+    ----------
+    solver
+        The inverse kinematics of the output.
+    poses
+        (n, 3) directions or (n, 3, 3) rotations; NaN gives NaN.
+    """
     if solver.points:
-        angles = azimuth_tilt(poses)
-        places = poses
+        columns = direction_or_quaternion_columns(poses, solver.form)
+        columns["azimuth"], columns["tilt"] = azimuth_tilt(poses).T
     else:
-        angles = tilt_torsion(poses)
-        places = quaternion(poses)
-    return {
-        **direction_or_quaternion_columns(places, solver.form),
-        **dict(zip(("azimuth", "tilt", "torsion"), angles.T, strict=False)),
-    }
+        columns = direction_or_quaternion_columns(quaternion(poses), solver.form)
+        columns["azimuth"], columns["tilt"], columns["torsion"] = tilt_torsion(poses).T
+    return columns
 
 
-def mirror_rates(
-    mechanism: Mechanism, form: MidPlaneArchitecture, directions: Floats, turns: Floats
-) -> Row:
-    """Return the columns of the derivatives of phi and gamma by the inputs."""
-    phi, gamma = np.moveaxis(form.angle_rates(directions, turns), -1, 0)
+def mid_plane_rate_columns(
+    mechanism: Mechanism,
+    architecture: MidPlaneArchitecture,
+    directions: Floats,
+    direction_rates: Floats,
+) -> Columns:
+    """Return the columns of the derivatives of phi and gamma by the inputs.
+
+    Parameters
+    ----------
+    mechanism, architecture
+        The mechanism, and its mid-plane symmetric architecture.
+    directions
+        (n, 3) directions of the output.
+    direction_rates
+        Their derivatives by the inputs, as `OutputKinematics.turns` returns them.
+    """
+    rates = architecture.angle_rates(directions, direction_rates)
+    phi_rates, gamma_rates = np.moveaxis(rates, -1, 0)
     return {
-        **input_columns(mechanism, phi, "dphi_dq"),
-        **input_columns(mechanism, gamma, "dgamma_dq"),
+        **input_columns(mechanism, phi_rates, "dphi_dq"),
+        **input_columns(mechanism, gamma_rates, "dgamma_dq"),
     }

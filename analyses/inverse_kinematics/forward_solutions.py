@@ -1,0 +1,115 @@
+"""The poses of an output at many inputs."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.plugin import Findings, Floats, Mechanism, Scene, Status, counted, numbered
+from spherekit.plugin.workspace import OutputKinematics
+
+from .solver_summary import (
+    count_values,
+    describe_omitted_solutions,
+    format_degrees,
+    summarize_solver,
+)
+from .tables import FORWARD, forward_columns
+
+MAX_DESCRIBED_INPUTS = 3
+"""Sets of inputs whose poses are described one by one."""
+POSE_ANGLES = ("azimuth", "tilt", "torsion", "phi", "gamma")
+"""Columns with the angles of a pose."""
+
+
+class ForwardSolutions:
+    """The poses at inputs, each with its working mode if that is known.
+
+    Parameters
+    ----------
+    mechanism, solver
+        The mechanism, and the inverse kinematics of its output.
+    inputs
+        (n, inputs) values of the inputs (rad).
+
+    Attributes
+    ----------
+    columns
+        The table of the poses.
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, solver: OutputKinematics, inputs: Floats
+    ) -> None:
+        self.mechanism = mechanism
+        self.solver = solver
+        self.inputs = inputs
+        self.columns = forward_columns(mechanism, solver, inputs)
+
+    def table_parts(self) -> dict[str, list[dict[str, Any]]]:
+        """Return the table of poses at inputs, by its name."""
+        return {FORWARD.name: [self.columns]}
+
+    def findings(self) -> Findings:
+        """Return how many inputs have how many poses, and these if they are few."""
+        input_count = len(self.inputs)
+        has_pose = self.columns["status"] != Status.OUT_OF_REACH
+        pose_counts = np.bincount(self.columns["pose"][has_pose], minlength=input_count)
+        summary = summarize_solver(self.solver) | {
+            "inputs": input_count,
+            "inputs_by_number_of_poses": count_values(pose_counts),
+        }
+        without_pose = np.sum(pose_counts == 0)
+        warnings: tuple[str, ...] = ()
+        if without_pose:
+            warnings = (f"at {without_pose} of {input_count} inputs no pose was found",)
+        remarks = [
+            f"{counted(np.sum(has_pose), 'configuration')} at "
+            f"{counted(input_count, 'set')} of "
+            f"inputs{describe_omitted_solutions(self.solver)}"
+        ]
+        if input_count <= MAX_DESCRIBED_INPUTS:
+            remarks += self._describe_poses(has_pose)
+        return Findings(summary, warnings, tuple(remarks))
+
+    def _describe_poses(self, has_pose: NDArray[np.bool_]) -> list[str]:
+        """Return a sentence for each pose with all its modes.
+
+        `has_pose` (rows,) are the rows of the table that have a pose.
+        """
+        columns = self.columns
+        modes_of_sentence: dict[tuple[str, str], list[str]] = {}
+        for row in np.flatnonzero(has_pose):
+            angles = []
+            for name in POSE_ANGLES:
+                if name in columns and np.isfinite(columns[name][row]):
+                    angles.append(self._describe_angle(name, row))
+            sentence = f"inputs {columns['pose'][row]}: {', '.join(angles)}"
+            # The assembly mode is stated if the working mode is unknown.
+            if columns["working_mode"][row]:
+                kind = "working mode"
+                mode = columns["working_mode"][row]
+            else:
+                kind = "assembly mode"
+                mode = columns["assembly_mode"][row]
+            modes_of_sentence.setdefault((sentence, kind), []).append(str(mode))
+        return [
+            f"{sentence}, {numbered(kind, modes)}"
+            for (sentence, kind), modes in modes_of_sentence.items()
+        ]
+
+    def _describe_angle(self, name: str, row: int) -> str:
+        """Return an angle of the pose in a row, with known derivatives by the inputs."""
+        text = f"{name} = {format_degrees(self.columns[name][row])} deg"
+        derivatives = []
+        for pair in self.mechanism.input_pairs:
+            column = f"d{name}_dq_{pair}"
+            if column in self.columns:
+                derivatives.append(f"d{name}/d{pair} {self.columns[column][row]:.6g}")
+        if derivatives:
+            text += f" ({', '.join(derivatives)})"
+        return text
+
+    def scenes(self) -> tuple[Scene, ...]:
+        """Return no scenes: there are no poses that were asked for."""
+        return ()

@@ -1,0 +1,349 @@
+"""The configurations of many poses of an output."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from spherekit.plugin import (
+    Arrow,
+    Axis,
+    Findings,
+    Floats,
+    Mechanism,
+    Primitive,
+    Scene,
+    SphereMap,
+    Status,
+    Text,
+    counted,
+    input_columns,
+    link_bodies,
+    numbered,
+)
+from spherekit.plugin.rotations import quaternion
+from spherekit.plugin.singularities import solver_of
+from spherekit.plugin.workspace import (
+    ClosedKinematics,
+    OutputKinematics,
+    nearest_poses,
+    sense_of,
+    sphere_mesh,
+    turns_of,
+)
+
+from ..output_poses import describe_nearest_pose
+from .solver_summary import (
+    count_values,
+    describe_omitted_solutions,
+    format_degrees,
+    summarize_solver,
+)
+from .tables import INVERSE, PAIRS, all_pose_columns, mid_plane_rate_columns
+
+MAX_DRAWN_SOLUTIONS = 2000
+"""Solutions that are drawn, one as each sample of their page."""
+MAX_LISTED_SOLUTIONS = 40
+"""Drawn solutions that are listed next to the drawing."""
+MAX_CHECKED_POSES = 200
+"""Poses whose configurations are inserted into the closure equations, spread evenly."""
+MAX_DESCRIBED_POSES = 3
+"""Poses whose configurations are described one by one."""
+
+Columns = dict[str, Any]
+"""Columns of a table by name."""
+
+
+class InverseSolutions:
+    """The configurations of poses, and reachable poses near those out of reach.
+
+    Parameters
+    ----------
+    mechanism, solver
+        The mechanism, and the inverse kinematics of its output.
+    poses
+        (n, 3) directions or (n, 3, 3) rotations.
+    grid_shape
+        Numbers of values of the grid of poses; None if they are no grid.
+    modes
+        Labels of the working modes of interest.
+    pairs
+        Numbers of the pairs whose variables are listed.
+    max_nearest
+        Number of rows out of reach for which the nearest reachable pose is computed.
+
+    Attributes
+    ----------
+    solutions
+        The rows of the inverse kinematics, one for each pose and mode, or configuration.
+    solution_counts
+        (n,) number of solutions of each pose.
+    nearest_poses, nearest_distances
+        (rows, 3 or 4) the nearest reachable direction or quaternion, and its angular
+        distance (rows,) in rad; NaN if not computed.
+    nearest_count
+        Number of rows for which it was computed.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        solver: OutputKinematics,
+        poses: Floats,
+        *,
+        grid_shape: tuple[int, ...] | None,
+        modes: Sequence[str],
+        pairs: list[int],
+        max_nearest: int,
+    ) -> None:
+        self.mechanism = mechanism
+        self.solver = solver
+        self.poses = poses
+        self.grid_shape = grid_shape
+        self.modes = modes
+        self.pairs = pairs
+        solutions = solver.inverse(poses, modes, range(len(mechanism.pairs)))
+        self.solutions = solutions
+        self.solution_counts = np.bincount(
+            solutions.pose[solutions.solved], minlength=len(poses)
+        )
+        pose_rows = (poses if solver.points else quaternion(poses))[solutions.pose]
+        self.nearest_poses = np.full_like(pose_rows, np.nan)
+        self.nearest_distances = np.full(len(solutions), np.nan)
+        self.nearest_count = 0
+        if isinstance(solver, ClosedKinematics):
+            rows = np.flatnonzero(~solutions.solved)[:max_nearest]
+            self.nearest_count = len(rows)
+            for signs, mode in zip(solver.modes, solver.labels, strict=True):
+                rows_of_mode = rows[solutions.mode[rows] == mode]
+                if len(rows_of_mode):
+                    nearest, distances = nearest_poses(
+                        solver, pose_rows[rows_of_mode], signs
+                    )
+                    self.nearest_poses[rows_of_mode] = nearest
+                    self.nearest_distances[rows_of_mode] = distances
+
+    def table_parts(self) -> dict[str, list[Columns]]:
+        """Return the tables of configurations and of variables of pairs, by name."""
+        solutions = self.solutions
+        pair_names = np.array(self.mechanism.names_of(self.pairs), dtype=str)
+        pair_columns: Columns = {
+            "pose": np.repeat(solutions.pose, len(pair_names)),
+            "working_mode": np.repeat(solutions.mode, len(pair_names)),
+            "pair": np.tile(pair_names, len(solutions)),
+            "value": solutions.values[:, self.pairs].ravel(),
+        }
+        return {INVERSE.name: [self._inverse_columns()], PAIRS.name: [pair_columns]}
+
+    def _inverse_columns(self) -> Columns:
+        """Return the table of configurations."""
+        mechanism = self.mechanism
+        solver = self.solver
+        solutions = self.solutions
+        directions = self.poses[solutions.pose] if solver.points else None
+        columns: Columns = {
+            "pose": solutions.pose,
+            "working_mode": solutions.mode,
+            **all_pose_columns(solver, self.poses[solutions.pose]),
+            **input_columns(mechanism, solutions.inputs),
+        }
+        for component, axis in enumerate("xyz"):
+            rates = solutions.rates[:, :, component]
+            columns |= input_columns(mechanism, rates, f"rate_{axis}")
+        if solver.form is not None and directions is not None:
+            direction_rates = turns_of(solutions.rates, directions)
+            columns |= mid_plane_rate_columns(
+                mechanism, solver.form, directions, direction_rates
+            )
+        columns["margin"] = solutions.margin
+        # Number -1 refers to the empty name of no limit.
+        columns["limiting"] = np.array([*solutions.limits, ""])[solutions.limiting]
+        columns |= input_columns(mechanism, solutions.type_1, "type_1")
+        columns["type_2"] = solutions.type_2
+        columns["sense"] = sense_of(solutions.rates, directions)
+        columns["status"] = solutions.status
+        columns["solved_by"] = solver.solved_by
+        for component in range(self.nearest_poses.shape[1]):
+            axis = "xyzw"[component]
+            columns[f"near_{axis}"] = self.nearest_poses[:, component]
+        columns["away"] = self.nearest_distances
+        return columns
+
+    def findings(self) -> Findings:
+        """Return how many poses have how many solutions, and how well they close."""
+        solutions = self.solutions
+        pose_count = len(self.poses)
+        row_count = len(solutions)
+        checked_poses = np.linspace(0, pose_count - 1, MAX_CHECKED_POSES).astype(int)
+        is_checked = np.isin(solutions.pose, checked_poses)
+        is_checked &= solutions.status == Status.OK
+        residuals = self.solver.residual(solutions.values[is_checked])
+        records_of_modes = {}
+        for mode in self.modes:
+            is_in_mode = solutions.mode == mode
+            records_of_modes[mode] = {
+                "solved": int(np.sum(solutions.solved[is_in_mode])),
+                "least_type_1": _least_or_none(solutions.type_1[is_in_mode]),
+                "least_type_2": _least_or_none(solutions.type_2[is_in_mode]),
+            }
+        summary: Columns = summarize_solver(self.solver) | {
+            "poses": pose_count,
+            "limits": list(solutions.limits),
+            "poses_by_number_of_solutions": count_values(self.solution_counts),
+            "working_modes": records_of_modes,
+            "largest_closure_residual_rad": (
+                float(np.max(residuals)) if len(residuals) else None
+            ),
+        }
+
+        warnings = []
+        without_solution = np.sum(self.solution_counts == 0)
+        if without_solution:
+            doubt = "" if solutions.limits else "; not every search proves that"
+            warnings.append(
+                f"{without_solution} of {pose_count} poses have no configuration{doubt}"
+            )
+        at_singularity = np.sum(solutions.status == Status.AT_SINGULARITY)
+        if at_singularity:
+            warnings.append(f"{counted(at_singularity, 'row')} at a singularity")
+        out_of_reach = np.sum(~solutions.solved)
+        has_closed_form = isinstance(self.solver, ClosedKinematics)
+        if has_closed_form and self.nearest_count < out_of_reach:
+            warnings.append(
+                f"the nearest reachable pose is given for {self.nearest_count} of "
+                f"{counted(out_of_reach, 'row')} out of reach; ask for more with "
+                f"nearest={out_of_reach}"
+            )
+        remark = (
+            f"{counted(row_count - out_of_reach, 'configuration')} of "
+            f"{counted(pose_count, 'pose')}, at "
+            f"most {np.max(self.solution_counts, initial=0)} of "
+            f"one{describe_omitted_solutions(self.solver)}"
+        )
+        return Findings(summary, tuple(warnings), (remark, *self._describe_rows()))
+
+    def _describe_rows(self) -> list[str]:
+        """Return a sentence for each configuration and nearest pose, if these are few.
+
+        Modes with the same sentence are listed together.
+        """
+        solutions = self.solutions
+        if len(np.unique(solutions.pose)) > MAX_DESCRIBED_POSES:
+            return []
+        modes_of_sentence: dict[str, list[str]] = {}
+        for row, mode in enumerate(solutions.mode.tolist()):
+            if solutions.solved[row]:
+                result = self._describe_inputs(row)
+            elif np.isfinite(self.nearest_distances[row]):
+                limit_number = solutions.limiting[row]
+                by_limit = ""
+                if limit_number >= 0 and solutions.limits[limit_number]:
+                    by_limit = f" by {solutions.limits[limit_number]}"
+                nearest = describe_nearest_pose(
+                    self.nearest_poses[row], self.nearest_distances[row]
+                )
+                result = f"out of reach{by_limit}; {nearest}"
+            else:
+                continue
+            sentence = f"pose {solutions.pose[row]}: {result}"
+            modes_of_sentence.setdefault(sentence, []).append(mode)
+        return [
+            f"{sentence}, {numbered('mode', modes)}"
+            for sentence, modes in modes_of_sentence.items()
+        ]
+
+    def _describe_inputs(self, row: int) -> str:
+        """Return the inputs of a row in words."""
+        inputs = zip(self.mechanism.input_pairs, self.solutions.inputs[row], strict=True)
+        return ", ".join(f"{pair} = {format_degrees(q)} deg" for pair, q in inputs)
+
+    def scenes(self) -> tuple[Scene, ...]:
+        """Return the poses on the sphere by number of solutions, and by worst measure."""
+        solutions = self.solutions
+        legend = self._legend()
+        solution_map = self._draw_map("solutions", self.solution_counts.astype(float), "")
+        drawn_rows = np.flatnonzero(solutions.solved)[:MAX_DRAWN_SOLUTIONS]
+        if not len(drawn_rows):
+            return (Scene("Inverse", (solution_map, legend)),)
+        parts = (solution_map, *self._draw_solutions(drawn_rows), legend)
+        solution_axis = Axis("solution", "", np.arange(float(len(drawn_rows))))
+
+        # The measure of a pose is that of its best mode.
+        least_measure = np.fmin(np.min(solutions.type_1, axis=1), solutions.type_2)
+        best_measure = np.zeros(len(self.poses))
+        np.maximum.at(best_measure, solutions.pose, np.nan_to_num(least_measure))
+        angle = np.arcsin(np.minimum(best_measure, 1.0))
+        measure_map = self._draw_map("angle to a singularity", angle, "rad")
+        return (
+            Scene("Inverse", parts, (solution_axis,)),
+            Scene("Measure", (measure_map, legend)),
+        )
+
+    def _directions(self) -> Floats:
+        """Return the directions (n, 3) of the poses, or their z axes."""
+        return self.poses if self.solver.points else self.poses[:, :, 2]
+
+    def _draw_map(self, name: str, values: Floats, unit: str) -> SphereMap:
+        """Return a map on the sphere of values (n,) of the poses."""
+        triangles = _grid_triangles(self.grid_shape)
+        return SphereMap("poses/map", name, self._directions(), triangles, values, unit)
+
+    def _draw_solutions(self, rows: NDArray[np.intp]) -> list[Primitive]:
+        """Return the mechanism in the configurations of rows, with a list of these."""
+        mechanism = self.mechanism
+        solutions = self.solutions
+        closure = solver_of(mechanism).closure
+        rotations = closure.at(solutions.values[rows]).rotations
+        reference = rotations[:, mechanism.link_number[self.solver.output.relative_to]]
+        directions = self._directions()[solutions.pose[rows]]
+        lines = [
+            f"- {sample}: pose {solutions.pose[row]}, mode {solutions.mode[row]}, "
+            f"{self._describe_inputs(row)}"
+            for sample, row in enumerate(rows[:MAX_LISTED_SOLUTIONS])
+        ]
+        return [
+            *link_bodies(mechanism, rotations),
+            Arrow(
+                "pose",
+                "pose asked for",
+                np.matvec(reference, directions),
+                False,
+                path_shown=False,
+            ),
+            Text("solutions", "Solutions", "\n".join(lines)),
+        ]
+
+    def _legend(self) -> Text:
+        """Return the numbers of solutions in Markdown, and what the measure is."""
+        table_rows = [
+            f"| {solutions} | {poses} |\n"
+            for solutions, poses in count_values(self.solution_counts).items()
+        ]
+        text = (
+            f"# Poses of {self.solver.output.name}\n\n"
+            f"Signs of a mode: {'; '.join(self.solver.legs)}.\n\n"
+            "| solutions | poses |\n|---|---|\n"
+            + "".join(table_rows)
+            + "\nMeasure: the best mode's least angle to a singularity of type I or II."
+        )
+        return Text("legend", "Poses", text)
+
+
+def _least_or_none(values: Floats) -> float | None:
+    """Return the least finite value of an array, None if there is none."""
+    finite = values[np.isfinite(values)]
+    return float(np.min(finite)) if finite.size else None
+
+
+def _grid_triangles(grid_shape: tuple[int, ...] | None) -> NDArray[np.int64]:
+    """Return the triangles (t, 3) between neighbours of a grid over two directions.
+
+    Other grids, and lists of poses without a grid (None), have no triangles.
+    """
+    counts = [count for count in grid_shape or () if count > 1]
+    if len(counts) != 2:
+        return np.zeros((0, 3), dtype=np.int64)
+    rows, columns = counts
+    _, triangles = sphere_mesh(columns - 1, rows - 1)
+    return triangles

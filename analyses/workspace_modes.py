@@ -1,0 +1,557 @@
+"""Workspaces of all working modes of an output: tables, summary, and scenes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from spherekit.plugin import (
+    Floats,
+    Mark,
+    Mechanism,
+    Primitive,
+    Scene,
+    SphereCurves,
+    SphereMap,
+    Surface,
+    Text,
+    input_columns,
+)
+from spherekit.plugin.rotations import (
+    azimuth_tilt,
+    from_quaternion,
+    from_tilt_torsion,
+    quaternion,
+    tilt_torsion,
+)
+from spherekit.plugin.workspace import (
+    ClosedKinematics,
+    Constraints,
+    DirectionWorkspace,
+    Judged,
+    OrientationWorkspace,
+    Part,
+    Region,
+    bounds_of,
+    direction_workspaces,
+    judge,
+    label_of,
+    nearest_reachable,
+    orientation_samples,
+    orientation_workspaces,
+    sphere_mesh,
+)
+
+from .common import direction_or_quaternion_columns
+from .inverse_kinematics.pose_lists import read_poses
+from .output_poses import describe_nearest_pose, format_pose
+
+DRAWN_TILTS = 24
+"""Tilts at which orientations are drawn. Larger: smoother drawings, which take longer."""
+DRAWN_AZIMUTHS = 48
+"""Azimuths at which orientations are drawn."""
+DRAWN_TORSIONS = 36
+"""Torsions at which orientations are drawn, at each tilt and azimuth."""
+NO_LIMIT_NAME = "the output is not determined"
+"""Name of a border at which no limit is reached."""
+
+Workspace = DirectionWorkspace | OrientationWorkspace
+"""The workspace of one working mode."""
+Columns = dict[str, Any]
+"""Columns of a table, or a record of the summary."""
+
+
+@dataclass(frozen=True)
+class PoseSamples:
+    """Samples of a workspace, inside and outside of it.
+
+    Attributes
+    ----------
+    poses
+        (n, 3) directions, or (n, 4) unit quaternions xyzw.
+    judged
+        Their margins and measures.
+    """
+
+    poses: Floats
+    judged: Judged
+
+
+@dataclass(frozen=True)
+class PoseFindings:
+    """Which poses are reached, for the summary and in words.
+
+    Attributes
+    ----------
+    records
+        Record of each pose in each mode.
+    warnings, remarks
+        Sentences about poses outside, and about poses inside.
+    """
+
+    records: list[Columns]
+    warnings: list[str]
+    remarks: list[str]
+
+
+class WorkspaceModes:
+    """The workspaces of an output under constraints in some working modes.
+
+    Parameters
+    ----------
+    mechanism, kinematics
+        The mechanism, and the inverse kinematics of its output in closed form.
+    constraints
+        Constraints in addition to the reach of the legs.
+    modes
+        Signs of the legs in each working mode.
+    poses
+        (k, 3) directions or (k, 4) quaternions that are examined.
+    tolerance
+        Relative error of areas and volumes.
+
+    Attributes
+    ----------
+    bounds
+        The limits that end the workspace.
+    limit_names
+        Names of the limits by their numbers, then of no limit, whose number is -1.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        kinematics: ClosedKinematics,
+        constraints: Constraints,
+        modes: Sequence[tuple[int, ...]],
+        poses: Floats,
+        tolerance: float,
+    ) -> None:
+        self.mechanism = mechanism
+        self.kinematics = kinematics
+        self.bounds = bounds_of(kinematics, constraints)
+        self.limit_names = [bound.name for bound in self.bounds] + [NO_LIMIT_NAME]
+        self.modes = modes
+        self.poses = poses
+        self.tolerance = tolerance
+
+    @cached_property
+    def workspaces(self) -> Sequence[Workspace]:
+        """The workspace of each mode."""
+        if self.kinematics.points:
+            find_workspaces = direction_workspaces
+        else:
+            find_workspaces = orientation_workspaces
+        return find_workspaces(self.kinematics, self.bounds, self.modes, self.tolerance)
+
+    @cached_property
+    def samples(self) -> dict[tuple[int, ...], PoseSamples]:
+        """Samples by the signs of the mode.
+
+        They are the vertices of a set of directions, or evenly spread orientations.
+        """
+        samples: dict[tuple[int, ...], PoseSamples] = {}
+        for workspace in self.workspaces:
+            if isinstance(workspace, DirectionWorkspace):
+                poses = workspace.region.points
+            else:
+                poses = orientation_samples()
+            samples[workspace.signs] = PoseSamples(poses, self.judge(workspace, poses))
+        return samples
+
+    def judge(self, workspace: Workspace, poses: Floats) -> Judged:
+        """Return margins and measures of poses (n, 3) or (n, 4) in a workspace's mode."""
+        return judge(self.kinematics, self.bounds, workspace.signs, poses)
+
+    def table_parts(self) -> dict[str, list[Columns]]:
+        """Return samples, borders and sizes of all modes by table."""
+        parts: dict[str, list[Columns]] = {"workspace": [], "boundary": [], "areas": []}
+        for workspace in self.workspaces:
+            mode = {"working_mode": label_of(workspace.signs)}
+            parts["workspace"].append(mode | self._sample_columns(workspace))
+            parts["areas"].append(mode | self._size_columns(workspace))
+            if isinstance(workspace, DirectionWorkspace):
+                for columns in self._border_columns(workspace.region):
+                    parts["boundary"].append(mode | columns)
+        return parts
+
+    def _sample_columns(self, workspace: Workspace) -> Columns:
+        """Return the samples of a workspace with their margins and measures."""
+        samples = self.samples[workspace.signs]
+        judged = samples.judged
+        return {
+            **direction_or_quaternion_columns(samples.poses, self.kinematics.form),
+            "inside": np.where(judged.inside, "yes", "no"),
+            "margin": judged.margin,
+            "limiting": np.array(self.limit_names)[judged.limiting],
+            **input_columns(self.mechanism, judged.inputs),
+            "type_1": judged.type_1,
+            "type_2": judged.type_2,
+        }
+
+    def _border_columns(self, region: Region) -> list[Columns]:
+        """Return the points of each smooth arc of the border of a set of directions."""
+        columns = []
+        for curve, boundary in enumerate(region.boundaries):
+            for number, arc in enumerate(boundary.arcs):
+                columns.append(
+                    {
+                        "curve": curve,
+                        "component": boundary.component,
+                        "gap": boundary.gap,
+                        "arc": number,
+                        "point": np.arange(len(arc.points)),
+                        **direction_or_quaternion_columns(arc.points, self.kinematics.form),
+                        "constraint": self.limit_names[arc.margin],
+                    }
+                )
+        return columns
+
+    def _size_columns(self, workspace: Workspace) -> Columns:
+        """Return the size of the whole, and of each part and hole of directions.
+
+        A part is listed with a sample that is well within it. The whole set of directions
+        has no such sample.
+        """
+        kinds = ["whole"]
+        numbers = [0]
+        curves: list[Sequence[int]] = [()]
+        if isinstance(workspace, DirectionWorkspace):
+            region = workspace.region
+            error = region.error
+            sizes = [region.area]
+            samples = [np.full(3, np.nan)]
+            kinds_and_parts = [("component", region.components)]
+            # The first gap is the outside, the others are holes.
+            kinds_and_parts.append(("outside", region.gaps[:1]))
+            kinds_and_parts.append(("hole", region.gaps[1:]))
+            for kind, parts in kinds_and_parts:
+                first_number = 1 if kind == "hole" else 0
+                for number, part in enumerate(parts, first_number):
+                    kinds.append(kind)
+                    numbers.append(number)
+                    sizes.append(part.area)
+                    curves.append(part.boundaries)
+                    samples.append(part.place)
+        else:
+            orientations = workspace.orientations
+            error = orientations.error
+            sizes = [orientations.volume]
+            samples = [orientations.place]
+        poses = np.array(samples)
+        # Adding 0 * pose keeps NaN of parts without a sample.
+        margin = self.judge(workspace, poses).margin + 0.0 * poses[:, 0]
+        return {
+            "part": kinds,
+            "number": numbers,
+            "size": sizes,
+            "error": error,
+            "curves": [" ".join(str(curve) for curve in of_part) for of_part in curves],
+            **direction_or_quaternion_columns(poses, self.kinematics.form),
+            "margin": margin,
+        }
+
+    def summarize(self, workspace: Workspace) -> tuple[Columns, str]:
+        """Return the record of a mode in the summary, and a warning or an empty text."""
+        if isinstance(workspace, DirectionWorkspace):
+            record, warning = self._summarize_directions(workspace.region)
+        else:
+            record, warning = self._summarize_orientations(workspace)
+        if workspace.same_as is not None:
+            # The warning is given for the mode with the same workspace.
+            record["same_as"] = label_of(workspace.same_as)
+            warning = ""
+        return record, warning
+
+    def _summarize_directions(self, region: Region) -> tuple[Columns, str]:
+        """Return the record of a set of directions, and a warning or an empty text."""
+        record: Columns = {
+            "area_sr": region.area,
+            "error_sr": region.error,
+            "components": [part.area for part in resolved_parts(region, region.components)],
+            "holes": [part.area for part in resolved_parts(region, region.holes)],
+            "unresolved_sr": region.unresolved,
+            "bounded_by": [self.limit_names[number] for number in arcs_by_limit(region)],
+            "evaluations": region.evaluations,
+        }
+        if not region.components:
+            excluding = [
+                " with ".join(self.limit_names[number] for number in limits)
+                for limits in region.excluding
+            ]
+            record["excluding"] = excluding
+            reason = ""
+            if excluding:
+                reason = f"; no direction keeps to {', nor to '.join(excluding)}"
+            return record, f"the workspace is empty{reason}"
+        if region.error > self.tolerance * region.area:
+            return record, (
+                f"the area {region.area:.9g} sr is known to {region.error:.3g} sr only; "
+                "borders touch, or end at sharp corners"
+            )
+        return record, ""
+
+    def _summarize_orientations(
+        self, workspace: OrientationWorkspace
+    ) -> tuple[Columns, str]:
+        """Return the record of a set of orientations, and a warning or an empty text."""
+        orientations = workspace.orientations
+        record: Columns = {
+            "volume": orientations.volume,
+            "error": orientations.error,
+            "fraction": orientations.fraction,
+            "evaluations": orientations.evaluations,
+        }
+        if orientations.depth < 0.0:
+            best = self.judge(workspace, orientations.place[None])
+            record["nearest_limit"] = self.limit_names[int(best.limiting[0])]
+            return record, (
+                "no orientation was found inside; the best one seen misses "
+                f"{record['nearest_limit']} by {-np.degrees(best.margin[0]):.3g} deg"
+            )
+        if orientations.error > self.tolerance * orientations.volume:
+            return record, (
+                f"the volume {orientations.volume:.6g} is known to "
+                f"{orientations.error:.3g} only"
+            )
+        return record, ""
+
+    def examine_poses(self) -> PoseFindings:
+        """Return which poses are reached in which modes, and the nearest reachable ones."""
+        findings = PoseFindings([], [], [])
+        if not len(self.poses):
+            findings.warnings.append("pose: the mechanism does not close at these inputs")
+        for pose in self.poses:
+            # Modes with the same sentence are listed together.
+            labels_inside: dict[str, list[str]] = {}
+            labels_outside: dict[str, list[str]] = {}
+            for workspace in self.workspaces:
+                record, text = self._examine_pose(workspace, pose)
+                findings.records.append(record)
+                is_inside = record["inside"] == "yes"
+                labels = labels_inside if is_inside else labels_outside
+                labels.setdefault(text, []).append(label_of(workspace.signs))
+            pose_text = format_pose(pose)
+            for text, modes in labels_inside.items():
+                findings.remarks.append(
+                    f"pose {pose_text} is inside in mode {', '.join(modes)}, {text}"
+                )
+            for text, modes in labels_outside.items():
+                findings.warnings.append(
+                    f"pose {pose_text} is outside in mode {', '.join(modes)}, {text}"
+                )
+        return findings
+
+    def _examine_pose(self, workspace: Workspace, pose: Floats) -> tuple[Columns, str]:
+        """Return the record of a pose in one mode, and its margin in words.
+
+        Parameters
+        ----------
+        workspace
+            The workspace of the mode.
+        pose
+            (3,) direction or (4,) quaternion.
+        """
+        judged = self.judge(workspace, pose[None])
+        limit = self.limit_names[int(judged.limiting[0])]
+        is_inside = bool(judged.inside[0])
+        record: Columns = {
+            "pose": pose.tolist(),
+            "working_mode": label_of(workspace.signs),
+            "inside": "yes" if is_inside else "no",
+            "margin_rad": _to_json_numbers(judged.margin)[0],
+            "limiting": limit,
+            "inputs": _to_json_numbers(judged.inputs[0]),
+            "type_1": _to_json_numbers(judged.type_1)[0],
+            "type_2": _to_json_numbers(judged.type_2)[0],
+        }
+        if is_inside:
+            return record, f"{np.degrees(judged.margin[0]):.4g} deg from {limit}"
+        text = f"by {limit}"
+        nearest = nearest_reachable(self.kinematics, self.bounds, workspace, pose)
+        if nearest is not None:
+            nearest_pose, distance = nearest
+            nearest_judged = self.judge(workspace, nearest_pose[None])
+            record["away_rad"] = distance
+            record["nearest"] = nearest_pose.tolist()
+            record["nearest_inputs"] = _to_json_numbers(nearest_judged.inputs[0])
+            text += f"; {describe_nearest_pose(nearest_pose, distance)}"
+        return record, text
+
+    def scenes(self) -> tuple[Scene, ...]:
+        """Return one or two pages for each workspace that is not that of another mode."""
+        pages: list[Scene] = []
+        distinct = [workspace for workspace in self.workspaces if workspace.same_as is None]
+        for workspace in distinct:
+            mode = "" if len(distinct) == 1 else f" {label_of(workspace.signs)}"
+            if isinstance(workspace, DirectionWorkspace):
+                pages += self._draw_directions(workspace, mode)
+            else:
+                pages.append(self._draw_orientations(workspace, f"Workspace{mode}"))
+        return tuple(pages)
+
+    def _draw_directions(self, workspace: DirectionWorkspace, mode: str) -> list[Scene]:
+        """Return the page of the margin and that of the singularity measures.
+
+        `mode` is added to the titles of the pages.
+        """
+        region = workspace.region
+        directions = region.surface_points
+        triangles = region.surface_triangles
+        border = (*self._draw_border(region), self._legend(workspace))
+        if not len(triangles):
+            return [Scene(f"Workspace{mode}", border)]
+        judged = self.judge(workspace, directions)
+        margin = np.maximum(np.nan_to_num(judged.margin), 0.0)
+        least_measure = np.nan_to_num(np.fmin(judged.type_1, judged.type_2))
+        singularity_angle = np.arcsin(np.clip(least_measure, 0.0, 1.0))
+        samples = self.samples[workspace.signs]
+        deepest = np.nanargmax(samples.judged.margin)
+        deepest_margin = np.degrees(samples.judged.margin[deepest])
+        label = f"farthest inside, {deepest_margin:.3g} deg"
+        mark = Mark(label, samples.poses[deepest])
+        deepest_direction = SphereCurves("workspace/deepest", label, (), 0, [mark])
+        pages = []
+        for title, label, values in (
+            ("Workspace", "margin", margin),
+            ("Singularity", "angle to a singularity", singularity_angle),
+        ):
+            path = "workspace/map"
+            sphere_map = SphereMap(path, label, directions, triangles, values, "rad")
+            parts = (sphere_map, *border, deepest_direction)
+            pages.append(Scene(f"{title}{mode}", parts))
+        return pages
+
+    def _draw_orientations(self, workspace: OrientationWorkspace, title: str) -> Scene:
+        """Return the page of a set of orientations.
+
+        It shows the rotation that is possible about each direction of the z axis, and the
+        margins in the space of tilt and torsion, with tilts as polar coordinates.
+        """
+        directions, triangles = sphere_mesh(DRAWN_AZIMUTHS, DRAWN_TILTS)
+        torsions = 2.0 * np.pi * np.arange(DRAWN_TORSIONS) / DRAWN_TORSIONS
+        tilts = np.repeat(azimuth_tilt(directions), DRAWN_TORSIONS, axis=0)
+        angles = np.column_stack([tilts, np.tile(torsions, len(directions))])
+        orientations = quaternion(from_tilt_torsion(angles))
+        is_inside = self.judge(workspace, orientations).inside
+        inside_part = is_inside.reshape(-1, DRAWN_TORSIONS).mean(axis=1)
+        possible_rotation = 2.0 * np.pi * inside_part
+        parts: list[Primitive] = [
+            SphereMap(
+                "workspace/map",
+                "turn about z",
+                directions,
+                triangles,
+                possible_rotation,
+                "rad",
+            )
+        ]
+        samples = self.samples[workspace.signs]
+        is_inside = samples.judged.inside
+        if np.any(is_inside):
+            rotations = from_quaternion(samples.poses[is_inside])
+            azimuth, tilt, torsion = tilt_torsion(rotations).T
+            points = [tilt * np.cos(azimuth), tilt * np.sin(azimuth), torsion]
+            parts.append(
+                Surface(
+                    "workspace/margins",
+                    "margin of orientations",
+                    np.stack(points, 1),
+                    np.zeros((0, 3), dtype=np.int64),
+                    ("tilt to x", "tilt to y", "torsion"),
+                    unit="rad",
+                    values=samples.judged.margin[is_inside],
+                    values_unit="rad",
+                )
+            )
+        return Scene(title, (*parts, self._legend(workspace)))
+
+    def _draw_border(self, region: Region) -> list[Primitive]:
+        """Return the border by the limits that end it, each named on its longest arc."""
+        curves: list[Primitive] = []
+        for colour, (number, arcs) in enumerate(arcs_by_limit(region).items(), 1):
+            name = self.limit_names[number]
+            longest = max(arcs, key=len)
+            middle = longest[len(longest) // 2]
+            # Details of a limit follow in parentheses, which a mark has no room for.
+            short_name, _, _ = name.partition(" (")
+            mark = Mark(short_name, middle, colour)
+            path = f"workspace/border/{number + 1}"
+            curves.append(SphereCurves(path, name, arcs, colour, [mark]))
+        return curves
+
+    def _legend(self, workspace: Workspace) -> Text:
+        """Return the summary of a workspace in Markdown."""
+        record, warning = self.summarize(workspace)
+        paragraphs = (
+            f"# Workspace of {self.kinematics.output.name}",
+            f"Mode {label_of(workspace.signs)}: {describe_size(record)}.",
+            warning,
+            f"Signs of a mode: {'; '.join(self.kinematics.legs)}.",
+        )
+        return Text("legend", "Areas", "\n\n".join(paragraphs))
+
+
+def arcs_by_limit(region: Region) -> dict[int, list[Floats]]:
+    """Return the arcs of the border, points (k, 3) each, by the number of their limit."""
+    arcs: dict[int, list[Floats]] = {}
+    for boundary in region.boundaries:
+        for arc in boundary.arcs:
+            arcs.setdefault(arc.margin, []).append(arc.points)
+    return dict(sorted(arcs.items()))
+
+
+def _to_json_numbers(values: Floats) -> list[float | None]:
+    """Return numbers (n,) ready for JSON, None for NaN and infinity."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]
+
+
+def resolved_parts(region: Region, parts: Sequence[Part]) -> list[Part]:
+    """Return the parts that are larger than the unresolved area.
+
+    Smaller parts can belong to others.
+    """
+    return [part for part in parts if part.area > region.unresolved]
+
+
+def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
+    """Return the poses (k, 3) or (k, 4) that a text gives, each once.
+
+    Parameters
+    ----------
+    text
+        Poses, or inputs whose poses are computed, as ``name=number+name=number``. An
+        empty text gives no poses.
+    kinematics
+        The output.
+    """
+    if not text:
+        return np.empty((0, 3))
+    pose_list = read_poses(kinematics, "workspace", text.split("+"), parameter="pose")
+    poses = pose_list.poses
+    if pose_list.inputs is not None:
+        solutions = kinematics.forward(pose_list.inputs)
+        poses = solutions.directions if kinematics.points else solutions.rotations
+    assert poses is not None
+    if not kinematics.points:
+        poses = quaternion(poses)
+    _, first_rows = np.unique(poses, axis=0, return_index=True)
+    return poses[np.sort(first_rows)]
+
+
+def describe_size(record: Mapping[str, Any]) -> str:
+    """Return the size of a workspace in words, from the record of the summary."""
+    if "volume" in record:
+        if not record["error"] and record["fraction"] > 0.5:
+            return "the whole volume, all orientations"
+        return (
+            f"volume {record['volume']:.6g} +- {record['error']:.1g}, "
+            f"{record['fraction']:.1%} of all orientations (8 pi^2)"
+        )
+    return (
+        f"area {record['area_sr']:.8g} +- {record['error_sr']:.1g} sr, parts "
+        f"{len(record['components'])}, holes {len(record['holes'])}, bounded by "
+        f"{', '.join(record['bounded_by']) or 'nothing'}"
+    )
