@@ -9,7 +9,7 @@ from spherekit.velocities.pole_request import ROUTES, Route
 from spherekit.velocities.row_velocities import RowEngine
 
 Integrator = Literal["auto", "numpy", "compiled"]
-"""Name of the integrator of a simulation; ``"auto"`` is the compiled one if available."""
+"""Integrator of a simulation; ``"auto"`` is the one that is expected to finish first."""
 
 ENGINES: dict[RowEngine, str] = {
     "numpy": "terms of the velocity equations, on NumPy's arrays",

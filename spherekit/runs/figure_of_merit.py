@@ -24,19 +24,33 @@ REDUCTIONS = {
 """How rows become one number. Samples that do not close are left out."""
 
 
-_FORM = re.compile(r"(?:([A-Za-z_]\w*)\s*=(?!=))?\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.S)
+_MERIT_PATTERN = re.compile(
+    r"(?:(?P<name>[A-Za-z_]\w*)\s*=(?!=))?"  # NAME=, but not the operator ==
+    r"\s*(?P<reduction>[A-Za-z_]\w*)"
+    r"\s*\((?P<content>.*)\)\s*",
+    re.S,
+)
+"""NAME=REDUCTION(CONTENT), the name optional."""
 
+_TABLE_PATTERN = re.compile(
+    r"\s*(?P<table>\w+\.\w+)"
+    r"(?P<conditions>(?:\s+\w+\s*=\s*\w+)*)"
+    r"\s*:(?P<expression>.*)",
+    re.S,
+)
+"""ANALYSIS.TABLE COLUMN=TEXT ...: EXPRESSION, without or with conditions."""
 
-_TABLE = re.compile(r"\s*(\w+\.\w+)((?:\s+\w+\s*=\s*\w+)*)\s*:(.*)", re.S)
+_CONDITION_PATTERN = re.compile(r"(\w+)\s*=\s*(\w+)")
+"""COLUMN=TEXT of one condition."""
 
+_POINT_PATTERN = re.compile(r"(?P<expression>.*?)(?P<inputs>(?:,[^,()]*)+)", re.S)
+"""EXPRESSION, Q, Q: the content of ``at``. The inputs contain no parentheses."""
 
-_POINT = re.compile(r"(.*?)((?:,[^,()]*)+)", re.S)
+_PLACE_PATTERN = re.compile(r"(?P<expression>.*),\s*(?P<pair>\w+)\s*", re.S)
+"""EXPRESSION, PAIR: the content of ``argmin`` and ``argmax`` with several inputs."""
 
-
-_PLACE = re.compile(r"(.*),\s*(\w+)\s*", re.S)
-
-
-_BARE = re.compile(r"\s*(?:abs\s*\(\s*)?([A-Za-z_]\w*)\s*\)?\s*")
+_QUANTITY_PATTERN = re.compile(r"\s*(?:abs\s*\(\s*)?(?P<name>[A-Za-z_]\w*)\s*\)?\s*")
+"""A single quantity, or its absolute value."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +60,21 @@ class FigureOfMerit:
     Attributes
     ----------
     name
-        What its column is called.
+        Name of its column.
     reduction
         One of `REDUCTIONS`.
     expression
-        Of quantities of a row (rad, SI), or of the columns of a `table`.
+        An expression of quantities of a row (rad, SI), or of the columns of a `table`.
     point
-        The input (rad) of ``at``, or each of several.
+        The input (rad) of ``at``, one number for each of several inputs.
+    table
+        ``ANALYSIS.TABLE`` whose rows are reduced; None for quantities that kernels compute.
+    meaning
+        Its meaning in a few words.
+    only
+        Names and texts of columns of the table. Only rows with these texts are reduced.
     place
         The pair of several inputs whose value ``argmin`` and ``argmax`` give.
-    table
-        ``ANALYSIS.TABLE`` whose rows are meant; None for those that kernels compute.
-    only
-        Columns of the table, and what each is in the rows that count.
-    meaning
-        What it says, in a few words.
     """
 
     name: str
@@ -95,7 +109,12 @@ class FigureOfMerit:
         return analysis, table
 
     def parsed(self, names: Units) -> Expression:
-        """Return the expression, of quantities with units by name.
+        """Return the parsed expression.
+
+        Parameters
+        ----------
+        names
+            Units of the quantities of which it may consist, by their names.
 
         Raises
         ------
@@ -108,11 +127,17 @@ class FigureOfMerit:
             raise AnalysisError(f"{self.name}: {problem}") from None
 
     def unit(self, names: Units) -> str:
-        """Return its unit where the expression is a quantity or its size, else nothing."""
+        """Return the unit if the expression is a quantity or its size, otherwise nothing.
+
+        Parameters
+        ----------
+        names
+            Units of quantities by their names.
+        """
         if self.reduction.startswith("arg"):
             return names.get(f"q_{self.place}" if self.place else "q", "")
-        bare = _BARE.fullmatch(self.expression)
-        return names.get(bare[1], "") if bare else ""
+        quantity = _QUANTITY_PATTERN.fullmatch(self.expression)
+        return names.get(quantity["name"], "") if quantity else ""
 
 
 def parse_merit(text: str, radians: float) -> FigureOfMerit:
@@ -132,35 +157,50 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
     AnalysisError
         If it has not that form.
     """
-    match = _FORM.fullmatch(text.strip())
-    if match is None:
+    merit_match = _MERIT_PATTERN.fullmatch(text.strip())
+    if merit_match is None:
         raise AnalysisError(
             f'"{text}" is no figure of merit: write NAME=REDUCTION(EXPRESSION), such as '
             f"least=min(transmission_angle_43); reductions: {listing(REDUCTIONS)}"
         )
-    name, reduction, expression = match.groups()
+    name, reduction, expression = merit_match.group("name", "reduction", "content")
     table = None
-    only = ""
-    place = ""
-    texts = list[str]()
-    if rows := _TABLE.fullmatch(expression):
-        table, only, expression = rows.groups()
+    conditions = ""
+    if table_match := _TABLE_PATTERN.fullmatch(expression):
+        table, conditions, expression = table_match.group(
+            "table", "conditions", "expression"
+        )
+
+    # Texts after the expression, which become a part of the default name.
+    arguments: list[str] = []
     point: tuple[float, ...] = ()
+    place = ""
     if reduction == "at":
-        if parts := _POINT.fullmatch(expression):
-            expression, ends = parts.groups()
-            texts = re.split(r"\s*,\s*", ends)[1:]
+        if point_match := _POINT_PATTERN.fullmatch(expression):
+            expression = point_match["expression"]
+            # The text begins with a comma, so the first part is empty.
+            arguments = re.split(r"\s*,\s*", point_match["inputs"])[1:]
         with suppress(ValueError):
-            point = tuple(float(part) * radians for part in texts)
+            point = tuple(float(argument) * radians for argument in arguments)
         if not point:
             raise AnalysisError(
                 f'"{text}": at needs an expression and an input, at(theta_41, 30)'
             )
-    elif reduction.startswith("arg") and (parts := _PLACE.fullmatch(expression)):
-        expression, place = parts.groups()
-        texts = [place]
+    elif reduction.startswith("arg") and (
+        place_match := _PLACE_PATTERN.fullmatch(expression)
+    ):
+        expression, place = place_match.group("expression", "pair")
+        arguments = [place]
     expression = expression.strip()
     if name is None:
-        name = re.sub(r"\W+", "_", "_".join([reduction, expression, *texts])).strip("_")
-    only_of = tuple(re.findall(r"(\w+)\s*=\s*(\w+)", only))
-    return FigureOfMerit(name, reduction, expression, point, table, "", only_of, place)
+        words = "_".join([reduction, expression, *arguments])
+        name = re.sub(r"\W+", "_", words).strip("_")
+    return FigureOfMerit(
+        name=name,
+        reduction=reduction,
+        expression=expression,
+        point=point,
+        table=table,
+        only=tuple(_CONDITION_PATTERN.findall(conditions)),
+        place=place,
+    )

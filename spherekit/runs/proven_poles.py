@@ -1,13 +1,17 @@
-"""The poles of a run enclosed by proof, row by row, and their error bounds checked."""
+"""Encloses the poles of a run by proof, row by row, and checks the error bounds of the run.
+
+A pole is enclosed in balls in arithmetic with more digits than float64. The distance of the
+run's pole from the centre of the ball then gives a lower and an upper limit of its error.
+"""
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from spherekit.arrays import Array
 from spherekit.conventions import Facts
 from spherekit.errors import AnalysisError
 from spherekit.geometry.vectors import max_abs
@@ -16,10 +20,10 @@ from spherekit.numerics.angles import wrap
 from spherekit.progress import ProgressReporter
 from spherekit.proof.arc_equations import ArcEquations
 from spherekit.proof.ball_frames import exact_ball
-from spherekit.proof.balls import Ball, centre_float, upper_magnitude, working_precision
+from spherekit.proof.balls import centre_float, upper_magnitude, working_precision
 from spherekit.proof.construction import find_construction
 from spherekit.proof.decimal_mechanism import read_decimals
-from spherekit.proof.enclosed_poles import enclose_poles
+from spherekit.proof.enclosed_poles import EnclosedPole, enclose_poles
 from spherekit.proof.root_ball import find_root
 from spherekit.status import Status
 from spherekit.storage.atomic_write import check_made_by_spherekit
@@ -35,25 +39,49 @@ from spherekit.tables.table import (
 )
 from spherekit.tables.table_rows import split_into_chunks
 
-PRECISION = 80
-PROVES = "poles"
-NEAR = 1e-6
-"""A proven configuration farther (rad) from that of the run is another one."""
+PROOF_PRECISION_BITS = 80
+"""Precision (bits) of the arithmetic.
+
+Larger: smaller balls, in more time. Smaller: more bounds can be neither confirmed nor
+refuted.
+"""
+
+PROVEN_ANALYSIS = "poles"
+"""Name of the analysis whose rows are enclosed."""
+
+SAME_CONFIGURATION_RAD = 1e-6
+"""Distance (rad) up to which a proven configuration is that of the run.
+
+Larger: the poles of a neighbouring mode may be compared. Smaller: rows whose configuration
+has a large error are not compared.
+"""
 
 HOLDS = "holds"
-EXCEEDED = "exceeded"
-OPEN = "open"
+"""Finding: the error is proven to be within its bound."""
 
-FINDINGS = {
+EXCEEDED = "exceeded"
+"""Finding: the error is proven to be larger than its bound."""
+
+OPEN = "open"
+"""Finding: the balls are too large to decide."""
+
+FINDING_COLUMNS = {
     "bounds of axes": "error_bound_is",
     "of coefficients": "velocity_coefficient_error_bound_is",
 }
-"""Columns that say whether bounds hold, by what people call these."""
+"""Columns with the findings, by the words for their bounds."""
 
-GIVEN = ("sample", "assembly_mode", "link", "relative_to", "moving", "status")
-"""Columns that are those of the table of poles."""
+COPIED_COLUMNS = (
+    "sample",
+    "assembly_mode",
+    "link",
+    "relative_to",
+    "moving",
+    "status",
+)
+"""Columns that are copied from the table of poles."""
 
-PROVEN = Table(
+PROVEN_TABLE = Table(
     "proven_poles",
     "the poles of the run enclosed by proof: one row per row of poles",
     (
@@ -92,7 +120,15 @@ PROVEN = Table(
 
 @dataclass(frozen=True)
 class ProvenPoles:
-    """The table, and how many rows of poles are proven, by finding: of which bounds."""
+    """The enclosed poles of a run.
+
+    Attributes
+    ----------
+    data
+        Columns of the table.
+    counts
+        How many rows have each finding, by the words for the bounds.
+    """
 
     data: TableArrays
     counts: Mapping[str, Counter[str]]
@@ -103,10 +139,10 @@ class ProvenPoles:
         return sum(counts[EXCEEDED] for counts in self.counts.values())
 
     def __str__(self) -> str:
-        parts = [
-            f"{what}: {', '.join(f'{n} {word}' for word, n in sorted(counts.items()))}"
-            for what, counts in self.counts.items()
-        ]
+        parts = []
+        for bound, counts in self.counts.items():
+            findings = ", ".join(f"{n} {finding}" for finding, n in sorted(counts.items()))
+            parts.append(f"{bound}: {findings}")
         proven = max(counts.total() for counts in self.counts.values())
         return (
             f"proven: {proven} of {len(self.data['status'])} rows of poles; "
@@ -120,15 +156,46 @@ class ProvenPoles:
         formats: Sequence[Format] | None,
         mechanism_hash: str,
     ) -> list[str]:
-        """Write the table into a folder; return the names of the files."""
+        """Write the table into a folder; return the names of the files.
+
+        Parameters
+        ----------
+        folder
+            The folder.
+        degrees
+            Whether angles are written in degrees.
+        formats
+            Formats of the files; None for the default.
+        mechanism_hash
+            Hash of the mechanism, which is noted in the files.
+        """
         from spherekit.tables.table_files import write_table
 
         for kind in FILE_SIZE:
-            check_made_by_spherekit(folder / f"{PROVEN.name}.{kind}", b"proven_u")
-        notes = {"analysis": "poles", "mechanism_hash": mechanism_hash}
-        stem = folder / PROVEN.name
-        pieces = split_into_chunks(PROVEN, self.data)
-        return write_table(stem, PROVEN, pieces, notes, degrees, formats)
+            check_made_by_spherekit(folder / f"{PROVEN_TABLE.name}.{kind}", b"proven_u")
+        notes = {"analysis": PROVEN_ANALYSIS, "mechanism_hash": mechanism_hash}
+        chunks = split_into_chunks(PROVEN_TABLE, self.data)
+        stem = folder / PROVEN_TABLE.name
+        return write_table(stem, PROVEN_TABLE, chunks, notes, degrees, formats)
+
+
+class PoleKey(NamedTuple):
+    """Identifies a row of the table of poles.
+
+    Attributes
+    ----------
+    sample, assembly_mode
+        Numbers of the sample and of the assembly mode.
+    moving
+        Name of the moving input.
+    links
+        Names of both links.
+    """
+
+    sample: int
+    assembly_mode: int
+    moving: str
+    links: frozenset[str]
 
 
 def prove_poles(
@@ -148,53 +215,87 @@ def prove_poles(
     PlanError
         If the mechanism is none that proofs are for.
     """
-    motion, poles = dict(motion), dict(poles)
-    written = read_decimals(mechanism)
-    made = find_construction(written.structure)
-    columns = [written.motion_columns()[pair] for pair in made.pairs]
-    working = ProgressReporter("proving poles")
-    proven: dict[tuple[int, int, str, frozenset[str]], tuple[Array, Ball]] = {}
-    with working_precision(PRECISION):
-        equations = ArcEquations(written, made)
-        good = np.flatnonzero(motion["status"] == Status.OK)
-        values = np.stack([factor * motion[name] for name, factor in columns], 1)
-        for done, row in enumerate(good):
-            working.tell(lambda: f"{done} of {len(good)} configurations")  # noqa: B023
-            near = values[row]
-            count = made.unknown_count + made.input_count
-            unknown = near[: made.unknown_count]
-            places = written.known_angles(
-                [exact_ball(float(x)) for x in near[made.unknown_count : count]]
-            )
-            if len(unknown):
-                root = find_root(equations, places, [*map(complex, unknown)])
-                places = [*root.balls(), *places] if root and root.real else []
-            gap = [centre_float(ball) for ball in places] - near[: len(places)]
-            gap[count:] = wrap(gap[count:])
-            if not places or max_abs(gap) > NEAR:
-                continue
-            place = motion["sample"][row], motion["assembly_mode"][row]
-            for pole in enclose_poles(equations, places):
-                if pole.direction is not None:
-                    moving = written.structure.pairs[pole.input_pair]
-                    ends = frozenset(
-                        mechanism.links[k] for k in (pole.link, pole.relative_to)
-                    )
-                    proven[*place, moving, ends] = pole.direction, pole.coefficient
-        parts = list[Facts]()
-        for number in range(len(poles["sample"])):
-            given = {name: column[number] for name, column in poles.items()}
-            parts.append({name: given[name] for name in GIVEN})
-            ends = frozenset((given["link"], given["relative_to"]))
-            place = given["sample"], given["assembly_mode"]
-            enclosed = proven.get((*place, given["moving"], ends))
-            if given["status"] == Status.OK and enclosed:
-                parts[-1] |= _proven(given, *enclosed)
+    pole_columns = dict(poles)
+    enclosed_poles = _enclose_run_poles(mechanism, dict(motion))
+    rows: list[Facts] = []
+    for number in range(len(pole_columns["sample"])):
+        run_row = {name: column[number] for name, column in pole_columns.items()}
+        row = {name: run_row[name] for name in COPIED_COLUMNS}
+        key = PoleKey(
+            sample=run_row["sample"],
+            assembly_mode=run_row["assembly_mode"],
+            moving=run_row["moving"],
+            links=frozenset((run_row["link"], run_row["relative_to"])),
+        )
+        enclosed_pole = enclosed_poles.get(key)
+        if run_row["status"] == Status.OK and enclosed_pole is not None:
+            row |= _compare_row(run_row, enclosed_pole)
+        rows.append(row)
     counts = {
-        what: Counter(x[name] for x in parts if name in x)
-        for what, name in FINDINGS.items()
+        bound: Counter(row[column] for row in rows if column in row)
+        for bound, column in FINDING_COLUMNS.items()
     }
-    return ProvenPoles(PROVEN.stacked(mechanism, parts), counts)
+    return ProvenPoles(PROVEN_TABLE.stacked(mechanism, rows), counts)
+
+
+def _enclose_run_poles(
+    mechanism: Mechanism, motion: TableArrays
+) -> dict[PoleKey, EnclosedPole]:
+    """Return the enclosed poles at all configurations of a run whose existence is proven.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism of the run, with its inputs.
+    motion
+        Columns of the table of configurations.
+    """
+    decimal_mechanism = read_decimals(mechanism)
+    construction = find_construction(decimal_mechanism.structure)
+    motion_columns = decimal_mechanism.motion_columns()
+    columns = [motion_columns[pair] for pair in construction.pairs]
+    unknown_count = construction.unknown_count
+    independent_count = unknown_count + construction.input_count
+    progress = ProgressReporter("proving poles")
+    enclosed_poles: dict[PoleKey, EnclosedPole] = {}
+    with working_precision(PROOF_PRECISION_BITS):
+        equations = ArcEquations(decimal_mechanism, construction)
+        rows = np.flatnonzero(motion["status"] == Status.OK)
+        values = np.stack([factor * motion[name] for name, factor in columns], 1)
+        for done, row in enumerate(rows):
+            progress.tell(lambda: f"{done} of {len(rows)} configurations")  # noqa: B023
+            # Unknown angles, then inputs, then angles that follow from the inputs.
+            run_values = values[row]
+            exact_inputs = [
+                exact_ball(float(q)) for q in run_values[unknown_count:independent_count]
+            ]
+            variables = decimal_mechanism.known_angles(exact_inputs)
+            if unknown_count:
+                approximation = [*map(complex, run_values[:unknown_count])]
+                root = find_root(equations, variables, approximation)
+                is_proven = bool(root and root.real)
+                variables = [*root.balls(), *variables] if root and is_proven else []
+            if not variables:
+                continue
+            centres = [centre_float(ball) for ball in variables]
+            distance = centres - run_values[: len(centres)]
+            # Angles that follow from the inputs are known up to whole revolutions.
+            distance[independent_count:] = wrap(distance[independent_count:])
+            if max_abs(distance) > SAME_CONFIGURATION_RAD:
+                continue
+            for pole in enclose_poles(equations, variables):
+                if pole.direction is None:
+                    continue
+                key = PoleKey(
+                    sample=motion["sample"][row],
+                    assembly_mode=motion["assembly_mode"][row],
+                    moving=decimal_mechanism.structure.pairs[pole.input_pair],
+                    links=frozenset(
+                        mechanism.links[k] for k in (pole.link, pole.relative_to)
+                    ),
+                )
+                enclosed_poles[key] = pole
+    return enclosed_poles
 
 
 def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:
@@ -216,9 +317,10 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
     PlanError
         If the mechanism is none that proofs are for.
     """
-    if PROVES not in analyses:
+    if PROVEN_ANALYSIS not in analyses:
         raise AnalysisError(
-            f"--prove encloses poles; run the analysis {PROVES} too: -a {PROVES}"
+            f"--prove encloses poles; run the analysis {PROVEN_ANALYSIS} too: -a "
+            f"{PROVEN_ANALYSIS}"
         )
     if not whole:
         raise AnalysisError(
@@ -228,35 +330,66 @@ def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool)
     find_construction(read_decimals(mechanism).structure)
 
 
-def _proven(given: Facts, direction: Array, coefficient: Ball) -> Facts:
-    """Return what is proven of a row of poles."""
-    u = np.array([given[f"u{axis}"] for axis in "xyz"])
-    axis = np.array([centre_float(ball) for ball in direction])
-    off = max(
-        upper_magnitude(ball - exact_ball(float(near)))
-        for ball, near in zip(direction, axis, strict=True)
+def _compare_row(run_row: Facts, pole: EnclosedPole) -> Facts:
+    """Return the enclosure of a pole, and what it says about the errors of the run.
+
+    Parameters
+    ----------
+    run_row
+        A row of the table of poles.
+    pole
+        The enclosed pole; its direction is not None.
+
+    Returns
+    -------
+    The further columns of the row, and its status if a bound is exceeded.
+    """
+    assert pole.direction is not None
+    run_axis = np.array([run_row[f"u{component}"] for component in "xyz"])
+    axis = np.array([centre_float(ball) for ball in pole.direction])
+    # Largest distance of a component from its float64 centre.
+    axis_radius = max(
+        upper_magnitude(ball - exact_ball(float(centre)))
+        for ball, centre in zip(pole.direction, axis, strict=True)
     )
-    axis = axis if axis @ u > 0 else -axis
-    apart = np.linalg.norm(u - axis)
-    around = np.sqrt(3.0) * off + 4.0 * 2.0**-53 * (apart + 1e-3)
-    size = centre_float(coefficient)
-    spare = upper_magnitude(coefficient - exact_ball(size))
-    gap = abs(abs(given["velocity_coefficient"]) - size)
-    slack = 2.0**-52 * size
-    made: Facts = {f"proven_u{k}": x for k, x in zip("xyz", axis, strict=True)} | {
-        "proven_u_off": off,
-        "proven_velocity_coefficient": size,
-        "proven_velocity_coefficient_off": spare,
-        "u_error": apart + around,
-        "velocity_coefficient_error": gap + spare,
+    # Both senses of a pole axis are right.
+    axis = axis if axis @ run_axis > 0 else -axis
+    axis_distance = np.linalg.norm(run_axis - axis)
+    # The radius of three components, and the rounding errors of the distance.
+    axis_uncertainty = np.sqrt(3.0) * axis_radius + 4.0 * 2.0**-53 * (axis_distance + 1e-3)
+
+    coefficient = centre_float(pole.coefficient)
+    coefficient_radius = upper_magnitude(pole.coefficient - exact_ball(coefficient))
+    coefficient_distance = abs(abs(run_row["velocity_coefficient"]) - coefficient)
+    # The subtraction is rounded.
+    coefficient_uncertainty = coefficient_radius + 2.0**-52 * coefficient
+
+    columns: Facts = {
+        f"proven_u{component}": value for component, value in zip("xyz", axis, strict=True)
     }
-    for name, low, high in (
-        ("error_bound", apart - around, apart + around),
-        ("velocity_coefficient_error_bound", gap - spare - slack, gap + spare + slack),
+    columns |= {
+        "proven_u_off": axis_radius,
+        "proven_velocity_coefficient": coefficient,
+        "proven_velocity_coefficient_off": coefficient_radius,
+        "u_error": axis_distance + axis_uncertainty,
+        "velocity_coefficient_error": coefficient_distance + coefficient_radius,
+    }
+    for name, distance, uncertainty in (
+        ("error_bound", axis_distance, axis_uncertainty),
+        (
+            "velocity_coefficient_error_bound",
+            coefficient_distance,
+            coefficient_uncertainty,
+        ),
     ):
-        bound = made[name] = given[name]
-        word = HOLDS if high <= bound else EXCEEDED if low > bound else OPEN
-        made[f"{name}_is"] = word
-        if word == EXCEEDED:
-            made["status"] = Status.BOUND_EXCEEDED
-    return made
+        bound = run_row[name]
+        if distance + uncertainty <= bound:
+            finding = HOLDS
+        elif distance - uncertainty > bound:
+            finding = EXCEEDED
+            columns["status"] = Status.BOUND_EXCEEDED
+        else:
+            finding = OPEN
+        columns[name] = bound
+        columns[f"{name}_is"] = finding
+    return columns
