@@ -87,6 +87,7 @@ class ConfigurationGraph:
     """
 
     def __init__(self, solver: PositionSolver, input_grid: InputGrid) -> None:
+        """Start with an empty graph: no nodes, and no paths between them."""
         self.solver = solver
         self.input_grid = input_grid
         variables = len(solver.mechanism.variable_owners)

@@ -181,6 +181,11 @@ class _FoldModel:
     """
 
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
+        """Compute the coefficients of the quadratic model.
+
+
+        `free` are the numbers of the variables that are not inputs.
+        """
         self._linearisation = linearisation
         self._free = free
         jacobian = linearisation.jacobian[:, :, free]

@@ -99,6 +99,10 @@ class ModeCoalescence:
     """
 
     def __init__(self, solver: PositionSolver) -> None:
+        """Choose an elimination order for each group, and find on which groups it depends.
+
+        The first order whose determinants are finite at some test inputs is used.
+        """
         self.solver = solver
         self.groups = solver.assembly.groups
         all_groups = frozenset(range(len(self.groups)))

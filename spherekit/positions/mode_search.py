@@ -101,6 +101,7 @@ class ModeSearch:
         search: bool = True,
         independent: bool = False,
     ) -> None:
+        """Search the modes, by closed forms, over a range or at samples."""
         self.solver = solver
         self.input_grid = input_grid
         self.claim = REFERENCE_ONLY

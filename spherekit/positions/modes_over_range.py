@@ -136,6 +136,10 @@ class ModesOverRange:
     """
 
     def __init__(self, solver: PositionSolver, input_grid: InputGrid, search: bool) -> None:
+        """Search the modes of a mechanism over the range of its input.
+
+        The mode of the reference pose is followed first, then all others are searched.
+        """
         self.solver = solver
         self.input_grid = input_grid
         self.groups = solver.assembly.groups

@@ -99,6 +99,10 @@ class SampledModes:
         search: bool = True,
         shares_numbers: bool = False,
     ) -> None:
+        """Search the modes at the samples of the inputs.
+
+        Configurations are joined to modes by a graph of verified paths between samples.
+        """
         self.solver = solver
         self.input_grid = input_grid
         self.claim = REFERENCE_ONLY
@@ -216,7 +220,8 @@ class SampledModes:
         has another mobility than there are inputs, or if no configuration reached is a
         node.
         """
-        solver, q = self.solver, self.input_grid.q
+        solver = self.solver
+        q = self.input_grid.q
         reference = solver.reference
         if reference is None:
             return None

@@ -124,6 +124,7 @@ class PositionAnalysis:
         crossings: Crossings = "end",
         independent: bool = False,
     ) -> None:
+        """Sample the inputs, search the assembly modes, and name them."""
         self._follow = follow
         self._independent = independent
         self.crossings = crossings
