@@ -183,7 +183,6 @@ class _FoldModel:
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
         """Compute the coefficients of the quadratic model.
 
-
         `free` are the numbers of the variables that are not inputs.
         """
         self._linearisation = linearisation
