@@ -1,4 +1,4 @@
-"""What is agreed once: status codes, tolerances, and how names are spelt."""
+"""Conventions of the whole project: spelling of names, default samples, common types."""
 
 import math
 import os
@@ -6,6 +6,7 @@ import re
 from typing import Any
 
 TURN = 2.0 * math.pi
+"""One revolution (rad)."""
 
 
 DEFAULT_SAMPLES = 361
@@ -20,13 +21,13 @@ MAX_NAME_LENGTH = 64
 
 
 Facts = dict[str, Any]
-"""What is said, by name, ready for JSON."""
+"""Values by name, ready for JSON."""
 
 Names = tuple[str, ...]
-"""Names, or words, in their order."""
+"""Names in their order."""
 
 Lines = list[str]
-"""What is said, line by line, or words to choose from."""
+"""Lines of a text, or words to choose from."""
 
 AnyPath = str | os.PathLike[str]
-"""Where a file or folder is."""
+"""Path of a file or folder."""

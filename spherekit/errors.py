@@ -1,12 +1,12 @@
-"""The exceptions that spherekit raises on purpose; each names what to do next."""
+"""The exceptions that spherekit raises on purpose. Each message says what to do next."""
 
 
 class SpherekitError(Exception):
-    """Base class: catching it catches everything spherekit raises on purpose."""
+    """Base class of all exceptions that spherekit raises on purpose."""
 
     @property
     def fault(self) -> str:
-        """What is wrong, without what else could be asked for."""
+        """What is wrong, without the advice what to use instead."""
         return str(self)
 
 
@@ -23,7 +23,7 @@ class PlanError(SpherekitError):
 
 
 class CountError(PlanError):
-    """Counting freedoms says that a mechanism does not move as its inputs ask."""
+    """By its degrees of freedom a mechanism does not move as its inputs require."""
 
 
 class SolveError(SpherekitError):
@@ -31,11 +31,11 @@ class SolveError(SpherekitError):
 
 
 class AnalysisError(SpherekitError):
-    """An analysis was asked for wrongly, or failed."""
+    """An analysis was requested with wrong options, or failed."""
 
 
 class DesignError(SpherekitError):
-    """A sweep, a sensitivity or a synthesis was asked for wrongly, or failed."""
+    """A sweep, sensitivity or synthesis had wrong options, or failed."""
 
 
 class UndeclaredNeed(AnalysisError):
@@ -43,7 +43,7 @@ class UndeclaredNeed(AnalysisError):
 
 
 class RegionError(SpherekitError):
-    """A region cannot be computed: its margins or what was asked for have no meaning."""
+    """A region cannot be computed: its margins or options have no meaning."""
 
 
 class PluginError(SpherekitError):
@@ -55,10 +55,15 @@ class OutputError(SpherekitError):
 
 
 class EngineError(SpherekitError):
-    """The mechanism cannot be written in expressions, or the engine not be used so.
+    """A mechanism cannot be written as expressions, or an engine cannot be used.
 
-    Its message is the `fault`, and `instead`, what to ask for in place of this engine: that
-    is left out where the other one was taken.
+    Parameters
+    ----------
+    fault
+        What is wrong.
+    instead
+        Advice what to use instead of this engine. The message ends with it. Code that has
+        switched to the other engine reports the `fault` only.
     """
 
     def __init__(self, fault: str, instead: str = "") -> None:
@@ -66,7 +71,7 @@ class EngineError(SpherekitError):
 
     @property
     def fault(self) -> str:
-        """What is wrong, without what else could be asked for."""
+        """What is wrong, without the advice what to use instead."""
         return str(self.args[0])
 
     def __str__(self) -> str:

@@ -18,7 +18,9 @@ _SEPARATORS = r"\u2028\u2029"
 _DIRECTIONS = r"\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _NO_CHARACTERS = r"\ud800-\udfff\ufdd0-\ufdef\ufeff\ufff9-\ufffb\ufffe\uffff"
 _TAGS = r"\U000e0000-\U000e007f"
-HIDDEN = re.compile(f"[{_CONTROLS}{_SEPARATORS}{_DIRECTIONS}{_NO_CHARACTERS}{_TAGS}]")
+HIDDEN_CHARACTERS = re.compile(
+    f"[{_CONTROLS}{_SEPARATORS}{_DIRECTIONS}{_NO_CHARACTERS}{_TAGS}]"
+)
 """Characters that are not seen as themselves.
 
 Control characters, line and paragraph separators, marks of the writing direction,
@@ -42,15 +44,17 @@ def visible(text: str, allowed: str = "\n\t") -> str:
 
     Parameters
     ----------
+    text
+        The text.
     allowed
-        Characters among `HIDDEN` that stay as they are.
+        Characters among `HIDDEN_CHARACTERS` that stay as they are.
     """
 
     def write(match: re.Match[str]) -> str:
         character = match[0]
         return character if character in allowed else f"[U+{ord(character):04X}]"
 
-    return HIDDEN.sub(write, text)
+    return HIDDEN_CHARACTERS.sub(write, text)
 
 
 def one_line(text: str) -> str:
@@ -98,7 +102,9 @@ def julia_comment(line: str) -> str:
 def julia_string(text: str) -> str:
     """Return a string literal of Julia, in which ``$`` would insert a variable."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("$", "\\$")
-    return '"' + HIDDEN.sub(lambda match: f"\\U{ord(match[0]):08x}", escaped) + '"'
+    return (
+        '"' + HIDDEN_CHARACTERS.sub(lambda match: f"\\U{ord(match[0]):08x}", escaped) + '"'
+    )
 
 
 def json_text(value: Any, indent: int | None = None) -> str:
@@ -110,7 +116,7 @@ def json_text(value: Any, indent: int | None = None) -> str:
     """
     written = json.dumps(value, indent=indent, ensure_ascii=False).replace("<", "\\u003c")
     # Line ends that are not in strings are those of the layout.
-    return HIDDEN.sub(
+    return HIDDEN_CHARACTERS.sub(
         lambda match: "\n" if match[0] == "\n" else json.dumps(match[0])[1:-1], written
     )
 
@@ -140,7 +146,7 @@ def toml_string(text: str) -> str:
         return _TOML.get(match[0], numbered)
 
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{HIDDEN.sub(write, escaped)}"'
+    return f'"{HIDDEN_CHARACTERS.sub(write, escaped)}"'
 
 
 def toml_comment(line: str) -> str:

@@ -34,8 +34,7 @@ def processor_identity() -> dict[str, str]:
       ``"SSE SSE2 AVX2"``,
     - ``"blas"``: name and version of the linear algebra library,
     - ``"arithmetic"``: the first 16 hexadecimal digits of a SHA-256 checksum of test
-    results
-      of both.
+      results of both.
     """
     numpy_config = np.show_config(mode="dicts")
     blas = numpy_config["Build Dependencies"]["blas"]

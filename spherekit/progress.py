@@ -1,19 +1,25 @@
-"""Work that may take seconds says what it is doing, to whoever listens."""
+"""Progress reports of long computations to a listener, such as a terminal."""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-PATIENCE = 2.0
-"""Time (s) after which work says what it is doing, and then again."""
+REPORT_INTERVAL_S = 2.0
+"""Time (s) after which a computation reports its progress, for the first time and again.
+
+Larger: fewer reports. Smaller: short computations report too.
+"""
 
 _listener: ContextVar[Callable[[str], None] | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
 def progress_listener(listener: Callable[[str], None] | None) -> Iterator[None]:
-    """Give what work says within the block to a listener, one text at a time."""
+    """Pass the progress reports within the block to a function, one text at a time.
+
+    With None, no reports are made.
+    """
     token = _listener.set(listener)
     try:
         yield
@@ -22,25 +28,49 @@ def progress_listener(listener: Callable[[str], None] | None) -> Iterator[None]:
 
 
 class ProgressReporter:
-    """Work that says every few seconds what it is doing and how far it is."""
+    """Reports the progress of one computation every few seconds.
+
+    Parameters
+    ----------
+    what
+        Name of the computation, with which each report begins.
+    """
 
     def __init__(self, what: str) -> None:
         self.what = what
-        self._said = time.monotonic()
+        self._last_report = time.monotonic()
 
     def tell(self, how_far: Callable[[], str]) -> bool:
-        """Say so if it is time, and return whether; `how_far` makes the words."""
-        if time.monotonic() - self._said < PATIENCE:
+        """Report the progress if the last report is old enough.
+
+        Parameters
+        ----------
+        how_far
+            Function that returns the progress in words. It is called only for a report.
+
+        Returns
+        -------
+        Whether it was time for a report.
+        """
+        if time.monotonic() - self._last_report < REPORT_INTERVAL_S:
             return False
-        self._said = time.monotonic()
+        self._last_report = time.monotonic()
         listener = _listener.get()
         if listener is not None:
             listener(f"{self.what}: {how_far()}")
         return True
 
 
-def tell(what: str, seconds: float) -> None:
-    """Say what begins and cannot say how far it is, if it will take long enough (s)."""
+def announce(what: str, expected_seconds: float) -> None:
+    """Report at once a computation whose progress is not known.
+
+    Parameters
+    ----------
+    what
+        The computation in words.
+    expected_seconds
+        Expected duration. Nothing is reported if it is less than `REPORT_INTERVAL_S`.
+    """
     listener = _listener.get()
-    if listener is not None and seconds >= PATIENCE:
+    if listener is not None and expected_seconds >= REPORT_INTERVAL_S:
         listener(what)

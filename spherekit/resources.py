@@ -7,77 +7,97 @@ from pathlib import Path
 
 from spherekit.errors import SpherekitError
 
-MEMBERSHIP, GROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
-"""Where Linux says which control groups this process is in, and their limits."""
+GROUP_MEMBERSHIP = Path("/proc/self/cgroup")
+"""File of Linux with the control groups to which this process belongs."""
+
+GROUP_LIMITS = Path("/sys/fs/cgroup")
+"""Folder of Linux with the limits of all control groups."""
 
 
 def usable_cores() -> int:
-    """Return how many cores this process may use, at least 1."""
+    """Return the number of cores that this process may use, at least 1."""
     try:
         return max(1, len(os.sched_getaffinity(0)))
-    except AttributeError:  # not on Windows and macOS
+    except AttributeError:  # not available on Windows and macOS
         return os.cpu_count() or 1
 
 
 def usable_memory() -> int | None:
-    """Return the bytes of memory that this process may use, None where nothing says.
+    """Return the memory (bytes) that this process may use, or None if it is not known.
 
-    That is the least of the machine's, of what is left of the address space
-    (``ulimit -v``), and of the limits of the control groups (containers).
+    It is the smallest of the memory of the machine, the rest of the address space
+    (``ulimit -v``), and the limits of the control groups (containers).
     """
-    limits = list(_group_limits())
+    limits = list(_control_group_limits())
     with suppress(AttributeError, ValueError, OSError):
         limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    space = address_space()
-    if space is not None:
-        limits.append(max(0, space - _address_space_used()))
+    total_address_space = address_space()
+    if total_address_space is not None:
+        limits.append(max(0, total_address_space - _used_address_space()))
     return min(limits, default=None)
 
 
 def address_space() -> int | None:
-    """Return how many bytes of addresses this process may have, None if without limit."""
+    """Return the limit of the address space (bytes) of this process, None without one."""
     try:
         import resource
-    except ImportError:  # not on Windows
+    except ImportError:  # not available on Windows
         return None
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     return None if limit == resource.RLIM_INFINITY else limit
 
 
 def need_space(size: int, what: str) -> None:
-    """Raise `SpherekitError` where `what` needs more addresses than this process may have.
+    """Check that the address space of this process is large enough.
 
-    Libraries of other languages would end the process as they load.
+    Without the check, libraries in other languages would end the process when they load.
+
+    Parameters
+    ----------
+    size
+        Required address space (bytes).
+    what
+        Beginning of the message: what requires it.
+
+    Raises
+    ------
+    SpherekitError
+        If the address space is too small.
     """
-    space = address_space()
-    if space is not None and space < size:
+    limit = address_space()
+    if limit is not None and limit < size:
         raise SpherekitError(
             f"{what} about {size / 1e6:.0f} MB of addresses, and this process may have "
-            f"{space / 1e6:.0f} MB (ulimit -v {space // 1024}); allow more"
+            f"{limit / 1e6:.0f} MB (ulimit -v {limit // 1024}); allow more"
         )
 
 
-def _address_space_used() -> int:
+def _used_address_space() -> int:
+    """Return the address space (bytes) that this process uses; 0 if it is not known."""
     try:
         pages = Path("/proc/self/statm").read_text("ascii").split()[0]
         return int(pages) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:  # not on macOS
+    except OSError:  # not available on macOS
         return 0
 
 
-def _group_limits() -> Iterator[int]:
-    """Yield the limits of the control groups and of those around them, of both versions."""
+def _control_group_limits() -> Iterator[int]:
+    """Yield the memory limits (bytes) of the control groups of this process.
+
+    They include those of the groups around them, in both versions of control groups.
+    """
     try:
-        lines = MEMBERSHIP.read_text("utf-8").splitlines()
+        lines = GROUP_MEMBERSHIP.read_text("utf-8").splitlines()
     except OSError:
         return
     for line in lines:
-        _, kinds, path = line.split(":", 2)
-        if kinds and "memory" not in kinds.split(","):
+        # The controllers of a group of version 1 are listed. Version 2 lists none.
+        _, controllers, path = line.split(":", 2)
+        if controllers and "memory" not in controllers.split(","):
             continue
-        root = GROUPS / "memory" if kinds else GROUPS
-        name = "memory.limit_in_bytes" if kinds else "memory.max"
-        place = root / path.lstrip("/")
-        for folder in (place, *place.parents):
-            with suppress(OSError, ValueError):  # not there, or "max"
-                yield int((folder / name).read_text("ascii"))
+        root = GROUP_LIMITS / "memory" if controllers else GROUP_LIMITS
+        file_name = "memory.limit_in_bytes" if controllers else "memory.max"
+        group_folder = root / path.lstrip("/")
+        for folder in (group_folder, *group_folder.parents):
+            with suppress(OSError, ValueError):  # the file is missing, or contains "max"
+                yield int((folder / file_name).read_text("ascii"))

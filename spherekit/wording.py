@@ -1,24 +1,48 @@
-"""Words of messages: counted nouns, lists, spelling suggestions, sizes of memory."""
+"""Parts of messages: counted nouns, lists, spelling suggestions, sizes of memory."""
 
 import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping
 
 _NUMBER = re.compile(r"(?<![\w.])-?\d[\d.]*(?:e[-+]?\d+)?(?![\w.])")
-"""A number that is no part of a key, such as ``links.4.arc``."""
+"""A number that is not part of a key such as ``links.4.arc``."""
 
 
 def nearest(word: str, allowed: Iterable[str]) -> str:
-    """Return a hint ``; did you mean "x"?`` for a misspelt word, or an empty string."""
+    """Return a spelling suggestion ``; did you mean "x"?``, or an empty text.
+
+    Words with another case or another order of letters come first, then similar words.
+
+    Parameters
+    ----------
+    word
+        The misspelt word.
+    allowed
+        Words that could be meant.
+    """
     words = list(allowed)
-    close = [candidate for candidate in words if candidate.casefold() == word.casefold()]
-    close = close or [candidate for candidate in words if sorted(candidate) == sorted(word)]
-    close = close or difflib.get_close_matches(word, words, n=1, cutoff=0.5)
-    return f'; did you mean "{close[0]}"?' if close else ""
+    similar = [x for x in words if x.casefold() == word.casefold()]
+    if not similar:
+        similar = [x for x in words if sorted(x) == sorted(word)]
+    if not similar:
+        similar = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+    return f'; did you mean "{similar[0]}"?' if similar else ""
 
 
 def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -> str:
-    """Return how a message about an unknown word ends: the nearest, and what is allowed."""
+    """Return the end of a message about an unknown word: a suggestion and the choices.
+
+    Parameters
+    ----------
+    word
+        The unknown word.
+    allowed
+        Words that are allowed.
+    what
+        What the allowed words are, such as ``Pairs``.
+    most
+        Number of allowed words that are listed.
+    """
     hint = nearest(str(word), allowed) or ";"
     return f"{hint} {what}: {listing(allowed, most) or 'none'}"
 
@@ -29,15 +53,15 @@ def counted(number: object, noun: str) -> str:
 
 
 def listing(words: Iterable[object], limit: int = 12) -> str:
-    """Return words as ``a, b, c``, cut after `limit` with the number left out."""
+    """Return words as ``a, b, c``; beyond the limit only their number is stated."""
     items = [str(word) for word in words]
-    rest = len(items) - limit
-    shown = ", ".join(items[:limit])
-    return f"{shown} and {rest} more" if rest > 0 else shown
+    omitted = len(items) - limit
+    listed = ", ".join(items[:limit])
+    return f"{listed} and {omitted} more" if omitted > 0 else listed
 
 
 def size_text(count: float) -> str:
-    """Return a number of bytes as ``1.5 GB``."""
+    """Return a number of bytes as text, such as ``1.5 GB``."""
     for unit, scale in (("TB", 1e12), ("GB", 1e9), ("MB", 1e6)):
         if count >= scale:
             return f"{count / scale:.3g} {unit}"
@@ -45,16 +69,16 @@ def size_text(count: float) -> str:
 
 
 def without_numbers(text: str) -> str:
-    """Return a text by which those that differ in numbers only are one."""
+    """Return a text without its numbers, to group messages that differ in numbers only."""
     return _NUMBER.sub("", text)
 
 
 def numbered(word: str, numbers: Iterable[object]) -> str:
-    """Return a word with what it counts: ``assembly mode 0``, ``assembly modes 0, 1``."""
-    every = list(numbers)
-    return f"{word}{'' if len(every) == 1 else 's'} {listing(every)}"
+    """Return a word with numbers: ``assembly mode 0``, ``assembly modes 0, 1``."""
+    items = list(numbers)
+    return f"{word}{'' if len(items) == 1 else 's'} {listing(items)}"
 
 
 def with_units(names: Iterable[str], units: Mapping[str, str]) -> list[str]:
-    """Return names of columns with the units of those that have one."""
+    """Return names of columns, followed by their unit if there is one: ``q [rad]``."""
     return [f"{name} [{units[name]}]" if units.get(name) else name for name in names]

@@ -10,11 +10,12 @@ from singular_examples import ROCKER, axes_at, findings_of, in_line
 
 import spherekit as sk
 from spherekit import progress
-from spherekit.completeness import Guarantee, TimeLimit
+from spherekit.completeness import Guarantee
 from spherekit.outputs.mid_plane_loci import mid_plane_loci
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.singular_curves import singular_curves
 from spherekit.singularities.singular_surface import singular_surface
+from spherekit.time_limit import TimeLimit
 
 NAME = "singularities"
 GEARED = text_of("geared_five_bar_singular_roots")
@@ -209,7 +210,7 @@ def test_a_search_without_time_says_so():
 
 
 def test_a_search_tells_what_it_does(monkeypatch):
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     told = []
     with progress.progress_listener(told.append):
         singular_curves(sk.load("five_bar"), "II", slices_of_each=1)

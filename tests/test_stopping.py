@@ -158,8 +158,8 @@ def test_limits_of_memory_are_those_of_this_process(tmp_path, monkeypatch):
         assert 0 < resources.usable_memory() < free // 2
     finally:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
-    monkeypatch.setattr(resources, "GROUPS", tmp_path)
-    monkeypatch.setattr(resources, "MEMBERSHIP", tmp_path / "cgroup")
+    monkeypatch.setattr(resources, "GROUP_LIMITS", tmp_path)
+    monkeypatch.setattr(resources, "GROUP_MEMBERSHIP", tmp_path / "cgroup")
     for line, name, inner in (
         ("0::/a/b", "memory.max", "a/b"),
         ("4:cpu,memory:/a/b", "memory.limit_in_bytes", "memory/a/b"),

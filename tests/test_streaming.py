@@ -44,7 +44,7 @@ def test_rows_are_those_of_the_tighter_run_where_a_tolerance_is_missed(monkeypat
 
 
 def test_a_long_simulation_tells_how_far_it_is(monkeypatch):
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     said = []
     with progress.progress_listener(said.append):
         simulated("numpy", duration=2.0)
@@ -78,7 +78,7 @@ class Order:
 
 
 def test_links_are_logged_while_a_simulation_is_solved(monkeypatch):
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     order = Order(monkeypatch)
     result = simulated("numpy", duration=2.0, recorder=order)
     first_run = order.events[: order.events.index(("step", 2.0))]
@@ -106,7 +106,7 @@ def test_what_is_refused_for_unfinished_work_is_not_recorded(monkeypatch, tmp_pa
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr(order, "log", stopped)
         simulated("numpy", recorder=order, **asked)
-    monkeypatch.setattr(progress, "PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     again = Order(monkeypatch)
     with pytest.raises(sk.SpherekitError, match="--resume"):
         simulated("numpy", recorder=again, **asked)

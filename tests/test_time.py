@@ -245,7 +245,9 @@ def recorded(path, analyses=("poles:only=31", "eksergian"), **options):
 
 @pytest.mark.slow
 def test_recordings_have_a_timeline_of_time(tmp_path, monkeypatch):
-    monkeypatch.setattr("spherekit.progress.PATIENCE", np.inf)  # logged once, when solved
+    monkeypatch.setattr(
+        "spherekit.progress.REPORT_INTERVAL_S", np.inf
+    )  # logged once, when solved
     options = {"start": Start(0.3, 1.0), "duration": 2.0, "torque": "10*sin(2*t)"}
     found = columns(recorded(tmp_path / "a.rrd", samples=21, **options))
     assert {line for _, line in found if ":" not in line} == {"sample", "time"}

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 from spherekit.designs.sweep import Sweep
 from spherekit.errors import DesignError, OutputError
-from spherekit.progress import PATIENCE, tell
+from spherekit.progress import REPORT_INTERVAL_S, announce
 from spherekit.runs.run_identity import code_identity, differences
 from spherekit.storage.atomic_write import make_folder, write_bytes
 from spherekit.wording import counted
@@ -221,7 +221,7 @@ def _await_workers(client: "Client", address: str) -> None:
     while not _has_workers(client, address):
         now = time.monotonic()
         if now >= next_report:
-            tell(_describe_waiting(address, now - start), PATIENCE)
+            announce(_describe_waiting(address, now - start), REPORT_INTERVAL_S)
             next_report = now + WAITING_REPORT_SECONDS
         time.sleep(CHECK_SECONDS)
 

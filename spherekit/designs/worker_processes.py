@@ -26,7 +26,7 @@ from typing import Any
 from spherekit.designs.sweep import Sweep
 from spherekit.designs.worker_program import Computed, Loaded
 from spherekit.errors import DesignError
-from spherekit.progress import PATIENCE, tell
+from spherekit.progress import REPORT_INTERVAL_S, announce
 
 WORKER_PROGRAM = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
@@ -164,7 +164,9 @@ def _describe_part(sweep: Sweep, number: int) -> str:
 def _report_death(sweep: Sweep, death: _WorkerDeath, consequence: str) -> None:
     """Report the end of a worker to the user, with the measure that is taken."""
     part = _describe_part(sweep, death.number)
-    tell(f"{part}: its process was ended ({death.cause}); {consequence}", PATIENCE)
+    announce(
+        f"{part}: its process was ended ({death.cause}); {consequence}", REPORT_INTERVAL_S
+    )
 
 
 def _sweep_message(sweep: Sweep) -> bytes:

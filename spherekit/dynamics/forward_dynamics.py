@@ -22,7 +22,7 @@ from spherekit.files.study import Crossings, Start, StartGiven
 from spherekit.geometry.vectors import max_abs
 from spherekit.mechanism.load_dependence import has_smooth_loads
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.progress import tell
+from spherekit.progress import announce
 from spherekit.symbolic.compiler import ENGINE_CHOICES, EngineChoice
 from spherekit.wording import listing
 
@@ -292,7 +292,7 @@ def _simulate_by_choice(
                 reason = FORECAST_REASON.format(**present_forecast)
                 forecast = present_forecast
         if reason:
-            tell(
+            announce(
                 f"compiling the equation of motion, about {compile_seconds:.0f} s",
                 compile_seconds,
             )

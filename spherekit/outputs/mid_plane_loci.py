@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 
 from spherekit.arrays import Floats, Indices, Integers
-from spherekit.completeness import Completeness, Guarantee, TimeLimit
+from spherekit.completeness import Completeness, Guarantee
 from spherekit.errors import ModelError
 from spherekit.geometry.sphere_mesh import hemisphere, list_edges
 from spherekit.geometry.triangle import arc
@@ -31,6 +31,7 @@ from spherekit.singularities.singular_curves import CurveSeen, SingularCurves
 from spherekit.singularities.singularity_report import LocusName, SingularityReport
 from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import output_of
+from spherekit.time_limit import TimeLimit
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
 LOCUS_MESH_SIDE_RAD = float(np.radians(4.0))

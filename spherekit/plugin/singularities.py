@@ -1,6 +1,6 @@
 """What analyses of singularities compute with: places, relations, curves, aspects."""
 
-from spherekit.completeness import Completeness, TimeLimit
+from spherekit.completeness import Completeness
 from spherekit.outputs.mid_plane_loci import mid_plane_loci
 from spherekit.planning.pole_plan import ordered_pole
 from spherekit.positions.assembly_enumeration import group_signs
@@ -28,6 +28,7 @@ from spherekit.singularities.singular_surface import SingularSurface, singular_s
 from spherekit.singularities.singularity_report import LocusName, SingularPoints
 from spherekit.singularities.slices import LockedInputSection, cut, solver_of
 from spherekit.singularities.stationarity import output_of
+from spherekit.time_limit import TimeLimit
 
 __all__ = [
     "Aspects",

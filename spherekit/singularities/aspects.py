@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, Integers, SmallIntegers
-from spherekit.completeness import TimeLimit
 from spherekit.conventions import TURN
 from spherekit.errors import AnalysisError
 from spherekit.geometry.vectors import max_abs, nans
@@ -30,6 +29,7 @@ from spherekit.singularities.singularity_report import LocusName
 from spherekit.singularities.slices import configurations, solver_of
 from spherekit.singularities.stationarity import InputsLocked, OutputStationary, output_of
 from spherekit.status import Status
+from spherekit.time_limit import TimeLimit
 
 SINGULAR_NODE_VALUE = 1e-8
 """A configuration with a smaller singular value is singular and belongs to no aspect.

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from spherekit.arrays import Floats
-from spherekit.completeness import Completeness, Guarantee, TimeLimit
+from spherekit.completeness import Completeness, Guarantee
 from spherekit.errors import AnalysisError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_solver import PositionSolver
@@ -23,6 +23,7 @@ from spherekit.singularities.slices import (
     solver_of,
 )
 from spherekit.singularities.stationarity import output_of
+from spherekit.time_limit import TimeLimit
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
 CLOSING_NEWTON_STEPS = 40

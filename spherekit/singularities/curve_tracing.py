@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.completeness import TimeLimit
 from spherekit.positions.continuation import UNFINISHED, CurveContinuation, TriedSteps
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.positions.gear_phases import variable_periods
@@ -21,6 +20,7 @@ from spherekit.singularities.singular_curve import (
     to_curve_points,
 )
 from spherekit.status import Status
+from spherekit.time_limit import TimeLimit
 
 MAX_CURVE_STEP_RAD = 0.3
 """Longest step in arc length. Larger: faster where curves are straight; smaller: nodes are

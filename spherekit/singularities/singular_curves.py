@@ -15,7 +15,7 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.arrays import Bools, Floats
-from spherekit.completeness import Completeness, TimeLimit
+from spherekit.completeness import Completeness
 from spherekit.errors import SolveError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.singularities.curve_starts import LocusPointSearch
@@ -33,6 +33,7 @@ from spherekit.singularities.singularity_report import (
 )
 from spherekit.singularities.slices import LockedInputSection, solver_of
 from spherekit.singularities.stationarity import output_of
+from spherekit.time_limit import TimeLimit
 
 CURVES_AT_ONCE = 16
 """Curves that are followed at the same time, from different starts. Larger: more curves are

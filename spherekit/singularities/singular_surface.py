@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices
-from spherekit.completeness import Completeness, TimeLimit
+from spherekit.completeness import Completeness
 from spherekit.geometry.sphere_mesh import list_edges
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.connectivity import label_components
@@ -27,6 +27,7 @@ from spherekit.singularities.singularity_report import (
 )
 from spherekit.singularities.slices import LockedInputSection
 from spherekit.singularities.surface_front import SurfaceFront
+from spherekit.time_limit import TimeLimit
 
 NO_VERTEX = -1
 """Stands for the vertex of an edge on which no new vertex is placed."""

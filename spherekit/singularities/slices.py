@@ -11,7 +11,6 @@ from itertools import product
 import numpy as np
 
 from spherekit.arrays import Floats, Indices
-from spherekit.completeness import TimeLimit
 from spherekit.errors import CountError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import plan_assembly
@@ -23,6 +22,7 @@ from spherekit.positions.curve_segment import CurvePoints
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.locus import LocusPoints, SingularityLocus
 from spherekit.status import Status
+from spherekit.time_limit import TimeLimit
 from spherekit.wording import counted
 
 FREE_INPUT_VALUES_OF_DYADS = 181
