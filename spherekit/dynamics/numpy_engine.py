@@ -159,6 +159,14 @@ DIVERGENCE_RATIO = 4.0
 """Growth of the changes from one iteration to the next at which a step is rejected, after
 `FREE_ITERATIONS`. Larger: diverging iterations take longer."""
 
+MIN_CONVERGED_CHANGE = 8 * EPS
+"""Smallest change of the states in an iteration, relative to their sizes, that is required
+for convergence. Smaller: rounding errors prevent convergence."""
+
+MAX_ROUNDING_CHANGE = 64 * EPS
+"""Largest change of the states that may be rounding, if changes no longer fall and the
+tolerance is smaller. Larger: slowly converging iterations are accepted."""
+
 FREE_ITERATIONS = 4
 """Number of iterations in which changes may grow by any factor."""
 
@@ -450,7 +458,7 @@ class Collocation:
         tolerance = self.tolerance
         if self.is_careful:
             tolerance = min(tolerance, MAX_CROSSING_TOLERANCE_RAD)
-        converged_change = max(CONVERGED_RATIO * tolerance, 8 * EPS)
+        converged_change = max(CONVERGED_RATIO * tolerance, MIN_CONVERGED_CHANGE)
         change = np.inf
         error = np.inf
         has_converged = False
@@ -472,7 +480,7 @@ class Collocation:
             if not np.isfinite(change) or is_diverging:
                 break
             # Changes that no longer fall are rounding errors, if they are small enough.
-            is_rounding = last_change <= change < max(tolerance, 64 * EPS)
+            is_rounding = last_change <= change < max(tolerance, MAX_ROUNDING_CHANGE)
             if change < converged_change or is_rounding:
                 has_converged = True
                 break

@@ -75,6 +75,10 @@ Smaller: an axis that turns fast can be stored in the wrong sense.
 MIN_AXIS_COSINE = 0.7
 """Smallest cosine of the angle by which a pole axis may turn between two such places."""
 
+AXIS_ERROR_ROUNDINGS = 8.0
+"""Error of a relative angular velocity, in roundings of the largest angular velocity of any
+link. Larger: axes by the plan of the poles are preferred."""
+
 TRUSTED_AXIS_ERROR_RAD = 1e-14
 """Error bound of a pole axis below which the axis of the plan is used without comparison.
 
@@ -447,7 +451,7 @@ class CurveSampler(Sampler):
             # The direction of the relative angular velocity has an error of a few roundings
             # of the largest angular velocity. It replaces an axis whose bound is larger.
             with np.errstate(divide="ignore", invalid="ignore"):
-                velocity_error = 8.0 * EPS * max_speeds / relative_speed
+                velocity_error = AXIS_ERROR_ROUNDINGS * EPS * max_speeds / relative_speed
                 is_better = (error > TRUSTED_AXIS_ERROR_RAD) & (velocity_error < error)
                 axis[is_better] = relative_w[is_better] / relative_speed[is_better, None]
             if not all_finite(axis):

@@ -40,6 +40,16 @@ engine is measured by the last coefficients of their series, which are up to 94 
 large. Larger: missed tolerances are not reported. Smaller: accurate simulations are.
 """
 
+BALANCE_FRACTIONS = (0.03, 0.35, 0.7)
+"""Fractions of each step at which the balances of energy and power are computed.
+
+They are not at the ends of steps, where loads may jump.
+"""
+
+TIME_SLACK_RATIO = 1e-12
+"""Part of the end time by which a requested time may be outside of the simulation, because
+of rounding. Larger: times outside are moved to the ends without a message."""
+
 Forecast = Mapping[str, float]
 """Time (s) that each engine is expected to need for the rest, compiling included."""
 
@@ -324,8 +334,7 @@ class Simulation:
         equation = self.equation
         starts = path.starts[path.checked_steps]
         lengths = path.lengths[path.checked_steps]
-        # Not at the ends of steps, where loads may jump.
-        t = np.concatenate([starts + x * lengths for x in (0.03, 0.35, 0.7)])
+        t = np.concatenate([starts + x * lengths for x in BALANCE_FRACTIONS])
         t = np.append(np.minimum(t, self.end.t), self.end.t)
         path_states, dynamics = self._evaluate(t)
         states = path_states.states
@@ -336,7 +345,7 @@ class Simulation:
         rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
         rate_errors[t >= self.end.t] = 0.0
         momentum_sizes = np.append(np.linalg.norm(momenta, axis=1), dynamics.roots.sizes)
-        step_lengths = np.append(np.tile(lengths, 3), 0.0)
+        step_lengths = np.append(np.tile(lengths, len(BALANCE_FRACTIONS)), 0.0)
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         balance = kinetic - work
         return Checks(
@@ -357,7 +366,7 @@ class Simulation:
         """
         low = self.start
         high = self.end.t
-        slack = 1e-12 * max(abs(high), 1.0)
+        slack = TIME_SLACK_RATIO * max(abs(high), 1.0)
         if not np.all((t >= low - slack) & (t <= high + slack)):
             raise SolveError(
                 f"{self.mechanism.name}: the simulation runs from {low:.6g} to "

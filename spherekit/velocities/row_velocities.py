@@ -43,7 +43,12 @@ from spherekit.velocities.pole_field import (
 from spherekit.velocities.pole_request import Request
 from spherekit.velocities.pole_sequence import PlannedPoles
 from spherekit.velocities.quad_precision_rows import QuadPrecisionRows, recompute_in_quad
-from spherekit.velocities.row_kernel import MIN_RECIPROCAL_CONDITION, RowKernel, row_kernel
+from spherekit.velocities.row_kernel import (
+    MAX_KANTOROVICH_NUMBER,
+    MIN_RECIPROCAL_CONDITION,
+    RowKernel,
+    row_kernel,
+)
 
 MAX_RELATIVE_RESIDUAL = 1e-10
 """Largest residual of solved velocity or acceleration equations, relative to their terms.
@@ -323,7 +328,7 @@ class RowVelocities:
         )
 
         second_order = SECOND_ORDER_FACTOR * np.fmin(
-            self._bound("kantorovich_number")[rows], 0.5
+            self._bound("kantorovich_number")[rows], MAX_KANTOROVICH_NUMBER
         )
         for pole, errors in self.pole_errors.items():
             errors[:, rows] = rounding.pole_errors(
